@@ -1,0 +1,8 @@
+"""A small, careful build tool that has never heard of a pixel: declares, plans, runs, caches, explains."""
+
+from pipeline.errors import UserError
+from pipeline.job import Job, Progress
+from pipeline.settings import Settings, setting
+from pipeline.stage import Artefact, Stage
+
+__all__ = ["Artefact", "Job", "Progress", "Settings", "Stage", "UserError", "setting"]

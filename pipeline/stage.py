@@ -1,0 +1,81 @@
+"""What a stage is before it is code: its name, version, settings, what it takes and what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from pipeline.settings import Settings
+
+if TYPE_CHECKING:
+    from pipeline.job import Job
+
+
+@dataclass(frozen=True)
+class Artefact:
+    """A named file or folder that a stage gives.
+
+    Attributes
+    ----------
+    name : str
+        Unique in the dataflow; other stages take it by this name.
+    about : str
+        What it is, one phrase.
+    file : str or None
+        File name inside the stage's result when it is one file; None for a folder called `name`.
+    output : str or None
+        Path below `output/` where its newest version is shown; None keeps it in the cache only.
+    """
+
+    name: str
+    about: str
+    file: str | None = None
+    output: str | None = None
+
+    @property
+    def path(self) -> str:
+        """Path inside the stage's result."""
+        return self.file or self.name
+
+
+def no_facts(settings: Settings) -> Mapping[str, str]:
+    """The machine decides nothing."""
+    return {}
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A step of the dataflow, declared.
+
+    Attributes
+    ----------
+    name, version : str, int
+        Identity; raise the version when the same inputs and settings would give another result.
+    about : str
+        One sentence for `unshade plan --help` and the README's table.
+    settings : type of Settings
+    takes : tuple of str
+        Artefacts or sources that it needs.
+    may_take : tuple of str
+        Sources that it uses when the user gives them.
+    gives : tuple of Artefact
+    run : callable
+        The adapter: opens the inputs, calls the core, saves the outputs.
+    tools : tuple of str
+        Distributions whose versions change the result: part of the key.
+    machine : callable
+        From the settings, the facts of this machine that change the result (say, which engine was chosen):
+        part of the key. Must be quick.
+    """
+
+    name: str
+    version: int
+    about: str
+    settings: type[Settings]
+    takes: tuple[str, ...]
+    gives: tuple[Artefact, ...]
+    run: Callable[[Job], None]
+    may_take: tuple[str, ...] = ()
+    tools: tuple[str, ...] = ()
+    machine: Callable[[Settings], Mapping[str, str]] = field(default=no_facts)

@@ -1,0 +1,1 @@
+"""Cameras, views, colour, and the readers and writers of every file format."""

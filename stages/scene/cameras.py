@@ -1,0 +1,132 @@
+"""Pinhole cameras: projection, back-projection and the named crossings between pixel conventions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import PurePosixPath
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One view's pinhole camera (Eq. 7: K, R, t).
+
+    Attributes
+    ----------
+    name : str
+        View name: the photo's path below the image folder, without extension.
+    width, height : int
+        Image size, pixels.
+    intrinsics : ndarray, shape (3, 3), float64
+        K, with the centre of the first pixel at (0.5, 0.5).
+    cam_from_world : ndarray, shape (3, 4), float64
+        [R t]: ``x_in_cam = R @ x_in_world + t``.
+    """
+
+    name: str
+    width: int
+    height: int
+    intrinsics: np.ndarray
+    cam_from_world: np.ndarray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of the view's arrays, (height, width)."""
+        return self.height, self.width
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """R of Eq. 7: world axes to camera axes, shape (3, 3)."""
+        return self.cam_from_world[:, :3]
+
+    @cached_property
+    def centre_in_world(self) -> np.ndarray:
+        """Centre of projection, −Rᵀt, shape (3,)."""
+        return -self.rotation.T @ self.cam_from_world[:, 3]
+
+    @property
+    def focal_px(self) -> float:
+        """Mean focal length, pixels."""
+        return float(self.intrinsics[0, 0] + self.intrinsics[1, 1]) / 2
+
+    def scaled(self, width: int, height: int) -> Camera:
+        """The same camera at another image size (pixels); COLMAP's half-pixel makes this a plain product."""
+        scale = np.diag([width / self.width, height / self.height, 1.0])
+        return replace(self, width=width, height=height, intrinsics=scale @ self.intrinsics)
+
+
+def view_name(image_name: str) -> str:
+    """View name of a COLMAP image name: its extension dropped, its sub-folders kept."""
+    return str(PurePosixPath(image_name).with_suffix(""))
+
+
+def pixel_centres(width: int, height: int) -> np.ndarray:
+    """Image coordinates of all pixel centres, shape (height, width, 2): (x + 0.5, y + 0.5)."""
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    return np.stack([x, y], axis=-1)
+
+
+def pixel_index(xy: np.ndarray) -> np.ndarray:
+    """Column and row of the pixel that holds each image coordinate, int64, same shape as `xy`."""
+    return np.floor(xy).astype(np.int64)
+
+
+def intrinsics_for_integer_centres(intrinsics: np.ndarray) -> np.ndarray:
+    """K for those who put the centre of the first pixel at (0, 0): OpenCV, array indices in kernels."""
+    shifted = intrinsics.copy()
+    shifted[:2, 2] -= 0.5
+    return shifted
+
+
+def rays_in_world(camera: Camera) -> np.ndarray:
+    """Direction of every pixel's ray, shape (height, width, 3), world axes, **z = 1 in the camera**.
+
+    A point at z-depth d on the ray is ``centre + d * ray``: no ray length ever needs converting.
+    """
+    xy = pixel_centres(camera.width, camera.height)
+    homogeneous = np.concatenate([xy, np.ones((*xy.shape[:2], 1))], axis=-1)
+    return homogeneous @ (camera.rotation.T @ np.linalg.inv(camera.intrinsics)).T
+
+
+def back_project(camera: Camera, depth: np.ndarray) -> np.ndarray:
+    """π⁻¹ of Eq. 8: world points behind all pixels, shape (height, width, 3); `depth` is z, (height, width)."""
+    return camera.centre_in_world + rays_in_world(camera) * depth[..., None]
+
+
+def project(camera: Camera, x_in_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """π of Eq. 7: ``[p, 1] ~ K (R X + t)``.
+
+    Parameters
+    ----------
+    camera : Camera
+    x_in_world : ndarray, shape (..., 3)
+
+    Returns
+    -------
+    xy : ndarray, shape (..., 2)
+        Image coordinates, pixels; meaningless where `depth` is not positive.
+    depth : ndarray, shape (...)
+        z in the camera, model units.
+    """
+    x_in_cam = x_in_world @ camera.rotation.T + camera.cam_from_world[:, 3]
+    depth = x_in_cam[..., 2]
+    safe = np.where(depth > 0, depth, 1.0)
+    xy = (x_in_cam @ camera.intrinsics.T)[..., :2] / safe[..., None]
+    return xy, depth
+
+
+def footprint(camera: Camera, depth: np.ndarray | float) -> np.ndarray | float:
+    """Length on a fronto-parallel surface that one pixel covers, z/f, model units."""
+    return depth / camera.focal_px
+
+
+def normals_in_world(camera: Camera, normals_in_cam: np.ndarray) -> np.ndarray:
+    """Rotate normals, shape (..., 3), from camera axes (COLMAP's normal maps) into world axes."""
+    return normals_in_cam @ camera.rotation
+
+
+def normals_in_cam(camera: Camera, normals_in_world: np.ndarray) -> np.ndarray:
+    """Rotate normals, shape (..., 3), from world axes into camera axes."""
+    return normals_in_world @ camera.rotation.T
