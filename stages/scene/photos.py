@@ -1,0 +1,264 @@
+"""The door: photographs come in as linear light, 8- and 16-bit sRGB goes out, masks both ways.
+
+Pillow opens, measures and checks files (headers, integrity, EXIF, CMYK, palettes); OpenCV decodes what
+Pillow would cut to 8 bits. Decoding always works on bytes: OpenCV's own file access fails on some paths.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+from PIL import Image, UnidentifiedImageError
+
+from pipeline import UserError
+from stages.scene.cameras import view_name
+from stages.scene.colour import linear_from_srgb, srgb_from_linear
+from stages.scene.exr import read_exr
+
+ENCODED = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+LINEAR = (".exr", ".hdr")
+
+# Three floats per pixel: 3 GB at this size. Checked from the header, before anything is allocated; Pillow's
+# own guard is switched off because it warns at a third of this.
+LARGEST_PHOTO_PX = 256_000_000
+Image.MAX_IMAGE_PIXELS = None
+
+# What Pillow raises on damaged files; it warns about damaged EXIF, which strict callers turn into an error.
+DECODING_FAILED = (OSError, SyntaxError, ValueError, EOFError, struct.error, UserWarning)
+
+EXIF_ORIENTATION = 0x0112
+TIFF_BITS_PER_SAMPLE = 258
+TIFF_SAMPLE_FORMAT = 339
+
+
+def find_photos(folder: Path) -> list[str]:
+    """Photos below `folder`: relative paths with ``/``, sorted; hidden files and folders skipped.
+
+    Raises
+    ------
+    UserError
+        There is no such folder, or two photos would share a view name (``a.jpg`` and ``a.png``).
+    """
+    if not folder.is_dir():
+        raise UserError(f"There is no folder of photos at {folder}; give the folder that holds them.")
+    names = []
+    for parent, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for file in files:
+            if not file.startswith(".") and file.lower().endswith(ENCODED + LINEAR):
+                names.append((Path(parent) / file).relative_to(folder).as_posix())
+    names.sort()
+    seen: dict[str, str] = {}
+    for name in names:
+        other = seen.setdefault(view_name(name), name)
+        if other != name:
+            raise UserError(
+                f"{other} and {name} in {folder} differ only in their extension, so their results would have "
+                "the same name; rename or remove one of them."
+            )
+    return names
+
+
+def photo_size(path: Path) -> tuple[int, int]:
+    """Width and height, pixels, as seen upright (EXIF orientation applied); reads the header only.
+
+    Raises
+    ------
+    UserError
+        The file is unreadable, or larger than `LARGEST_PHOTO_PX`.
+    """
+    if path.suffix.lower() == ".exr":
+        width, height = _exr_size(path)
+    elif path.suffix.lower() == ".hdr":
+        width, height = _hdr_size(path)
+    else:
+        with _opened(path) as image:
+            width, height = image.size
+            # Pillow reports TIFF sizes with the orientation applied already.
+            if image.format != "TIFF" and _orientation(image) >= 5:
+                width, height = height, width
+    if width * height > LARGEST_PHOTO_PX:
+        raise UserError(
+            f"{path} claims to be {width} × {height} pixels, more than the {LARGEST_PHOTO_PX // 10**6} "
+            "megapixels that are accepted; scale it down or remove it."
+        )
+    return width, height
+
+
+def read_photo(path: Path) -> np.ndarray:
+    """Read a photo as linear RGB, shape (h, w, 3), float32, upright.
+
+    JPEG, PNG and TIFF (8 or 16 bits; grey, palette, alpha, CMYK) are taken as sRGB; alpha is dropped. EXR
+    and HDR are linear already and come as they are.
+
+    Raises
+    ------
+    UserError
+        The file is truncated, unreadable, of an unknown kind or too large.
+    """
+    photo_size(path)
+    suffix = path.suffix.lower()
+    if suffix == ".exr":
+        linear = read_exr(path)
+    elif suffix == ".hdr":
+        linear = _decoded_by_opencv(path, path.read_bytes())
+    else:
+        encoded = _read_encoded(path)
+        linear = _linear_table(encoded.dtype.name)[encoded]
+    if linear.ndim == 2:
+        linear = np.repeat(linear[..., None], 3, axis=-1)
+    return np.ascontiguousarray(linear[..., :3], np.float32)
+
+
+def read_mask(path: Path) -> np.ndarray:
+    """Read a mask, shape (h, w), bool: True where it is white (at least half), upright."""
+    photo_size(path)
+    values = _read_encoded(path)
+    brightest = values[..., :3].max(axis=-1) if values.ndim == 3 else values
+    return brightest > np.iinfo(values.dtype).max // 2
+
+
+def write_mask(path: Path, mask: np.ndarray) -> None:
+    """Write a boolean mask, shape (h, w), as 8-bit PNG, white = True, creating the folder."""
+    _write_png(path, np.where(mask, 255, 0).astype(np.uint8))
+
+
+def find_mask(folder: Path, image_name: str) -> Path | None:
+    """Mask of a photo: its name, its stem with ``.png``, or COLMAP's ``name.ext.png``; None without one."""
+    for name in (image_name, view_name(image_name) + ".png", image_name + ".png"):
+        if (folder / name).is_file():
+            return folder / name
+    return None
+
+
+def encode_srgb8(linear: np.ndarray) -> np.ndarray:
+    """8-bit sRGB, uint8, from linear light, any shape; clipped to [0, 1] first."""
+    return np.rint(srgb_from_linear(linear) * np.float32(255)).astype(np.uint8)
+
+
+def encode_srgb16(linear: np.ndarray) -> np.ndarray:
+    """16-bit sRGB, uint16, from linear light, any shape; clipped to [0, 1] first."""
+    return np.rint(srgb_from_linear(linear) * np.float32(65535)).astype(np.uint16)
+
+
+def write_png_srgb8(path: Path, linear: np.ndarray) -> None:
+    """Write linear light, (h, w, 3) or (h, w), as an 8-bit sRGB PNG, creating the folder."""
+    _write_png(path, encode_srgb8(linear))
+
+
+def write_png_srgb16(path: Path, linear: np.ndarray) -> None:
+    """Write linear light, (h, w, 3) or (h, w), as a 16-bit sRGB PNG, creating the folder."""
+    _write_png(path, encode_srgb16(linear))
+
+
+def _read_encoded(path: Path) -> np.ndarray:
+    """Upright values as they are stored: uint8 or uint16, (h, w, 3) or (h, w), RGB."""
+    with _opened(path) as image:
+        deep = _is_16_bit(image, path)
+        orientation = 1 if image.format == "TIFF" else _orientation(image)
+        try:
+            image.load()  # Pillow alone notices truncation; its TIFF reader turns the image upright here
+            if not deep:
+                return upright(np.asarray(image.convert("RGB")), orientation)
+        except DECODING_FAILED as error:
+            raise _unreadable(path, error) from error
+        if image.format == "TIFF":  # OpenCV's reader turns TIFF upright by itself, too
+            orientation = 1
+    return upright(_decoded_by_opencv(path, path.read_bytes()), orientation)
+
+
+def upright(image: np.ndarray, orientation: int) -> np.ndarray:
+    """Undo an EXIF orientation (1 to 8; anything else counts as 1), shape (h, w[, c])."""
+    if 5 <= orientation <= 8:
+        image = image.swapaxes(0, 1)
+    flip_rows = orientation in (3, 4, 7, 8)
+    flip_columns = orientation in (2, 3, 6, 7)
+    return image[:: -1 if flip_rows else 1, :: -1 if flip_columns else 1]
+
+
+def _opened(path: Path) -> Image.Image:
+    try:
+        return Image.open(path)
+    except UnidentifiedImageError as error:
+        raise _unreadable(path, "not an image, or cut off in its header") from error
+    except DECODING_FAILED as error:
+        raise _unreadable(path, error) from error
+
+
+def _orientation(image: Image.Image) -> int:
+    """EXIF orientation from the header; Pillow's own `getexif` would decode a whole PNG in search of it."""
+    return int(Image.Image.getexif(image).get(EXIF_ORIENTATION, 1) or 1)
+
+
+def _is_16_bit(image: Image.Image, path: Path) -> bool:
+    """Whether the file holds 16 bits per channel, which Pillow would cut to 8 for colour."""
+    if image.format == "PNG":
+        with path.open("rb") as file:
+            return file.read(25)[24] == 16  # bit depth, the ninth byte of IHDR
+    if image.format == "TIFF":
+        if any(code == 3 for code in np.atleast_1d(image.tag_v2.get(TIFF_SAMPLE_FORMAT, 1))):
+            raise UserError(
+                f"{path} is a floating-point TIFF, which says nothing about its light; export it as EXR."
+            )
+        return int(np.atleast_1d(image.tag_v2.get(TIFF_BITS_PER_SAMPLE, 8))[0]) == 16
+    return False
+
+
+def _decoded_by_opencv(path: Path, data: bytes) -> np.ndarray:
+    """Decode bytes as they are, channels as RGB, alpha dropped; the orientation tag is not applied."""
+    try:
+        decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise _unreadable(path, error) from error
+    if decoded is None:
+        raise _unreadable(path, "no decoder knows it")
+    return decoded if decoded.ndim == 2 else decoded[..., 2::-1]
+
+
+def _exr_size(path: Path) -> tuple[int, int]:
+    try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            low, high = file.header()["dataWindow"]
+    except Exception as error:  # the binding raises bare RuntimeErrors of many texts
+        raise _unreadable(path, error) from error
+    return int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1
+
+
+def _hdr_size(path: Path) -> tuple[int, int]:
+    """Size from the resolution line of a Radiance file (``-Y height +X width``)."""
+    try:
+        with path.open("rb") as file:
+            for line in file.read(65536).split(b"\n"):
+                words = line.split()
+                if len(words) == 4 and words[0] in (b"-Y", b"+Y"):
+                    return int(words[3]), int(words[1])
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
+    raise _unreadable(path, "no size in its header")
+
+
+@cache
+def _linear_table(dtype: str) -> np.ndarray:
+    """Linear light of every code value of uint8 or uint16."""
+    codes = np.arange(np.iinfo(dtype).max + 1)
+    return linear_from_srgb(codes / codes[-1])
+
+
+def _write_png(path: Path, pixels: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    ordered = np.ascontiguousarray(pixels[..., ::-1]) if pixels.ndim == 3 else pixels
+    _, data = cv2.imencode(".png", ordered)
+    path.write_bytes(data.tobytes())
+
+
+def _unreadable(path: Path, why: object) -> UserError:
+    reason = " ".join(str(why).split())[:200]
+    return UserError(
+        f"{path} cannot be read as an image ({reason}); copy it again from its source or remove it."
+    )
