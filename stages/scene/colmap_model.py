@@ -1,0 +1,244 @@
+"""COLMAP's sparse models: found, read with suspicion, turned into our cameras, and built again as PINHOLE."""
+
+from __future__ import annotations
+
+import shutil
+import struct
+import tempfile
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+import pycolmap
+
+from pipeline import UserError
+from stages.scene.cameras import Camera, view_name
+
+PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
+
+
+def find_model(folder: Path) -> Path:
+    """The folder that holds ``cameras`` and ``images`` (.bin or .txt) of a COLMAP project.
+
+    Looks at `folder`, then `folder/sparse`, then numbered sub-folders of both (``sparse/0``, ``sparse/1``):
+    of several numbered models, the one with the most images; the lowest number among equals.
+
+    Raises
+    ------
+    UserError
+        There is none.
+    """
+    for parent in (folder, folder / "sparse"):
+        if _format_of(parent):
+            return parent
+        if parent.is_dir():
+            numbered = [sub for sub in parent.iterdir() if sub.name.isdecimal() and _format_of(sub)]
+            if numbered:
+                return min(numbered, key=lambda sub: (-_count_images(sub), int(sub.name)))
+    raise UserError(
+        f"There is no COLMAP model in {folder}: expected cameras and images (.bin or .txt) there, in sparse/ "
+        "or in sparse/0/. Give the folder that holds the model."
+    )
+
+
+def read_model(folder: Path) -> pycolmap.Reconstruction:
+    """Read a model, binary or text; a missing ``points3D`` counts as no points.
+
+    Raises
+    ------
+    UserError
+        There is no model, it cannot be read, or an image name is absolute, leaves its folder with ``..``, or
+        shares its view name with another.
+    """
+    form = _format_of(folder)
+    if form is None:
+        raise UserError(f"There is no COLMAP model in {folder}: expected cameras and images, .bin or .txt.")
+    try:
+        if (folder / f"points3D{form}").is_file():
+            model = pycolmap.Reconstruction(folder)
+        else:
+            model = _read_without_points(folder, form)
+    except (RuntimeError, ValueError, IndexError, MemoryError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise UserError(
+            f"The COLMAP model in {folder} cannot be read ({reason}); export it again from COLMAP."
+        ) from error
+    _check_names([image.name for image in model.images.values()], folder)
+    return model
+
+
+def check_image_name(name: str, source: Path | str) -> None:
+    """Refuse an image name that would leave the folder it is joined to.
+
+    Raises
+    ------
+    UserError
+        The name is empty, absolute, climbs with ``..``, or holds a backslash, a drive or a NUL.
+    """
+    path = PurePosixPath(name)
+    bad = not path.parts or path.is_absolute() or ".." in path.parts or any(c in name for c in "\\\0")
+    if bad or (len(name) > 1 and name[1] == ":"):
+        raise UserError(
+            f"The COLMAP model in {source} has an image named {name!r}, which leads out of the image folder; "
+            "names must be relative paths without '..'. Rename it in the model."
+        )
+
+
+def registered(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
+    """The images that have a pose, sorted by name."""
+    return sorted((model.images[i] for i in model.reg_image_ids()), key=lambda image: image.name)
+
+
+def cameras_of(model: pycolmap.Reconstruction) -> list[Camera]:
+    """Our cameras of a pinhole model's posed images, sorted by image name.
+
+    Raises
+    ------
+    ValueError
+        A camera is not PINHOLE or SIMPLE_PINHOLE: the model has not been undistorted.
+    """
+    cameras = []
+    for image in registered(model):
+        camera = model.cameras[image.camera_id]
+        if camera.model_name not in PINHOLES:
+            raise ValueError(f"{image.name} has a {camera.model_name} camera; undistort the model first")
+        cameras.append(camera_of(image, camera))
+    return cameras
+
+
+def camera_of(image: pycolmap.Image, camera: pycolmap.Camera) -> Camera:
+    """Our camera from a posed COLMAP image and a pinhole COLMAP camera; both count pixels alike."""
+    return Camera(
+        name=view_name(image.name),
+        width=camera.width,
+        height=camera.height,
+        intrinsics=np.array(camera.calibration_matrix(), float),
+        cam_from_world=np.array(image.cam_from_world().matrix(), float),
+    )
+
+
+def pinhole_model(
+    cameras: list[Camera], points_from: pycolmap.Reconstruction | None = None, extension: str = ".png"
+) -> pycolmap.Reconstruction:
+    """Build a PINHOLE model of given cameras, one image ``NAME.extension`` each.
+
+    Parameters
+    ----------
+    cameras : list of Camera
+        Views; equal intrinsics share one COLMAP camera.
+    points_from : pycolmap.Reconstruction, optional
+        A model of the same views (matched by view name, any camera model, same poses) whose 3-D points and
+        tracks are kept: each 2-D point is carried over along its ray. Without it there are no points.
+    extension : str
+        Of the image names.
+
+    Returns
+    -------
+    pycolmap.Reconstruction
+        Image ids follow `points_from` where given, else the order of `cameras`, from 1.
+    """
+    model = pycolmap.Reconstruction()
+    sources = {view_name(i.name): i for i in registered(points_from)} if points_from else {}
+    camera_ids: dict[tuple, int] = {}
+    lost: set[tuple[int, int]] = set()
+    for index, camera in enumerate(cameras):
+        key = (camera.width, camera.height, *camera.intrinsics.ravel())
+        if key not in camera_ids:
+            camera_ids[key] = len(camera_ids) + 1
+            model.add_camera_with_trivial_rig(_colmap_camera(camera, camera_ids[key]))
+        source = sources.get(camera.name)
+        image = pycolmap.Image(
+            name=camera.name + extension,
+            camera_id=camera_ids[key],
+            image_id=source.image_id if source else index + 1,
+        )
+        if source:
+            xy = carried_points(source, points_from.cameras[source.camera_id], camera.intrinsics)
+            lost.update((source.image_id, int(i)) for i in np.flatnonzero(~np.isfinite(xy).all(axis=1)))
+            image.points2D = pycolmap.Point2DList([pycolmap.Point2D(point) for point in np.nan_to_num(xy)])
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(camera.cam_from_world))
+    if points_from:
+        _add_points(model, points_from, lost)
+    return model
+
+
+def carried_points(image: pycolmap.Image, camera: pycolmap.Camera, to_intrinsics: np.ndarray) -> np.ndarray:
+    """2-D points of an image, moved along their rays into a pinhole camera K at the same pose.
+
+    Returns
+    -------
+    ndarray, shape (n, 2), float64
+        Pixels; NaN where the camera model finds no ray.
+    """
+    if not len(image.points2D):
+        return np.zeros((0, 2))
+    xy = np.array([point.xy for point in image.points2D])
+    normalised = np.asarray(camera.cam_from_img(xy), float)
+    return normalised @ to_intrinsics[:2, :2].T + to_intrinsics[:2, 2]
+
+
+def _colmap_camera(camera: Camera, camera_id: int) -> pycolmap.Camera:
+    K = camera.intrinsics
+    return pycolmap.Camera(
+        camera_id=camera_id,
+        model="PINHOLE",
+        width=camera.width,
+        height=camera.height,
+        params=[K[0, 0], K[1, 1], K[0, 2], K[1, 2]],
+        has_prior_focal_length=True,
+    )
+
+
+def _add_points(
+    model: pycolmap.Reconstruction, source: pycolmap.Reconstruction, lost: set[tuple[int, int]]
+) -> None:
+    """Copy the 3-D points that at least two of the model's images see; `lost` observations do not count."""
+    for point_id in sorted(source.points3D):
+        point = source.points3D[point_id]
+        seen_by = [
+            e
+            for e in point.track.elements
+            if e.image_id in model.images and (e.image_id, e.point2D_idx) not in lost
+        ]
+        if len(seen_by) >= 2:
+            kept = pycolmap.Point3D(
+                xyz=point.xyz, color=point.color, error=point.error, track=pycolmap.Track(seen_by)
+            )
+            model.add_point3D_with_id(point_id, kept)
+
+
+def _format_of(folder: Path) -> str | None:
+    """ ".bin" or ".txt" when both files of that kind are there."""
+    for form in (".bin", ".txt"):
+        if (folder / f"cameras{form}").is_file() and (folder / f"images{form}").is_file():
+            return form
+    return None
+
+
+def _count_images(folder: Path) -> int:
+    if _format_of(folder) == ".bin":
+        with (folder / "images.bin").open("rb") as file:
+            head = file.read(8)
+        return struct.unpack("<Q", head)[0] if len(head) == 8 else 0
+    lines = (folder / "images.txt").read_text(encoding="utf-8").splitlines()
+    return sum(not line.startswith("#") for line in lines) // 2
+
+
+def _read_without_points(folder: Path, form: str) -> pycolmap.Reconstruction:
+    """COLMAP insists on a points3D file: read beside an empty one."""
+    with tempfile.TemporaryDirectory() as beside:
+        for file in folder.glob(f"*{form}"):
+            shutil.copy(file, beside)
+        (Path(beside) / f"points3D{form}").write_bytes(struct.pack("<Q", 0) if form == ".bin" else b"")
+        return pycolmap.Reconstruction(beside)
+
+
+def _check_names(names: list[str], source: Path) -> None:
+    seen: dict[str, str] = {}
+    for name in sorted(names):
+        check_image_name(name, source)
+        other = seen.setdefault(view_name(name), name)
+        if other != name:
+            raise UserError(
+                f"The COLMAP model in {source} has {other} and {name}, which differ only in their extension, "
+                "so their results would have the same name; rename one of them in the model."
+            )
