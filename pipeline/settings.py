@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -41,3 +43,21 @@ def setting(
     """
     extra = {"unit": unit, "changes_result": changes_result}
     return Field(default, description=why, alias=name, json_schema_extra=extra, **bounds)
+
+
+def settings_that_matter(settings: Settings) -> dict[str, Any]:
+    """The settings that change the result, as JSON values by public name."""
+    silent = {
+        field.alias or name
+        for name, field in type(settings).model_fields.items()
+        if isinstance(field.json_schema_extra, dict) and not field.json_schema_extra["changes_result"]
+    }
+    values = settings.model_dump(mode="json", by_alias=True)
+    return {name: value for name, value in values.items() if name not in silent}
+
+
+def near(wrong: str, known: Iterable[str]) -> str:
+    """The sentence that helps after a name that does not exist."""
+    known = sorted(known)
+    close = get_close_matches(wrong, known, n=1, cutoff=0.5)
+    return f"did you mean {close[0]!r}?" if close else f"expected one of: {', '.join(known)}."

@@ -79,3 +79,22 @@ class Stage:
     may_take: tuple[str, ...] = ()
     tools: tuple[str, ...] = ()
     machine: Callable[[Settings], Mapping[str, str]] = field(default=no_facts)
+
+
+@dataclass(frozen=True)
+class Source:
+    """Something that the user brings.
+
+    Attributes
+    ----------
+    name : str
+        Stages take it by this name.
+    about : str
+        One phrase for the command line's help.
+    suffixes : tuple of str
+        The files of a folder that count; all of them if empty.
+    """
+
+    name: str
+    about: str
+    suffixes: tuple[str, ...] = ()

@@ -1,0 +1,146 @@
+"""From YAML and the command line to a checked request."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from pipeline.errors import UserError
+from pipeline.settings import Settings, near
+
+
+@dataclass
+class Config:
+    """A configuration before its settings are checked.
+
+    Attributes
+    ----------
+    workspace : Path or None
+    sources : dict of str to str
+        As the user wrote them; `Path`s already where they came with a file, relative to that file.
+    settings : dict of str to dict
+        Per stage.
+    """
+
+    workspace: Path | None = None
+    sources: dict[str, str | Path] = field(default_factory=dict)
+    settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+
+def read_config(path: Path, source_names: Iterable[str], stage_names: Iterable[str]) -> Config:
+    """Read a YAML configuration: `workspace`, `sources`, and a section per stage. Paths are relative to it.
+
+    Raises
+    ------
+    UserError
+        The file cannot be read, is not YAML, or has an unknown section or source.
+    """
+    values = _read_yaml(path)
+    source_names = list(source_names)
+    sections = ["workspace", "sources", *stage_names]
+    for name, section in values.items():
+        if name not in sections:
+            raise UserError(f"{path} has an unknown section {name!r}; {near(name, sections)}")
+        if name != "workspace" and not isinstance(section, dict):
+            raise UserError(
+                f"{path}: the section {name!r} is {section!r}; expected `name: value` lines below it."
+            )
+    sources = values.pop("sources", {})
+    for name in sources:
+        if name not in source_names:
+            raise UserError(f"{path}: there is no source {name!r}; {near(str(name), source_names)}")
+    workspace = values.pop("workspace", None)
+    return Config(
+        workspace=None if workspace is None else path.parent / str(workspace),
+        sources={name: _beside(path, value) for name, value in sources.items()},
+        settings=values,
+    )
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UserError(
+            f"The configuration {path} cannot be read ({error.strerror}); check its path."
+        ) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise UserError(f"The configuration {path} is not YAML: {' '.join(str(error).split())}") from error
+    values = {} if values is None else values
+    if not isinstance(values, dict):
+        raise UserError(
+            f"The configuration {path} holds {type(values).__name__}; expected sections with settings."
+        )
+    return {str(name): section for name, section in values.items()}
+
+
+def _beside(path: Path, value: Any) -> Path:
+    return path.parent / str(value)
+
+
+def override(settings: dict[str, dict[str, Any]], assignments: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Apply ``stage.name=value`` assignments; values are read as YAML: 2, true, [a, b].
+
+    Raises
+    ------
+    UserError
+        An assignment has not that form.
+    """
+    changed = {stage: dict(section) for stage, section in settings.items()}
+    for assignment in assignments:
+        name, equals, text = assignment.partition("=")
+        stage, dot, setting_name = name.strip().partition(".")
+        if not (equals and dot and setting_name):
+            raise UserError(
+                f"--set {assignment} was not understood; expected STAGE.SETTING=VALUE, as in mesh.depth=9."
+            )
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise UserError(
+                f"--set {assignment}: the value is not YAML ({' '.join(str(error).split())})."
+            ) from error
+        changed.setdefault(stage, {})[setting_name] = value
+    return changed
+
+
+def check_settings(
+    declared: Mapping[str, type[Settings]], given: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Settings]:
+    """Settings of every stage, defaults filled in.
+
+    Raises
+    ------
+    UserError
+        An unknown stage or setting (the near one is suggested), or a value of the wrong type or range.
+    """
+    for stage in given:
+        if stage not in declared:
+            raise UserError(f"There is no stage {stage!r} to set; {near(stage, declared)}")
+    return {stage: _validated(stage, kind, given.get(stage, {})) for stage, kind in declared.items()}
+
+
+def _validated(stage: str, kind: type[Settings], values: Mapping[str, Any]) -> Settings:
+    try:
+        return kind.model_validate_json(json.dumps(dict(values)))
+    except ValidationError as error:
+        faults = [_sentence(stage, kind, fault) for fault in error.errors(include_url=False)]
+        raise UserError(" ".join(faults)) from None
+    except TypeError as error:  # YAML dates and the like have no JSON
+        raise UserError(f"{stage}: {error}; expected numbers, words, true, false, null or lists.") from None
+
+
+def _sentence(stage: str, kind: type[Settings], fault: Mapping[str, Any]) -> str:
+    """One sentence for one of pydantic's findings."""
+    name = ".".join(str(part) for part in fault["loc"])
+    if fault["type"] == "extra_forbidden":
+        known = [field.alias or name for name, field in kind.model_fields.items()]
+        return f"There is no setting {stage}.{name}; {near(name, known)}"
+    expected = fault["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    return f"{stage}.{name} is {fault['input']!r}; expected {expected}."

@@ -1,0 +1,135 @@
+"""Digests of content: of values, files and folders; a memo keeps unchanged files from being read twice."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from blake3 import blake3
+
+DIGEST_HEX_DIGITS = 32  # 128 bits: no two different contents will ever meet by accident
+
+
+def digest_value(value: Any) -> str:
+    """Digest of a JSON-like value. Types are part of it: ``1``, ``1.0``, ``True`` and ``"1"`` all differ."""
+    return blake3(_canonical(value).encode()).hexdigest()[:DIGEST_HEX_DIGITS]
+
+
+def _canonical(value: Any) -> str:
+    """A text that two values share only if they are equal and of equal types."""
+    if isinstance(value, Mapping):
+        pairs = sorted((_canonical(key), _canonical(item)) for key, item in value.items())
+        return "{" + ",".join(f"{key}:{item}" for key, item in pairs) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ",".join(map(_canonical, value)) + "]"
+    if value is None or isinstance(value, bool | int | float | str):
+        return f"{type(value).__name__} {json.dumps(value)}"
+    raise TypeError(f"{value!r} has no canonical text; keys hold JSON values only")
+
+
+def digest_file(path: Path) -> str:
+    """Digest of a file's bytes."""
+    hasher = blake3(max_threads=blake3.AUTO)
+    hasher.update_mmap(path)
+    return hasher.hexdigest()[:DIGEST_HEX_DIGITS]
+
+
+def files_below(root: Path, suffixes: Iterable[str] = ()) -> dict[str, Path]:
+    """Files at or below `root` by relative posix path, sorted; hidden ones and other suffixes left out.
+
+    Linked folders are followed, as photo collections are often made of links.
+    """
+    if root.is_file():
+        return {root.name: root}
+    wanted = tuple(suffix.lower() for suffix in suffixes)
+    found = {}
+    for folder, subfolders, names in os.walk(root, followlinks=True):
+        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
+        for name in names:
+            if not name.startswith(".") and (not wanted or name.lower().endswith(wanted)):
+                path = Path(folder, name)
+                found[path.relative_to(root).as_posix()] = path
+    return dict(sorted(found.items()))
+
+
+def digest_files(digests: Mapping[str, str]) -> str:
+    """Digest of a folder from the digests of its files by relative path."""
+    return digest_value(dict(digests))
+
+
+class DigestMemo:
+    """Remembers file digests by size, times and inode; whatever changed since is read again.
+
+    The change time is part of the memo, so that even a byte flipped behind a restored modification time is
+    noticed. Only content ever enters a key: a wrong memo could at worst cause one needless reading.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._known: dict[str, list[Any]] = _read_memo(path)
+        self._changed = False
+
+    def file(self, path: Path) -> str:
+        """Digest of a file, from the memo if it has not been touched since."""
+        stat = path.stat()
+        stamp = [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
+        name = str(path.resolve())
+        known = self._known.get(name)
+        if known is not None and known[:4] == stamp:
+            return known[4]
+        digest = digest_file(path)
+        self._known[name] = [*stamp, digest]
+        self._changed = True
+        return digest
+
+    def tree(
+        self, root: Path, suffixes: Iterable[str] = (), seen: Callable[[str], None] | None = None
+    ) -> dict[str, str]:
+        """Digests of all files at or below `root` by relative path; `seen` is told of each."""
+        digests = {}
+        for name, path in files_below(root, suffixes).items():
+            digests[name] = self.file(path)
+            if seen is not None:
+                seen(name)
+        return digests
+
+    def renamed(self, before: Path, after: Path) -> None:
+        """Everything below `before` now lies below `after`: a rename changes no content."""
+        old, new = f"{before.resolve()}{os.sep}", f"{after.resolve()}{os.sep}"
+        moved = {new + name[len(old) :]: stamp for name, stamp in self._known.items() if name.startswith(old)}
+        self._known |= moved
+        self._changed |= bool(moved)
+
+    def save(self) -> None:
+        """Write the memo; files that are gone are forgotten. A memo that cannot be written is no loss."""
+        if not self._changed:
+            return
+        kept = {name: entry for name, entry in self._known.items() if Path(name).exists()}
+        try:
+            replace_text(self._path, json.dumps(kept))
+        except OSError:
+            return
+        self._changed = False
+
+
+def _read_memo(path: Path) -> dict[str, list[Any]]:
+    """The memo on disk, or an empty one: it saves time and carries no truth."""
+    try:
+        memo = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return memo if isinstance(memo, dict) else {}
+
+
+def replace_text(path: Path, text: str) -> None:
+    """Write a small file all at once: readers see the old text or the new one, never half of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fresh = path.with_name(f".{path.name}.{os.getpid()}")
+    with fresh.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    fresh.replace(path)

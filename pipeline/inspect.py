@@ -1,0 +1,109 @@
+"""Look at what is there: the state of every stage, a record, the difference between two results, pruning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pipeline.errors import UserError
+from pipeline.reasons import changed_files, differences
+from pipeline.record import Record
+from pipeline.settings import near
+from pipeline.store import Store, size_of
+
+
+def find_record(store: Store, stage: str, key: str | None = None) -> Record:
+    """The stage's current result, or the one whose key begins with `key`.
+
+    Raises
+    ------
+    UserError
+        There is none, or the beginning fits several.
+    """
+    records = store.records(stage)
+    if not records:
+        stages = _stages(store)
+        hint = near(stage, stages) if stages and stage not in stages else "run it first."
+        raise UserError(f"{store.root.parent} holds no result of {stage!r}; {hint}")
+    if key is None:
+        return store.current(stage) or records[-1]
+    fitting = [record for record in records if record.key.startswith(key)]
+    if len(fitting) != 1:
+        keys = ", ".join(record.key[:12] for record in records)
+        found = "no result has" if not fitting else "several results have"
+        raise UserError(f"{stage}: {found} a key that begins with {key!r}; there are {keys}.")
+    return fitting[0]
+
+
+def two_newest(store: Store, stage: str) -> tuple[Record, Record]:
+    """The result before the newest, and the newest.
+
+    Raises
+    ------
+    UserError
+        There are fewer than two.
+    """
+    records = store.records(stage)
+    if len(records) < 2:
+        raise UserError(
+            f"{store.root.parent} holds {len(records)} result(s) of {stage!r}; comparing takes two."
+        )
+    return records[-2], records[-1]
+
+
+def compare(before: Record, now: Record) -> dict[str, list[str]]:
+    """What differs between two results of a stage: what they are made from, hold and note."""
+    outputs = [
+        f"{name}: {changed_files(now.outputs.get(name, {}), before.outputs.get(name, {}))}"
+        for name in sorted({*now.outputs, *before.outputs})
+        if now.outputs.get(name) != before.outputs.get(name)
+    ]
+    facts = [
+        f"{name}: {before.facts.get(name)} → {now.facts.get(name)}"
+        for name in sorted({*now.facts, *before.facts})
+        if now.facts.get(name) != before.facts.get(name)
+    ]
+    return {"made from": list(differences(now, before)), "outputs": outputs, "facts": facts}
+
+
+def prune(store: Store, everything: bool = False) -> dict[str, Any]:
+    """Delete every result but the current one of each stage, or all of them; says how much was freed."""
+    removed, freed = [], 0
+    for stage in _stages(store):
+        store.sweep(stage)
+        current = store.current(stage)
+        for entry in sorted((store.root / stage).iterdir()):
+            if everything or current is None or entry.name != current.key:
+                removed.append(f"{stage}/{entry.name}")
+                freed += store.remove(stage, entry.name)
+    return {"removed": removed, "freed_bytes": freed}
+
+
+def overview(store: Store) -> list[dict[str, Any]]:
+    """Per stage that has results: the current one, how many there are, their size."""
+    return [_row(store, stage) for stage in _stages(store)]
+
+
+def _row(store: Store, stage: str) -> Mapping[str, Any]:
+    records = store.records(stage)
+    current = store.current(stage) or (records[-1] if records else None)
+    return {
+        "stage": stage,
+        "results": len(records),
+        "bytes": size_of(store.root / stage),
+        "key": current.key if current else None,
+        "finished": current.finished if current else None,
+        "seconds": current.seconds if current else None,
+        "cpu_seconds": current.cpu_seconds if current else None,
+        "peak_bytes": current.peak_bytes if current else None,
+        "warnings": list(current.warnings) if current else [],
+    }
+
+
+def _stages(store: Store) -> list[str]:
+    return sorted(path.name for path in _folders(store.root))
+
+
+def _folders(root: Path) -> list[Path]:
+    return [path for path in root.iterdir() if path.is_dir()] if root.is_dir() else []

@@ -1,0 +1,59 @@
+"""How long a stage took, on the clock and on the processors, and how much memory it held at its peak."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+_STATUS = Path("/proc/self/status")
+_CLEAR = Path("/proc/self/clear_refs")
+
+
+@dataclass
+class Reading:
+    """Filled in when the measured block ends: seconds, processor seconds, bytes."""
+
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    peak_bytes: int = 0
+
+
+@contextmanager
+def measured() -> Iterator[Reading]:
+    """Measure a block. Where the system cannot reset its peak, the peak is that of the process so far."""
+    reading = Reading()
+    _reset_peak()
+    clock, cpu = time.perf_counter(), _cpu_seconds()
+    try:
+        yield reading
+    finally:
+        reading.seconds = round(time.perf_counter() - clock, 3)
+        reading.cpu_seconds = round(_cpu_seconds() - cpu, 3)
+        reading.peak_bytes = _peak_bytes()
+
+
+def _cpu_seconds() -> float:
+    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+def _reset_peak() -> None:
+    """Linux: writing 5 to clear_refs starts the peak (VmHWM) anew."""
+    try:
+        _CLEAR.write_text("5")
+    except OSError:
+        return
+
+
+def _peak_bytes() -> int:
+    try:
+        lines = _STATUS.read_text().splitlines()
+        return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM"))
+    except (OSError, StopIteration):
+        unit = 1 if sys.platform == "darwin" else 1024
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

@@ -1,0 +1,111 @@
+"""The plan: per stage reuse or run, and the reason in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from pipeline.key import FileDigests, Ingredients, ingredients
+from pipeline.reasons import why_run
+from pipeline.record import Record
+from pipeline.request import Request
+from pipeline.stage import Stage
+from pipeline.store import Store
+
+Available = dict[str, FileDigests]
+
+
+class Action(Enum):
+    """What will happen to a stage."""
+
+    REUSE = "reuse"
+    RUN = "run"
+    WAIT = "run or reuse"  # decided once the stages before it have run
+    LEAVE = "leave"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What will happen to one stage, and why.
+
+    Attributes
+    ----------
+    stage : Stage
+    action : Action
+    reason : str
+        One sentence without a full stop.
+    made_from : Ingredients or None
+        None while an input is not known yet.
+    record : Record or None
+        The result to reuse.
+    """
+
+    stage: Stage
+    action: Action
+    reason: str
+    made_from: Ingredients | None = None
+    record: Record | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        key = self.made_from.key if self.made_from else None
+        return {"stage": self.stage.name, "action": self.action.value, "reason": self.reason, "key": key}
+
+
+def plan(request: Request, store: Store, sources: Available) -> list[Decision]:
+    """Decide for every stage, without running any.
+
+    Parameters
+    ----------
+    request : Request
+    store : Store
+    sources : dict
+        Per source, the digests of its files (`read_sources`).
+    """
+    available: Available = dict(sources)
+    decisions = []
+    for stage in request.flow:
+        decision = decide(stage, request, store, available)
+        decisions.append(decision)
+        if decision.record is not None:
+            available |= decision.record.outputs
+    return decisions
+
+
+def decide(stage: Stage, request: Request, store: Store, available: Mapping[str, FileDigests]) -> Decision:
+    """Decide for one stage, given what is available now."""
+    position = request.flow.index(stage)
+    if position > request.last_index():
+        return Decision(stage, Action.LEAVE, f"it comes after {request.selected()[-1]}")
+    unknown = [name for name in stage.takes if name not in available]
+    if unknown:
+        return Decision(stage, Action.WAIT, f"depends on {_givers(unknown, request)}, which will run first")
+    inputs = {name: available[name] for name in (*stage.takes, *stage.may_take) if name in available}
+    made_from = ingredients(stage, request.settings[stage.name], inputs)
+    if request.selection.force and stage.name in request.selected():
+        return Decision(stage, Action.RUN, "it was asked for with --force", made_from)
+    record = store.record(stage.name, made_from.key)
+    if record is None:
+        return Decision(stage, Action.RUN, why_run(made_from, store.current(stage.name)), made_from)
+    damage = store.damage(stage, record)
+    if damage is not None:
+        return Decision(stage, Action.RUN, f"its cached result is damaged: {damage}", made_from)
+    return Decision(stage, Action.REUSE, "nothing that it depends on has changed", made_from, record)
+
+
+def _givers(artefacts: list[str], request: Request) -> str:
+    """Names of the stages that give these artefacts."""
+    givers = [stage.name for stage in request.flow if {a.name for a in stage.gives} & set(artefacts)]
+    return " and ".join(givers)
+
+
+def read_sources(request: Request, store: Store, seen: Any = None) -> Available:
+    """Digests of the files of every source that the dataflow takes."""
+    wanted = {name for stage in request.flow for name in (*stage.takes, *stage.may_take)}
+    return {
+        kind.name: store.memo.tree(request.sources[kind.name], kind.suffixes, seen)
+        for kind in request.kinds
+        if kind.name in wanted and kind.name in request.sources
+    }

@@ -1,0 +1,72 @@
+"""The record of one result: what it was made from, what it holds, how long it took. Written last."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+RECORD = "record.json"
+
+
+@dataclass(frozen=True)
+class Record:
+    """Provenance of one cached result.
+
+    Attributes
+    ----------
+    stage, version, key : str, int, str
+    settings : dict
+        The settings that change the result, by public name.
+    inputs : dict of str to dict of str to str
+        Per input, the digest of each file by relative path.
+    tools, machine : dict of str to str
+        Versions of the tools and choices of the machine that are part of the key.
+    outputs : dict of str to dict of str to str
+        Per artefact, the digest of each file by path relative to the artefact.
+    facts : dict
+        What the stage noted.
+    warnings : list of str
+    finished : str
+        When it was published, ISO 8601, UTC.
+    seconds, cpu_seconds : float
+        Elapsed and processor time.
+    peak_bytes : int
+        Peak resident memory while it ran.
+    """
+
+    stage: str
+    version: int
+    key: str
+    settings: Mapping[str, Any]
+    inputs: Mapping[str, Mapping[str, str]]
+    tools: Mapping[str, str]
+    machine: Mapping[str, str]
+    outputs: Mapping[str, Mapping[str, str]]
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    finished: str = ""
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    peak_bytes: int = 0
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return asdict(self) | {"warnings": list(self.warnings)}
+
+
+def write_record(folder: Path, record: Record) -> None:
+    """Write `record.json` into `folder`."""
+    text = json.dumps(record.as_json(), indent=1, ensure_ascii=False)
+    (folder / RECORD).write_text(text + "\n", encoding="utf-8")
+
+
+def read_record(folder: Path) -> Record | None:
+    """The record in `folder`; None where there is none that can be read, which makes the result void."""
+    try:
+        values = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        return Record(**{**values, "warnings": tuple(values["warnings"])})
+    except (OSError, ValueError, TypeError, KeyError):
+        return None

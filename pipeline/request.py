@@ -1,0 +1,104 @@
+"""What the user asks for: a dataflow, its settings, the sources, the workspace, and which stages may run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pipeline.errors import UserError
+from pipeline.settings import Settings, near
+from pipeline.stage import Source, Stage
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which stages may run.
+
+    Attributes
+    ----------
+    only, first, last : str or None
+        One stage alone; the first and the last of a range. Stages outside must be up to date already.
+    force : bool
+        Run the selected stages even where they are up to date.
+    """
+
+    only: str | None = None
+    first: str | None = None
+    last: str | None = None
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class Request:
+    """A dataflow with all that it needs to be planned and run.
+
+    Attributes
+    ----------
+    flow : tuple of Stage
+        In order: a stage takes sources and what earlier stages give.
+    settings : mapping of str to Settings
+        Per stage name.
+    sources : mapping of str to Path
+        What the user brought, by source name.
+    kinds : tuple of Source
+        Declarations of all sources.
+    workspace : Path
+    threads : int
+        Never changes a result.
+    """
+
+    flow: tuple[Stage, ...]
+    settings: Mapping[str, Settings]
+    sources: Mapping[str, Path]
+    kinds: tuple[Source, ...]
+    workspace: Path
+    threads: int = 1
+    selection: Selection = field(default_factory=Selection)
+
+    def selected(self) -> tuple[str, ...]:
+        """Names of the stages that may run.
+
+        Raises
+        ------
+        UserError
+            A name is not that of a stage of this dataflow, or the range is empty.
+        """
+        names = [stage.name for stage in self.flow]
+        chosen = self.selection
+        for name in (chosen.only, chosen.first, chosen.last):
+            if name is not None and name not in names:
+                raise UserError(f"There is no stage {name!r} in this dataflow; {near(name, names)}")
+        if chosen.only is not None:
+            return (chosen.only,)
+        begin = names.index(chosen.first) if chosen.first else 0
+        end = names.index(chosen.last) if chosen.last else len(names) - 1
+        if end < begin:
+            raise UserError(
+                f"--from {chosen.first} comes after --to {chosen.last}; expected a range in the order "
+                f"{', '.join(names)}."
+            )
+        return tuple(names[begin : end + 1])
+
+    def last_index(self) -> int:
+        """Position of the last selected stage: what follows it is left alone."""
+        return [stage.name for stage in self.flow].index(self.selected()[-1])
+
+
+def check_flow(flow: tuple[Stage, ...], kinds: tuple[Source, ...]) -> None:
+    """Refuse a dataflow in which a stage takes what nobody before it gives, or two give the same.
+
+    Raises
+    ------
+    ValueError
+        The declarations contradict each other: a fault of the program, not of its user.
+    """
+    known = {source.name for source in kinds}
+    for stage in flow:
+        missing = [name for name in (*stage.takes, *stage.may_take) if name not in known]
+        if missing:
+            raise ValueError(f"{stage.name} takes {missing}, which no source or earlier stage gives")
+        for artefact in stage.gives:
+            if artefact.name in known:
+                raise ValueError(f"{stage.name} gives {artefact.name}, which is there already")
+            known.add(artefact.name)

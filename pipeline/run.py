@@ -1,0 +1,244 @@
+"""Run what is not up to date: one stage after the other, each result published before the next begins."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, Protocol
+
+from filelock import FileLock, Timeout
+
+from pipeline.errors import UserError
+from pipeline.job import Job, Progress
+from pipeline.key import Ingredients
+from pipeline.logbook import logged
+from pipeline.meter import measured
+from pipeline.output import Output
+from pipeline.plan import Decision, decide, read_sources
+from pipeline.record import Record
+from pipeline.request import Request
+from pipeline.stage import Stage
+from pipeline.store import Store
+
+
+class Listener(Progress, Protocol):
+    """Who is told what happens; the command line is one."""
+
+    def deciding(self, decision: Decision) -> None:
+        """A stage is about to be reused or run."""
+
+    def finished(self, decision: Decision, record: Record) -> None:
+        """A stage's result is there."""
+
+    def say(self, sentence: str) -> None:
+        """Something the user should know."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """What became of one stage in a run."""
+
+    decision: Decision
+    record: Record
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return self.decision.as_json() | {"key": self.record.key, "record": self.record.as_json()}
+
+
+def run(request: Request, listener: Listener) -> list[Done]:
+    """Bring the selected stages of a dataflow up to date.
+
+    Parameters
+    ----------
+    request : Request
+    listener : Listener
+
+    Returns
+    -------
+    list of Done
+        Each stage up to the last selected one, with its decision and record.
+
+    Raises
+    ------
+    UserError
+        Another run holds the workspace; it cannot be written; a stage outside the selection is not up to
+        date; or a stage found fault with its input. Results published before stay.
+    """
+    with locked(request.workspace):
+        store = Store(request.workspace)
+        for stage in request.flow:
+            store.sweep(stage.name)
+        try:
+            return _run_in_order(request, store, listener)
+        finally:
+            store.memo.save()
+
+
+def _run_in_order(request: Request, store: Store, listener: Listener) -> list[Done]:
+    available = _read_sources_aloud(request, store, listener)
+    output = Output(request.workspace, store)
+    done = []
+    with ThreadPoolExecutor(request.threads) as executor:
+        for stage in request.flow[: request.last_index() + 1]:
+            decision = decide(stage, request, store, available)
+            listener.deciding(decision)
+            record = decision.record or _run_stage(decision, request, store, listener, executor)
+            store.set_current(stage.name, record.key)
+            output.show(stage, record)
+            available |= record.outputs
+            listener.finished(decision, record)
+            done.append(Done(decision, record))
+    return done
+
+
+def _read_sources_aloud(request: Request, store: Store, listener: Listener) -> dict[str, Any]:
+    listener.begin("reading the sources", None)
+    try:
+        return read_sources(request, store, lambda name: listener.advance())
+    finally:
+        listener.end()
+
+
+def _run_stage(
+    decision: Decision, request: Request, store: Store, listener: Listener, executor: Executor
+) -> Record:
+    """Run one stage and publish its result."""
+    stage, made_from = decision.stage, decision.made_from
+    if stage.name not in request.selected():
+        raise UserError(
+            f"{request.selected()[0]} needs an up-to-date {stage.name}, but {decision.reason}. "
+            f"Run once with --to {stage.name}, or without choosing stages."
+        )
+    partial = store.begin(stage.name)
+    with _kept_only_if_finished(partial):
+        job = _job(stage, decision, request, store, listener, executor, partial)
+        with logged(stage, job, partial / "log.txt", request.workspace / "logs"), measured() as reading:
+            stage.run(job)
+        shutil.rmtree(job.scratch)
+        record = _record(stage, made_from, job, store)
+        record = replace(
+            record, seconds=reading.seconds, cpu_seconds=reading.cpu_seconds, peak_bytes=reading.peak_bytes
+        )
+        _compare_with_twin(store, record, listener)
+        store.publish(partial, record)
+    return record
+
+
+@contextmanager
+def _kept_only_if_finished(partial: Path) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)  # published means renamed: then there is nothing here
+
+
+def _job(
+    stage: Stage,
+    decision: Decision,
+    request: Request,
+    store: Store,
+    listener: Listener,
+    executor: Executor,
+    partial: Path,
+) -> Job:
+    """What the stage is handed: inputs found, outputs prepared."""
+    outputs = {artefact.name: partial / artefact.path for artefact in stage.gives}
+    for artefact in stage.gives:
+        if artefact.file is None:
+            outputs[artefact.name].mkdir()
+    scratch = partial / "scratch"
+    scratch.mkdir()
+    return Job(
+        settings=request.settings[stage.name],
+        inputs=_input_paths(stage, request, store),
+        outputs=outputs,
+        scratch=scratch,
+        threads=request.threads,
+        executor=executor,
+        shown=listener,
+        say=listener.say,
+        machine=decision.made_from.machine,
+    )
+
+
+def _input_paths(stage: Stage, request: Request, store: Store) -> dict[str, Path]:
+    """Where each input of a stage lies: a source, or an artefact of an earlier stage's current result."""
+    places = dict(request.sources)
+    for earlier in request.flow[: request.flow.index(stage)]:
+        current = store.current(earlier.name)
+        if current is not None:
+            entry = store.entry(earlier.name, current.key)
+            places |= {artefact.name: entry / artefact.path for artefact in earlier.gives}
+    return {name: places[name] for name in (*stage.takes, *stage.may_take) if name in places}
+
+
+def _record(stage: Stage, made_from: Ingredients, job: Job, store: Store) -> Record:
+    """The record of a finished stage.
+
+    Raises
+    ------
+    RuntimeError
+        The stage did not write what it declares: a fault of the program.
+    """
+    missing = [name for name, path in job.outputs.items() if not path.exists()]
+    if missing:
+        raise RuntimeError(f"{stage.name} ended without writing {', '.join(missing)}")
+    return Record(
+        stage=stage.name,
+        version=stage.version,
+        key=made_from.key,
+        settings=made_from.settings,
+        inputs=made_from.inputs,
+        tools=made_from.tools,
+        machine=made_from.machine,
+        outputs={name: store.digests(path) for name, path in job.outputs.items()},
+        facts=job.facts,
+        warnings=tuple(job.warnings),
+        finished=datetime.now(timezone.utc).isoformat(timespec="microseconds"),
+    )
+
+
+def _compare_with_twin(store: Store, record: Record, listener: Listener) -> None:
+    """A second result of the same key should be the same result; where it is not, that is said."""
+    twin = store.record(record.stage, record.key)
+    if twin is None:
+        return
+    changed = [name for name in record.outputs if record.outputs[name] != twin.outputs.get(name)]
+    if changed:
+        listener.say(f"{record.stage}: {', '.join(changed)} came out different from the same ingredients.")
+
+
+@contextmanager
+def locked(workspace: Path) -> Iterator[None]:
+    """Hold the workspace for this run.
+
+    Raises
+    ------
+    UserError
+        It cannot be written, or another run holds it.
+    """
+    try:
+        workspace.mkdir(parents=True, exist_ok=True)
+        (workspace / "cache").mkdir(exist_ok=True)
+        lock = FileLock(workspace / ".lock")
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise UserError(
+            f"Another run is using the workspace {workspace}; wait for it to end, "
+            "or choose another folder with --workspace."
+        ) from None
+    except OSError as error:
+        raise UserError(
+            f"The workspace {workspace} cannot be written ({error.strerror or error}); "
+            "choose another folder with --workspace."
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()

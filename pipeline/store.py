@@ -1,0 +1,148 @@
+"""The cache on disk: `cache/STAGE/KEY/`, published all at once and verified before it is used again."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import uuid
+from pathlib import Path
+
+from pipeline.digest import DigestMemo, replace_text
+from pipeline.record import RECORD, Record, read_record, write_record
+from pipeline.stage import Stage
+
+PARTIAL = ".partial-"
+
+
+class Store:
+    """All results of one workspace.
+
+    Parameters
+    ----------
+    workspace : Path
+        Its `cache/` holds the results, `cache/current.json` which of them is each stage's newest.
+    """
+
+    def __init__(self, workspace: Path) -> None:
+        self.root = workspace / "cache"
+        self.memo = DigestMemo(self.root / "digests.json")
+
+    def entry(self, stage: str, key: str) -> Path:
+        """Folder of a result, whether or not it exists."""
+        return self.root / stage / key
+
+    def record(self, stage: str, key: str) -> Record | None:
+        """Record of a result, None if there is no such result."""
+        return read_record(self.entry(stage, key))
+
+    def records(self, stage: str) -> list[Record]:
+        """All results of a stage, oldest first."""
+        folder = self.root / stage
+        if not folder.is_dir():
+            return []
+        found = [read_record(entry) for entry in folder.iterdir() if not entry.name.startswith(".")]
+        return sorted((record for record in found if record), key=lambda record: record.finished)
+
+    def current(self, stage: str) -> Record | None:
+        """The result that the last run made or used."""
+        key = self._current_keys().get(stage)
+        return self.record(stage, key) if key else None
+
+    def set_current(self, stage: str, key: str) -> None:
+        """Remember which result the last run made or used."""
+        keys = self._current_keys()
+        if keys.get(stage) != key:
+            replace_text(self.root / "current.json", json.dumps({**keys, stage: key}, indent=1) + "\n")
+
+    def _current_keys(self) -> dict[str, str]:
+        try:
+            return json.loads((self.root / "current.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+
+    def damage(self, stage: Stage, record: Record) -> str | None:
+        """What is wrong with a cached result, in words; None if every file is as it was published."""
+        entry = self.entry(record.stage, record.key)
+        for artefact in stage.gives:
+            published = record.outputs.get(artefact.name)
+            if published is None:
+                return f"its record does not know {artefact.name}"
+            found = self.digests(entry / artefact.path)
+            for name in published.keys() | found.keys():
+                if found.get(name) != published.get(name):
+                    return f"{artefact.path}{_below(artefact.path, name)} {_harm(name, found, published)}"
+        return None
+
+    def digests(self, path: Path) -> dict[str, str]:
+        """Digests of the files at or below `path` in the cache; empty where there is nothing."""
+        return self.memo.tree(path) if path.exists() else {}
+
+    def begin(self, stage: str) -> Path:
+        """A private folder in which a result is prepared; unseen until `publish`."""
+        folder = self.root / stage / f"{PARTIAL}{uuid.uuid4().hex[:12]}"
+        folder.mkdir(parents=True)
+        return folder
+
+    def publish(self, partial: Path, record: Record) -> None:
+        """Turn a finished folder into the result of `record.key`: all of it or nothing.
+
+        The record is written last, then one rename makes the folder visible. A result already there is
+        moved aside first, and comes to the same name only as a whole.
+        """
+        write_record(partial, record)
+        _flush(partial)
+        entry = self.entry(record.stage, record.key)
+        if entry.exists():
+            entry.rename(self.begin(record.stage) / "replaced")
+        partial.rename(entry)
+        self.memo.renamed(partial, entry)
+        _flush_folder(entry.parent)
+        self.sweep(record.stage)
+
+    def sweep(self, stage: str) -> None:
+        """Delete what an interrupted run left behind. Only under the workspace's lock."""
+        folder = self.root / stage
+        if folder.is_dir():
+            for left in folder.glob(f"{PARTIAL}*"):
+                shutil.rmtree(left, ignore_errors=True)
+
+    def remove(self, stage: str, key: str) -> int:
+        """Delete a result; returns the bytes freed."""
+        entry = self.entry(stage, key)
+        freed = size_of(entry)
+        (entry / RECORD).unlink(missing_ok=True)  # void first: never a record without its files
+        shutil.rmtree(entry)
+        return freed
+
+
+def size_of(folder: Path) -> int:
+    """Bytes in all files below `folder`."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def _below(artefact_path: str, name: str) -> str:
+    return "" if artefact_path == name else f"/{name}"
+
+
+def _harm(name: str, found: dict[str, str], published: dict[str, str]) -> str:
+    if name not in found:
+        return "is missing"
+    return "was changed" if name in published else "was added"
+
+
+def _flush(folder: Path) -> None:
+    """Bring every file below `folder` to the disk, so that a power cut cannot publish empty ones."""
+    for path in folder.rglob("*"):
+        if path.is_file():
+            with path.open("rb") as file:
+                os.fsync(file.fileno())
+
+
+def _flush_folder(folder: Path) -> None:
+    if os.name == "posix":
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

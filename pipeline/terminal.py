@@ -1,0 +1,104 @@
+"""What a person sees: a line per stage, a bar while it runs; no bars in pipes, JSON for machines."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from pipeline.plan import Action, Decision
+from pipeline.record import Record
+
+COLOURS = {Action.REUSE: "green", Action.RUN: "yellow", Action.WAIT: "yellow", Action.LEAVE: "dim"}
+
+
+class Terminal:
+    """A listener that writes to the error stream, so that the output stream stays free for `--json`."""
+
+    def __init__(self, json_wanted: bool = False) -> None:
+        self._console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self._json_wanted = json_wanted
+        self._bars = Progress(
+            TextColumn("  {task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            console=self._console,
+            transient=True,
+            disable=not self._console.is_terminal,
+        )
+        self._tasks: list[Any] = []
+
+    def begin(self, label: str, total: int | None) -> None:
+        """Show a bar."""
+        if not self._tasks:
+            self._bars.start()
+        self._tasks.append(self._bars.add_task(label, total=total))
+
+    def advance(self, steps: int = 1) -> None:
+        """Move the innermost bar."""
+        if self._tasks:
+            self._bars.advance(self._tasks[-1], steps)
+
+    def end(self) -> None:
+        """Remove the innermost bar."""
+        self._bars.remove_task(self._tasks.pop())
+        if not self._tasks:
+            self._bars.stop()
+
+    def deciding(self, decision: Decision) -> None:
+        """One line: what happens to a stage, and why."""
+        colour, verb = COLOURS[decision.action], decision.action.value
+        name = f"[bold]{decision.stage.name:<14}[/bold]"
+        self._console.print(f"{name} [{colour}]{verb:<6}[/{colour}] {escape(decision.reason)}")
+
+    def finished(self, decision: Decision, record: Record) -> None:
+        """One line after a stage that ran: what it cost."""
+        if decision.action is Action.RUN:
+            cost = (
+                f"{record.seconds:.1f} s, {record.cpu_seconds:.1f} CPU-s, peak {megabytes(record.peak_bytes)}"
+            )
+            self._console.print(f"{'':<14} [dim]done in {cost}[/dim]")
+
+    def say(self, sentence: str) -> None:
+        """Something the user should know."""
+        self._console.print(f"{'':<14} [magenta]{escape(sentence)}[/magenta]")
+
+    def fail(self, sentence: str) -> None:
+        """Why the command ends here."""
+        self._console.print(
+            f"[red]unshade:[/red] {escape(sentence)}" if not self._json_wanted else escape(sentence)
+        )
+
+    def answer(self, value: Any, table: Table | None = None) -> None:
+        """The result of a command: JSON on the output stream if wanted, else the table."""
+        if self._json_wanted:
+            sys.stdout.write(json.dumps(value, indent=1, ensure_ascii=False) + "\n")
+        elif table is not None:
+            Console(highlight=False, soft_wrap=not sys.stdout.isatty()).print(table)
+
+
+def megabytes(size: int | None) -> str:
+    """A size for people."""
+    return "–" if size is None else f"{size / 1e6:.0f} MB"
+
+
+def table_of(rows: list[dict[str, Any]], columns: dict[str, str]) -> Table:
+    """A plain table: `columns` maps headings to keys of the rows."""
+    table = Table(box=None, pad_edge=False)
+    for heading in columns:
+        table.add_column(heading, overflow="fold")
+    for row in rows:
+        table.add_row(*(escape(_cell(row.get(key))) for key in columns.values()))
+    return table
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.1f}" if isinstance(value, float) else str(value)

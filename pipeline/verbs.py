@@ -1,0 +1,92 @@
+"""The generic verbs: run, plan, status, show, diff, clean. Each answers as a table and as JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pipeline.inspect import compare, find_record, overview, prune, two_newest
+from pipeline.plan import plan, read_sources
+from pipeline.record import Record
+from pipeline.request import Request
+from pipeline.run import locked, run
+from pipeline.store import Store
+from pipeline.terminal import Terminal, megabytes, table_of
+
+
+def run_verb(request: Request, terminal: Terminal) -> None:
+    """Bring everything selected up to date."""
+    done = run(request, terminal)
+    terminal.answer({"stages": [one.as_json() for one in done], "output": str(request.workspace / "output")})
+
+
+def plan_verb(request: Request, terminal: Terminal) -> None:
+    """Say what a run would do, and why."""
+    store = Store(request.workspace)
+    rows = [decision.as_json() for decision in plan(request, store, read_sources(request, store))]
+    terminal.answer(rows, table_of(rows, {"stage": "stage", "": "action", "because": "reason"}))
+
+
+def status_verb(workspace: Path, terminal: Terminal) -> None:
+    """Say what is there and what it cost."""
+    rows = overview(Store(workspace))
+    for row in rows:
+        row["peak"] = megabytes(row["peak_bytes"])
+        row["size"] = megabytes(row["bytes"])
+        row["short"] = (row["key"] or "–")[:12]
+        row["notes"] = len(row["warnings"])
+    columns = {"stage": "stage", "result": "short", "finished": "finished", "seconds": "seconds"}
+    costs = {
+        "CPU-s": "cpu_seconds",
+        "peak": "peak",
+        "on disk": "size",
+        "results": "results",
+        "warnings": "notes",
+    }
+    terminal.answer(rows, table_of(rows, columns | costs))
+
+
+def show_verb(workspace: Path, stage: str, key: str | None, terminal: Terminal) -> None:
+    """Print the record of a result."""
+    store = Store(workspace)
+    record = find_record(store, stage, key)
+    folder = store.entry(record.stage, record.key)
+    rows = [{"what": name, "value": value} for name, value in _sayings(record, folder)]
+    terminal.answer(record.as_json() | {"folder": str(folder)}, table_of(rows, {"": "what", " ": "value"}))
+
+
+def _sayings(record: Record, folder: Path) -> list[tuple[str, Any]]:
+    """A record as lines for a person."""
+    lines: list[tuple[str, Any]] = [("result", f"{record.stage} {record.key}"), ("folder", folder)]
+    lines += [("finished", record.finished), ("seconds", record.seconds), ("CPU-seconds", record.cpu_seconds)]
+    lines += [("peak memory", megabytes(record.peak_bytes)), ("version", record.version)]
+    lines += [(f"setting {name}", value) for name, value in record.settings.items()]
+    lines += [(f"tool {name}", value) for name, value in (*record.tools.items(), *record.machine.items())]
+    lines += [(f"input {name}", f"{len(files)} file(s)") for name, files in record.inputs.items()]
+    lines += [(f"output {name}", f"{len(files)} file(s)") for name, files in record.outputs.items()]
+    lines += [(f"fact {name}", value) for name, value in record.facts.items()]
+    return lines + [("warning", sentence) for sentence in record.warnings]
+
+
+def diff_verb(workspace: Path, stage: str, keys: tuple[str, ...], terminal: Terminal) -> None:
+    """Say what differs between two results of a stage: the two named, or the newest and the one before."""
+    store = Store(workspace)
+    if len(keys) == 2:
+        before, now = (find_record(store, stage, key) for key in keys)
+    else:
+        before, now = two_newest(store, stage)
+    found = compare(before, now)
+    rows = [
+        {"where": where, "what": sentence} for where, sentences in found.items() for sentence in sentences
+    ]
+    table = table_of(rows or [{"where": "nothing differs"}], {"": "where", " ": "what"})
+    terminal.answer({"before": before.key, "now": now.key, **found}, table)
+
+
+def clean_verb(workspace: Path, everything: bool, terminal: Terminal) -> None:
+    """Delete results that are not current, or all of them."""
+    with locked(workspace):
+        report = prune(Store(workspace), everything)
+    removed = len(report["removed"])
+    summary = f"{removed} result(s) removed, {megabytes(report['freed_bytes'])} freed"
+    terminal.answer(report, table_of([{"what": summary}], {"": "what"}))
