@@ -3,6 +3,6 @@
 from pipeline.errors import UserError
 from pipeline.job import Job, Progress
 from pipeline.settings import Settings, setting
-from pipeline.stage import Artefact, Stage
+from pipeline.stage import Artefact, Source, Stage
 
-__all__ = ["Artefact", "Job", "Progress", "Settings", "Stage", "UserError", "setting"]
+__all__ = ["Artefact", "Job", "Progress", "Settings", "Source", "Stage", "UserError", "setting"]

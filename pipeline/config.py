@@ -21,15 +21,17 @@ class Config:
 
     Attributes
     ----------
-    workspace : Path or None
+    folder : Path
+        What relative paths in it are relative to.
+    workspace : str or None
     sources : dict of str to str
-        As the user wrote them; `Path`s already where they came with a file, relative to that file.
     settings : dict of str to dict
         Per stage.
     """
 
-    workspace: Path | None = None
-    sources: dict[str, str | Path] = field(default_factory=dict)
+    folder: Path = Path()
+    workspace: str | None = None
+    sources: dict[str, str] = field(default_factory=dict)
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
@@ -57,8 +59,9 @@ def read_config(path: Path, source_names: Iterable[str], stage_names: Iterable[s
             raise UserError(f"{path}: there is no source {name!r}; {near(str(name), source_names)}")
     workspace = values.pop("workspace", None)
     return Config(
-        workspace=None if workspace is None else path.parent / str(workspace),
-        sources={name: _beside(path, value) for name, value in sources.items()},
+        folder=path.parent,
+        workspace=None if workspace is None else str(workspace),
+        sources={name: str(value) for name, value in sources.items()},
         settings=values,
     )
 
@@ -78,10 +81,6 @@ def _read_yaml(path: Path) -> dict[str, Any]:
             f"The configuration {path} holds {type(values).__name__}; expected sections with settings."
         )
     return {str(name): section for name, section in values.items()}
-
-
-def _beside(path: Path, value: Any) -> Path:
-    return path.parent / str(value)
 
 
 def override(settings: dict[str, dict[str, Any]], assignments: Iterable[str]) -> dict[str, dict[str, Any]]:

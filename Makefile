@@ -1,0 +1,50 @@
+# `make` alone explains itself.
+VENV    := .venv
+UNSHADE := $(VENV)/bin/unshade
+PYTEST  := $(VENV)/bin/python -m pytest
+
+.DEFAULT_GOAL := help
+.PHONY: help sample fountain test test-all check docs benchmarks clean
+
+help: ## show this
+	@echo "Unshade: per-view albedo from photos or a COLMAP workspace."
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
+	@echo "Each sets up what it needs in $(VENV) by itself. On your own photos: $(UNSHADE) run --images DIR"
+
+$(VENV)/.ready: pyproject.toml setup.sh
+	sh setup.sh
+	@touch $@
+
+$(VENV)/.ready-test: pyproject.toml setup.sh
+	sh setup.sh test
+	@touch $@ $(VENV)/.ready
+
+sample: $(VENV)/.ready ## the whole program on the embedded sample, from photos to albedo (minutes)
+	$(UNSHADE) run configs/sample.yaml
+	@echo "Look at workspaces/sample/output/contact_sheet.png"
+
+fountain: $(VENV)/.ready ## the real thing: 11 photos of a fountain (fetched, or from UNSHADE_DATA)
+	$(UNSHADE) run configs/fountain.yaml
+	@echo "Look at workspaces/fountain/output/contact_sheet.png"
+
+test: $(VENV)/.ready-test ## the fast tests
+	$(PYTEST) -m "not slow"
+
+test-all: $(VENV)/.ready-test ## all tests (the long ones take most of an hour)
+	$(PYTEST)
+
+check: $(VENV)/.ready-test ## format, lint, generated documentation up to date
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/python docs/generate.py --check
+
+docs: $(VENV)/.ready ## write the generated documentation anew
+	$(VENV)/bin/python docs/generate.py
+
+benchmarks: $(VENV)/.ready ## accuracy of the sample's and the fountain's results (after make sample, make fountain)
+	$(VENV)/bin/python -m benchmarks.dense_truth
+	$(VENV)/bin/python -m benchmarks.fountain_poses
+
+clean: ## remove the environment and all caches of tools; workspaces stay
+	rm -rf $(VENV) build *.egg-info .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

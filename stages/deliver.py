@@ -1,0 +1,165 @@
+"""What people open: PNGs at one common scale, a COLMAP workspace of albedo maps, a contact sheet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline import Artefact, Job, Settings, Stage, setting
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from stages.scene.cameras import Camera
+
+SAMPLE = 200_000  # values per view that enter the quantile behind the PNG's scale
+
+
+class DeliverSettings(Settings):
+    """Settings of the `deliver` stage."""
+
+    white_quantile: float = setting(
+        0.995,
+        "PNG white is this quantile of all views' values, one scale for all: a few highlights may clip, and "
+        "views stay comparable.",
+        gt=0,
+        le=1,
+    )
+    sheet_width_px: int = setting(320, "Width of a picture in the contact sheet.", unit="px", ge=32, le=2048)
+    sheet_views: int = setting(16, "Views in the contact sheet, evenly chosen.", ge=1, le=200)
+
+
+def common_white(folder: Path, masks: Path, names: list[str], quantile: float) -> float:
+    """The linear value that becomes PNG white: a quantile over the masked pixels of all views' EXRs."""
+    import numpy as np
+
+    from stages.scene.exr import read_exr
+    from stages.scene.photos import read_mask
+
+    samples = []
+    for name in names:
+        values = read_exr(folder / f"{name}.exr")[read_mask(masks / f"{name}.png")].max(axis=1)
+        samples.append(values[:: max(1, len(values) // SAMPLE)])
+    return max(float(np.quantile(np.concatenate(samples), quantile)), 1e-6)
+
+
+def run(job: Job) -> None:
+    """Encode, one view at a time."""
+    from stages.scene.camera_file import read_cameras
+    from stages.scene.contact_sheet import contact_sheet
+    from stages.scene.photos import write_png8
+
+    settings: DeliverSettings = job.settings
+    cameras = read_cameras(job.inputs["cameras"])
+    names = [camera.name for camera in cameras]
+    whites = {
+        kind: common_white(job.inputs[kind], job.inputs["mask"], names, settings.white_quantile)
+        for kind in ("albedo", "shading")
+    }
+    in_sheet = set(evenly(names, settings.sheet_views))
+    rows = {}
+    with job.progress("pictures", len(cameras)) as step:
+        for camera in cameras:
+            albedo, shading = (deliver_maps(job, kind, camera.name, whites[kind]) for kind in whites)
+            deliver_dense_view(job, camera, albedo)
+            if camera.name in in_sheet:
+                rows[camera.name] = sheet_row(job, camera, albedo, shading)
+            step()
+    write_png8(
+        job.outputs["contact_sheet"],
+        contact_sheet(rows, ["photo", "albedo", "shading", "normals (world axes)"], settings.sheet_width_px),
+    )
+    write_dense_model(job, cameras)
+    write_scales(job.outputs["scales"], whites)
+    job.note(png_white={kind: round(white, 6) for kind, white in whites.items()})
+
+
+def evenly(names: list[str], count: int) -> list[str]:
+    """At most `count` of the names, evenly spaced, the first and the last among them."""
+    if len(names) <= count:
+        return names
+    last = len(names) - 1
+    return [names[round(index * last / max(count - 1, 1))] for index in range(count)]
+
+
+def deliver_maps(job: Job, kind: str, name: str, white: float) -> np.ndarray:
+    """Write one map as 16-bit PNG; returns it scaled so that white is 1, linear."""
+    from stages.scene.exr import read_exr
+    from stages.scene.photos import write_png_srgb16
+
+    scaled = read_exr(job.inputs[kind] / f"{name}.exr") / white
+    write_png_srgb16(job.outputs[f"{kind}_png"] / f"{name}.png", scaled)
+    return scaled
+
+
+def deliver_dense_view(job: Job, camera: Camera, albedo: np.ndarray) -> None:
+    """One view of the albedo workspace: its image, and the mesh's depth and normals as COLMAP maps.
+
+    With the maps there, COLMAP's `stereo_fusion` makes an albedo-coloured point cloud of it.
+    """
+    from stages.scene.cameras import normals_in_cam
+    from stages.scene.depth_maps import write_map
+    from stages.scene.exr import read_exr
+    from stages.scene.photos import write_png_srgb8
+
+    dense, file = job.outputs["dense"], f"{camera.name}.png.geometric.bin"
+    write_png_srgb8(dense / "images" / f"{camera.name}.png", albedo)
+    write_map(dense / "stereo/depth_maps" / file, read_exr(job.inputs["depth"] / f"{camera.name}.exr"))
+    normals = normals_in_cam(camera, read_exr(job.inputs["normal"] / f"{camera.name}.exr"))
+    write_map(dense / "stereo/normal_maps" / file, normals)
+
+
+def sheet_row(job: Job, camera: Camera, albedo: np.ndarray, shading: np.ndarray) -> list[np.ndarray]:
+    """Photo, albedo, shading and normals of one view as 8-bit pictures."""
+    from stages.scene.exr import read_exr
+    from stages.scene.photos import encode_srgb8, read_mask
+    from stages.scene.resize import reduce_by_area
+
+    photo = reduce_by_area(read_exr(job.inputs["linear"] / f"{camera.name}.exr"), camera.shape)
+    mask = read_mask(job.inputs["mask"] / f"{camera.name}.png")
+    normals = read_exr(job.inputs["normal"] / f"{camera.name}.exr")
+    painted = ((normals * 0.5 + 0.5) * 255 * mask[..., None]).round().astype("uint8")
+    bright = max(float(photo[mask].max(axis=1).mean()) * 3, 1e-6) if photo.max() > 1 else 1.0
+    return [encode_srgb8(photo / bright), encode_srgb8(albedo), encode_srgb8(shading), painted]
+
+
+def write_dense_model(job: Job, cameras: list[Camera]) -> None:
+    """The sparse model and settings that turn the albedo images into a COLMAP workspace."""
+    from stages.scene.colmap_model import pinhole_model, read_model
+    from stages.scene.dense_workspace import write_stereo_settings
+
+    model = pinhole_model(cameras, read_model(job.inputs["workspace"] / "sparse"))
+    sparse = job.outputs["dense"] / "sparse"
+    sparse.mkdir(parents=True, exist_ok=True)
+    model.write_binary(sparse)
+    write_stereo_settings(job.outputs["dense"], [f"{camera.name}.png" for camera in cameras])
+
+
+def write_scales(path: Path, whites: dict[str, float]) -> None:
+    """The scale that leads from a PNG back to the EXR."""
+    import json
+
+    about = "PNG white (sRGB-decoded 1.0) stands for this value in the EXR, the same for all views"
+    path.write_text(json.dumps({"about": about, "png_white": whites}, indent=1) + "\n", encoding="utf-8")
+
+
+DELIVER = Stage(
+    name="deliver",
+    version=1,
+    about="PNGs at one common scale, a COLMAP workspace of albedo maps, a contact sheet.",
+    settings=DeliverSettings,
+    takes=("linear", "albedo", "shading", "normal", "mask", "depth", "cameras", "workspace"),
+    gives=(
+        Artefact("albedo_png", "albedo per view, 16-bit sRGB PNG", output="albedo"),
+        Artefact("shading_png", "shading per view, 16-bit sRGB PNG", output="shading"),
+        Artefact("scales", "what PNG white stands for", file="png_scale.json", output="png_scale.json"),
+        Artefact("dense", "COLMAP workspace whose images are the albedo maps", output="dense"),
+        Artefact(
+            "contact_sheet",
+            "photo, albedo, shading, normals",
+            file="contact_sheet.png",
+            output="contact_sheet.png",
+        ),
+    ),
+    run=run,
+)

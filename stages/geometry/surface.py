@@ -1,0 +1,112 @@
+"""A surface from oriented points: Poisson reconstruction, its depth from extent and footprint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import open3d as o3d
+from scipy.spatial import cKDTree
+
+from stages.scene.cameras import Camera, footprint, project
+from stages.scene.meshes import Surface, from_open3d, to_open3d
+
+
+@dataclass(frozen=True)
+class OrientedPoints:
+    """Points with normals and the length that a pixel covers there.
+
+    Attributes
+    ----------
+    x_in_world : ndarray, shape (n, 3), float64
+    normals : ndarray, shape (n, 3), float64
+        Unit, towards the cameras.
+    footprints : ndarray, shape (n,), float64
+        The smallest z/f over the views that hold the point in their image, model units.
+    """
+
+    x_in_world: np.ndarray
+    normals: np.ndarray
+    footprints: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.x_in_world)
+
+    def chosen(self, keep: np.ndarray) -> OrientedPoints:
+        """The points of a boolean mask or index array."""
+        return OrientedPoints(self.x_in_world[keep], self.normals[keep], self.footprints[keep])
+
+
+def smallest_footprints(x_in_world: np.ndarray, cameras: list[Camera]) -> np.ndarray:
+    """Smallest z/f over the views whose image holds each point, shape (n,); infinite where none does."""
+    smallest = np.full(len(x_in_world), np.inf)
+    for camera in cameras:
+        xy, depth = project(camera, x_in_world)
+        inside = (depth > 0) & (xy >= 0).all(axis=1) & (xy < (camera.width, camera.height)).all(axis=1)
+        smallest[inside] = np.minimum(smallest[inside], footprint(camera, depth[inside]))
+    return smallest
+
+
+def robust_crop(points: OrientedPoints, outliers: float, margin: float) -> OrientedPoints:
+    """Drop points far outside the box that holds all but a share `outliers` of them per side and axis.
+
+    The box is widened by `margin` of its size: a few stray points must not decide the octree's extent.
+    """
+    low, high = np.quantile(points.x_in_world, [outliers, 1 - outliers], axis=0)
+    slack = margin * (high - low)
+    inside = ((points.x_in_world >= low - slack) & (points.x_in_world <= high + slack)).all(axis=1)
+    return points.chosen(inside)
+
+
+def octree_depth(points: OrientedPoints, cell_footprints: float, deepest: int) -> int:
+    """Depth at which an octree cell is about `cell_footprints` median pixel footprints wide."""
+    extent = float(np.ptp(points.x_in_world, axis=0).max())
+    cell = cell_footprints * float(np.median(points.footprints))
+    return int(np.clip(np.ceil(np.log2(max(extent / cell, 1.0))), 5, deepest))
+
+
+def poisson(points: OrientedPoints, depth: int) -> Surface:
+    """Screened Poisson surface; on one thread, since more move vertices from run to run."""
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.x_in_world))
+    cloud.normals = o3d.utility.Vector3dVector(points.normals)
+    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
+    return from_open3d(mesh)
+
+
+def trim_to_points(surface: Surface, points: OrientedPoints, reach_footprints: float) -> Surface:
+    """Drop surface farther from every point than `reach_footprints` of that point's footprints.
+
+    Poisson closes what nobody saw; this takes such inventions away again.
+    """
+    distance, nearest = cKDTree(points.x_in_world).query(surface.vertices, workers=-1)
+    supported = distance <= reach_footprints * points.footprints[nearest]
+    return with_faces(surface, supported[surface.faces].all(axis=1))
+
+
+def without_crumbs(surface: Surface, smallest_share: float) -> Surface:
+    """Drop connected components with less than `smallest_share` of the largest one's faces."""
+    mesh = to_open3d(surface)
+    labels, counts, _ = mesh.cluster_connected_triangles()
+    labels, counts = np.asarray(labels), np.asarray(counts)
+    return with_faces(surface, counts[labels] >= smallest_share * counts.max())
+
+
+def smoothed(surface: Surface, iterations: int) -> Surface:
+    """Taubin smoothing: takes off roughness without shrinking."""
+    if iterations == 0:
+        return surface
+    return from_open3d(to_open3d(surface).filter_smooth_taubin(number_of_iterations=iterations))
+
+
+def decimated(surface: Surface, target_faces: int | None) -> Surface:
+    """Quadric decimation to about `target_faces`; None leaves the surface as it is."""
+    if target_faces is None or len(surface.faces) <= target_faces:
+        return surface
+    return from_open3d(to_open3d(surface).simplify_quadric_decimation(target_faces))
+
+
+def with_faces(surface: Surface, keep: np.ndarray) -> Surface:
+    """The faces of a boolean mask, and only the vertices that they use."""
+    faces = surface.faces[keep]
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return Surface(surface.vertices[used], renumbered.reshape(faces.shape).astype(np.int32))

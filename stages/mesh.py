@@ -1,0 +1,93 @@
+"""From fused points to a surface ("MVS" in the paper): Poisson, trimmed to what was seen."""
+
+from __future__ import annotations
+
+from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+
+FEWEST_POINTS = 100  # below this Poisson has nothing to hold on to
+
+
+class MeshSettings(Settings):
+    """Settings of the `mesh` stage."""
+
+    depth: int | None = setting(
+        None, "Octree depth of Poisson; none: from the scene's extent and the pixel footprint.", ge=5, le=14
+    )
+    cell_footprints: float = setting(
+        1.5,
+        "Width of an octree cell where the depth is not given. Finer cells follow the depth maps' noise.",
+        unit="pixel footprints",
+        gt=0,
+    )
+    deepest: int = setting(
+        12, "Bound of the automatic depth: each step costs four times the memory.", ge=5, le=14
+    )
+    trim_footprints: float = setting(
+        6.0,
+        "Surface farther from every fused point is dropped. Six closes gaps between depth maps and no more.",
+        unit="pixel footprints",
+        gt=0,
+    )
+    crop_outliers: float = setting(
+        0.002,
+        "Share of points per side and axis that may lie outside the box that sets the extent.",
+        ge=0,
+        lt=0.5,
+    )
+    crop_margin: float = setting(0.2, "The box is widened by this share of its size.", ge=0)
+    smallest_component: float = setting(
+        0.01, "Components with fewer faces than this share of the largest are dropped as crumbs.", ge=0, le=1
+    )
+    smoothing_iterations: int = setting(0, "Taubin smoothing; off, for it rounds edges.", ge=0, le=1000)
+    target_faces: int | None = setting(
+        None, "Quadric decimation to so many faces; none: all are kept.", ge=100
+    )
+
+
+def run(job: Job) -> None:
+    """Open the fused points and the cameras, reconstruct, save the mesh."""
+    from stages.geometry import surface as s
+    from stages.scene.colmap_model import cameras_of, read_model
+    from stages.scene.meshes import read_points, write_mesh
+
+    settings: MeshSettings = job.settings
+    cameras = cameras_of(read_model(job.inputs["workspace"] / "sparse"))
+    x_in_world, normals = read_points(job.inputs["fused"])
+    points = s.OrientedPoints(x_in_world, normals, s.smallest_footprints(x_in_world, cameras))
+    points = points.chosen(points.footprints < float("inf"))
+    if len(points) < FEWEST_POINTS:
+        raise UserError(
+            f"Only {len(points)} fused points were found; expected at least {FEWEST_POINTS}. "
+            "The photos overlap too little or show too little texture: add photos, "
+            "or raise undistort.max_size_px."
+        )
+    points = s.robust_crop(points, settings.crop_outliers, settings.crop_margin)
+    depth = settings.depth or s.octree_depth(points, settings.cell_footprints, settings.deepest)
+    with job.progress("mesh", 4) as step:
+        surface = s.poisson(points, depth)
+        step()
+        surface = s.trim_to_points(surface, points, settings.trim_footprints)
+        if not len(surface.faces):
+            raise UserError(
+                f"No surface lies within {settings.trim_footprints} footprints of a fused point; "
+                "raise mesh.trim_footprints or mesh.depth."
+            )
+        step()
+        surface = s.without_crumbs(surface, settings.smallest_component)
+        step()
+        surface = s.decimated(s.smoothed(surface, settings.smoothing_iterations), settings.target_faces)
+        step()
+    write_mesh(job.outputs["mesh"], surface)
+    job.note(points=len(points), octree_depth=depth, vertices=len(surface.vertices), faces=len(surface.faces))
+
+
+MESH = Stage(
+    name="mesh",
+    version=1,
+    about="Poisson surface of the fused points, trimmed to what was seen.",
+    settings=MeshSettings,
+    takes=("fused", "workspace"),
+    gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
+    run=run,
+    tools=("open3d-cpu", "open3d"),
+)

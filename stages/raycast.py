@@ -1,0 +1,104 @@
+"""What each view sees of the mesh (n^i, Ω^i, π⁻¹ in the paper): depth, normals, masks, triangles."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+
+from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from pipeline.settings import near
+
+
+class RaycastSettings(Settings):
+    """Settings of the `raycast` stage."""
+
+    views: tuple[str, ...] = setting(
+        (),
+        "The views to decompose, by name without extension; * and ? allowed. Empty: all. The other views "
+        "still serve the geometry.",
+    )
+    reduce: int = setting(
+        1,
+        "The views are decomposed at the working size divided by this. The paper's solver is slow: "
+        "2 or 3 saves most of its time.",
+        ge=1,
+        le=16,
+    )
+
+
+def chosen_views(names: list[str], patterns: tuple[str, ...]) -> list[str]:
+    """The names that fit a pattern, in their own order; all for no patterns.
+
+    Raises
+    ------
+    UserError
+        A pattern fits no view.
+    """
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in names):
+            raise UserError(f"raycast.views: no view is called {pattern!r}; {near(pattern, names)}")
+    return [name for name in names if not patterns or any(fnmatchcase(name, p) for p in patterns)]
+
+
+def run(job: Job) -> None:
+    """Open mesh and cameras, cast each view's rays, save the maps. Memory: one view and the mesh."""
+    import numpy as np
+
+    from stages.geometry.rays import RayCaster
+    from stages.scene.camera_file import write_cameras
+    from stages.scene.colmap_model import cameras_of, read_model
+    from stages.scene.exr import write_exr
+    from stages.scene.masks import kept_at
+    from stages.scene.meshes import read_mesh
+    from stages.scene.photos import write_mask
+
+    settings: RaycastSettings = job.settings
+    cameras = {camera.name: camera for camera in cameras_of(read_model(job.inputs["workspace"] / "sparse"))}
+    caster = RayCaster(read_mesh(job.inputs["mesh"]))
+    views, coverage = [], {}
+    with job.progress("rays", len(cameras)) as step:
+        for name in chosen_views(list(cameras), settings.views):
+            camera = cameras[name]
+            camera = camera.scaled(
+                *(max(1, side // settings.reduce) for side in (camera.width, camera.height))
+            )
+            seen = caster.see(camera, job.threads)
+            used = seen.mask & kept_at(job.inputs["kept"] / f"{name}.png", camera.shape)
+            coverage[name] = round(float(used.mean()), 4)
+            step()
+            if not used.any():
+                job.warn(f"View {name} sees nothing of the mesh inside its mask; it is left out.")
+                continue
+            views.append(camera)
+            write_exr(job.outputs["depth"] / f"{name}.exr", seen.depth)
+            write_exr(job.outputs["normal"] / f"{name}.exr", seen.normals)
+            write_mask(job.outputs["mask"] / f"{name}.png", used)
+            triangles = job.outputs["triangles"] / f"{name}.npz"
+            triangles.parent.mkdir(parents=True, exist_ok=True)
+            np.savez(triangles, triangles=seen.triangles, barycentric=seen.barycentric)
+    if not views:
+        raise UserError(
+            "No view sees the mesh; expected cameras and mesh in one frame. Check that --mesh and --colmap "
+            "belong together, and that the masks are white where the object is."
+        )
+    write_cameras(job.outputs["cameras"], views)
+    job.note(coverage=coverage, mean_coverage=round(float(np.mean(list(coverage.values()))), 4))
+
+
+RAYCAST = Stage(
+    name="raycast",
+    version=1,
+    about="Depth, normals, masks and triangle maps of the mesh in each view.",
+    settings=RaycastSettings,
+    takes=("mesh", "workspace", "kept"),
+    gives=(
+        Artefact("depth", "z-depth per view, EXR, model units, 0 = nothing", output="depth"),
+        Artefact("normal", "unit normals per view, EXR, world axes", output="normal"),
+        Artefact("mask", "Ω per view, PNG, white = used", output="mask"),
+        Artefact("triangles", "face and barycentric coordinates per pixel, npz"),
+        Artefact(
+            "cameras", "the cameras of the decomposed views", file="cameras.json", output="cameras.json"
+        ),
+    ),
+    run=run,
+    tools=("open3d-cpu", "open3d"),
+)

@@ -1,0 +1,63 @@
+"""Triangle meshes and point clouds on disk, through open3d."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import open3d as o3d
+
+from pipeline import UserError
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A triangle mesh: vertices (v, 3) float64, world axes; faces (f, 3) int32, right hand outwards."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+
+
+def read_mesh(path: Path) -> Surface:
+    """Read PLY, OBJ, STL, OFF, GLB.
+
+    Raises
+    ------
+    UserError
+        It cannot be read, has no triangles, or holds a vertex that is not finite.
+    """
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        surface = from_open3d(o3d.io.read_triangle_mesh(str(path)))
+    if not len(surface.faces):
+        raise UserError(f"{path} gave no triangles; expected a mesh as PLY, OBJ, STL, OFF or GLB.")
+    if not np.isfinite(surface.vertices).all():
+        raise UserError(f"{path} has vertices that are not finite numbers; export the mesh again.")
+    return surface
+
+
+def write_mesh(path: Path, surface: Surface) -> None:
+    """Write a binary PLY."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not o3d.io.write_triangle_mesh(str(path), to_open3d(surface)):
+        raise OSError(f"{path} could not be written")
+
+
+def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and normals of a PLY point cloud, each (n, 3) float64, without points that are not finite."""
+    cloud = o3d.io.read_point_cloud(str(path))
+    x_in_world, normals = np.asarray(cloud.points).copy(), np.asarray(cloud.normals).copy()
+    finite = np.isfinite(x_in_world).all(axis=1) & np.isfinite(normals).all(axis=1)
+    return x_in_world[finite], normals[finite]
+
+
+def to_open3d(surface: Surface) -> o3d.geometry.TriangleMesh:
+    """The same mesh for open3d."""
+    return o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(surface.vertices), o3d.utility.Vector3iVector(surface.faces)
+    )
+
+
+def from_open3d(mesh: o3d.geometry.TriangleMesh) -> Surface:
+    """The same mesh from open3d."""
+    return Surface(np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles, np.int32).copy())

@@ -1,0 +1,134 @@
+"""The walls of the house: who may import whom, and what may not be called where."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PIXEL_LIBRARIES = {
+    "numpy",
+    "scipy",
+    "cv2",
+    "open3d",
+    "pycolmap",
+    "OpenEXR",
+    "PIL",
+    "numba",
+    "mitsuba",
+    "stages",
+}
+SLOW_TO_IMPORT = {
+    "numpy",
+    "scipy",
+    "cv2",
+    "open3d",
+    "pycolmap",
+    "OpenEXR",
+    "numba",
+    "mitsuba",
+    "pooch",
+    "PIL",
+}
+FOLDERS_BELOW = {  # which folders of stages/ each folder may import
+    "scene": {"scene"},
+    "solvers": {"solvers", "scene"},
+    "motion": {"motion", "scene"},
+    "geometry": {"geometry", "solvers", "scene"},
+    "photometry": {"photometry", "solvers", "scene"},
+    "synthetic": {"synthetic", "scene", "geometry"},
+}
+VAGUE = {"utils", "util", "common", "helpers", "helper", "base", "misc"}
+STEPS = {path.stem for path in (ROOT / "stages").glob("*.py")} - {"__init__", "cli"}
+
+
+def sources(*folders: str) -> list[Path]:
+    return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+
+
+def imported(tree: ast.AST) -> set[str]:
+    """Every module named in an import statement."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def imported_at_once(tree: ast.Module) -> set[str]:
+    """Modules imported when the file is: not inside functions, not for type checkers only."""
+    statements = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    return set().union(*(imported(ast.Module([node], [])) for node in statements), set())
+
+
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("path", sources("pipeline"), ids=lambda path: path.name)
+def test_the_pipeline_has_never_heard_of_a_pixel(path):
+    assert not {name.split(".")[0] for name in imported(parsed(path))} & PIXEL_LIBRARIES
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "stages").glob("*.py")), ids=lambda path: path.name)
+def test_declarations_import_at_once_so_that_a_plan_answers_at_once(path):
+    assert not {name.split(".")[0] for name in imported_at_once(parsed(path))} & SLOW_TO_IMPORT
+
+
+@pytest.mark.parametrize("folder", FOLDERS_BELOW)
+def test_arrows_point_one_way(folder):
+    for path in sources(f"stages/{folder}"):
+        for name in imported(parsed(path)):
+            parts = name.split(".")
+            if parts[0] == "stages" and len(parts) > 1:
+                assert parts[1] in FOLDERS_BELOW[folder], f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("path", sources("stages"), ids=lambda path: str(path.relative_to(ROOT)))
+def test_nobody_imports_a_step_but_the_dataflow_and_the_command_line(path):
+    if path.parent == ROOT / "stages" and path.stem in ("__init__", "cli"):
+        return
+    steps = {name.split(".")[1] for name in imported(parsed(path)) if name.startswith("stages.")} & STEPS
+    assert not steps
+
+
+def test_no_name_gathers_everything():
+    everything = {part for path in sources("pipeline", "stages") for part in (*path.parts, path.stem)}
+    assert not everything & VAGUE
+
+
+@pytest.mark.parametrize("path", sources("pipeline", "stages"), ids=lambda path: str(path.relative_to(ROOT)))
+def test_nothing_prints_asserts_or_swallows(path):
+    for node in ast.walk(parsed(path)):
+        assert not isinstance(node, ast.Assert), f"{path}:{node.lineno} asserts"
+        if isinstance(node, ast.ExceptHandler):
+            assert node.type is not None, f"{path}:{node.lineno} is a bare except"
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            assert node.func.id != "print", f"{path}:{node.lineno} prints"
+
+
+def test_every_setting_has_a_reason_and_can_be_reached_from_the_command_line():
+    import stages
+    from pipeline.config import check_settings, override
+
+    declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
+    defaults = check_settings(declared, {})
+    for stage, kind in declared.items():
+        for name, field in kind.model_fields.items():
+            public = field.alias or name
+            assert field.description, f"{stage}.{public} says nothing about itself"
+            value = defaults[stage].model_dump(mode="json", by_alias=True)[public]
+            text = "null" if value is None else str(value).replace("'", '"')
+            assert check_settings(declared, override({}, [f"{stage}.{public}={text}"])) == defaults
+
+
+def test_every_dataflow_is_sound():
+    import stages
+    from pipeline.request import check_flow
+
+    for given in (["images"], ["images", "colmap"], ["images", "colmap", "mesh_file"], ["images", "masks"]):
+        check_flow(stages.dataflow(given), stages.SOURCES)

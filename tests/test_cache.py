@@ -1,0 +1,290 @@
+"""The cache's promises as behaviour, on a dataflow of three nodes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pipeline import Artefact, Stage, UserError
+from pipeline.store import Store
+from tests import toy_flow
+from tests.toy_flow import COUNT, FLOW, JOIN, REPORT, Settings, run_toy, write_words
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    write_words(tmp_path, a="apple", b="beech")
+    return tmp_path
+
+
+def page(root: Path) -> str:
+    return (root / "workspace/output/page.txt").read_text()
+
+
+def test_first_run_runs_all_and_second_reuses_all(root):
+    assert run_toy(root).ran == ["join", "count", "report"]
+    assert page(root) == "<11>"
+    again = run_toy(root)
+    assert again.ran == []
+    assert set(again.reasons.values()) == {"nothing that it depends on has changed"}
+
+
+def test_a_setting_reruns_its_stage_and_what_follows_and_says_from_what_to_what(root):
+    run_toy(root)
+    witness = run_toy(root, settings={"count": {"times": 3}})
+    assert witness.ran == ["count", "report"]
+    assert witness.reasons["count"] == "setting times went from 1 to 3"
+    assert witness.reasons["report"] == "input numbers changed (length.txt has other content)"
+    assert page(root) == "<33>"
+
+
+def test_a_setting_set_back_reuses_the_earlier_result_and_shows_it(root):
+    run_toy(root)
+    run_toy(root, settings={"count": {"times": 3}})
+    assert run_toy(root).ran == []
+    assert page(root) == "<11>"
+
+
+def test_a_change_that_makes_no_difference_stops_where_it_stops_mattering(root):
+    """Early cut-off: another separator of the same length changes the text but not its length."""
+    run_toy(root)
+    assert run_toy(root, settings={"join": {"separator": "_"}}).ran == ["join", "count"]
+
+
+def test_a_setting_that_changes_no_result_reruns_nothing(root):
+    run_toy(root)
+    assert run_toy(root, settings={"join": {"chatty": True}}).ran == []
+
+
+def test_touching_copying_and_moving_the_sources_reruns_nothing(root):
+    run_toy(root)
+    os.utime(root / "words/a.txt", (1, 1))
+    assert run_toy(root).ran == []
+    shutil.copytree(root / "words", root / "copy")
+    shutil.rmtree(root / "words")
+    (root / "copy").rename(root / "words")
+    assert run_toy(root).ran == []
+
+
+def test_one_changed_byte_in_a_source_reruns_what_depends_on_it_and_names_the_file(root):
+    run_toy(root)
+    write_words(root, b="birch")
+    witness = run_toy(root)
+    assert witness.ran == ["join", "count"]  # of equal length: the report does not depend on it
+    assert witness.reasons["join"] == "input words changed (b.txt has other content)"
+
+
+def test_files_that_do_not_count_and_hidden_files_change_nothing(root):
+    run_toy(root)
+    (root / "words/notes.md").write_text("not a word")
+    (root / "words/.hidden.txt").write_text("not a word")
+    assert run_toy(root).ran == []
+
+
+def test_another_version_of_a_stage_reruns_it(root):
+    run_toy(root)
+    flow = (JOIN, replace(COUNT, version=2), REPORT)
+    witness = run_toy(root, flow=flow)
+    assert witness.ran == ["count"]
+    assert witness.reasons["count"] == "the stage itself went from version 1 to 2"
+
+
+def test_a_tool_version_and_a_choice_of_the_machine_are_part_of_the_key(root, monkeypatch):
+    flow = (JOIN, replace(COUNT, tools=("blake3",), machine=lambda settings: {"engine": "abacus"}), REPORT)
+    run_toy(root, flow=flow)
+    flow = (JOIN, replace(flow[1], machine=lambda settings: {"engine": "slide rule"}), REPORT)
+    assert run_toy(root, flow=flow).reasons["count"] == "machine's engine went from abacus to slide rule"
+    monkeypatch.setattr("pipeline.key.version", lambda name: "99")
+    assert "tool blake3 went from" in run_toy(root, flow=flow).reasons["count"]
+
+
+@pytest.mark.parametrize("harm", ["flip", "delete", "add", "flip behind a restored time"])
+def test_a_damaged_artefact_is_noticed_and_rebuilt(root, harm):
+    run_toy(root)
+    (artefact,) = (root / "workspace/cache/count").glob("*/numbers/length.txt")
+    before = artefact.stat()
+    if harm == "delete":
+        artefact.unlink()
+    elif harm == "add":
+        artefact.with_name("more.txt").write_text("?")
+    else:
+        artefact.write_text("12")
+        if "restored" in harm:
+            os.utime(artefact, ns=(before.st_atime_ns, before.st_mtime_ns))
+    witness = run_toy(root)
+    assert witness.ran == ["count"]
+    assert witness.reasons["count"].startswith("its cached result is damaged: numbers/")
+    assert artefact.read_text() == "11"
+    assert page(root) == "<11>"
+
+
+def test_a_result_without_a_record_does_not_exist(root):
+    run_toy(root)
+    next((root / "workspace/cache/join").glob("*/record.json")).unlink()
+    assert run_toy(root).ran == ["join"]
+
+
+def test_a_broken_record_or_memo_is_no_catastrophe(root):
+    run_toy(root)
+    next((root / "workspace/cache/join").glob("*/record.json")).write_text("{")
+    (root / "workspace/cache/digests.json").write_text("[1")
+    (root / "workspace/cache/current.json").write_text("")
+    assert run_toy(root).ran == ["join"]
+
+
+def test_a_failing_stage_keeps_what_earlier_runs_made_and_leaves_a_log(root):
+    run_toy(root)
+    write_words(root, c="poison")
+    with pytest.raises(UserError, match="poison"):
+        run_toy(root)
+    assert page(root) == "<11>"
+    assert "poison" in (root / "workspace/logs/join.txt").read_text()
+    (root / "words/c.txt").unlink()
+    assert run_toy(root).ran == []
+
+
+def test_nothing_half_done_is_ever_visible(root):
+    def half(job):
+        job.outputs["text"].write_text("half")
+        raise RuntimeError("pulled the plug")
+
+    with pytest.raises(RuntimeError):
+        run_toy(root, flow=(replace(JOIN, run=half), COUNT, REPORT))
+    assert list((root / "workspace/cache/join").iterdir()) == []
+
+
+def test_a_stage_that_writes_less_than_it_declares_is_not_published(root):
+    with pytest.raises(RuntimeError, match="without writing text"):
+        run_toy(root, flow=(replace(JOIN, run=lambda job: None), COUNT, REPORT))
+    assert Store(root / "workspace").records("join") == []
+
+
+def test_force_runs_the_selected_stages_and_a_different_twin_is_said_aloud(root):
+    run_toy(root)
+    assert run_toy(root, force=True, only="count").ran == ["count"]
+
+    def moody(job):
+        job.outputs["text"].write_text("something else")
+
+    witness = run_toy(root, flow=(replace(JOIN, run=moody), COUNT, REPORT), force=True, last="join")
+    assert witness.ran == ["join"]
+    assert witness.said == ["join: text came out different from the same ingredients."]
+
+
+def test_from_and_to_choose_a_range(root):
+    assert run_toy(root, last="count").ran == ["join", "count"]
+    assert run_toy(root, first="report").ran == ["report"]
+
+
+def test_a_stage_outside_the_selection_must_be_up_to_date(root):
+    run_toy(root)
+    with pytest.raises(
+        UserError, match="count needs an up-to-date join, but setting separator went from"
+    ) as error:
+        run_toy(root, only="count", settings={"join": {"separator": ", "}})
+    assert "--to join" in str(error.value)
+
+
+def test_an_unknown_stage_gets_the_near_one_suggested(root):
+    with pytest.raises(UserError, match="no stage 'cuont'.*did you mean 'count'"):
+        run_toy(root, only="cuont")
+    with pytest.raises(UserError, match="comes after"):
+        run_toy(root, first="report", last="join")
+
+
+def test_a_second_run_on_a_busy_workspace_is_refused(root):
+    from pipeline.run import locked
+
+    with locked(root / "workspace"), pytest.raises(UserError, match="Another run is using the workspace"):
+        run_toy(root)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_read_only_workspace_is_refused(root):
+    (root / "workspace").mkdir(mode=0o500)
+    with pytest.raises(UserError, match="cannot be written"):
+        run_toy(root)
+
+
+def test_a_workspace_below_a_file_is_refused(root):
+    (root / "workspace").write_text("a file")
+    with pytest.raises(UserError, match="cannot be written.*choose another folder"):
+        run_toy(root)
+
+
+def test_output_follows_the_newest_result_and_leaves_other_files_alone(root):
+    run_toy(root)
+    foreign = root / "workspace/output/numbers/mine.txt"
+    foreign.write_text("mine")
+    (root / "workspace/output/page.txt").write_text("scribbled over")
+    run_toy(root)
+    assert page(root) == "<11>"
+    assert foreign.read_text() == "mine"
+
+
+def test_an_output_file_that_is_no_longer_made_disappears(root):
+    def two(job):
+        for name in ("length.txt", "extra.txt"):
+            (job.outputs["numbers"] / name).write_text("2")
+
+    run_toy(root, flow=(JOIN, replace(COUNT, run=two, version=2), REPORT))
+    assert (root / "workspace/output/numbers/extra.txt").exists()
+    run_toy(root)
+    assert not (root / "workspace/output/numbers/extra.txt").exists()
+
+
+SLEEPER = """
+import sys, time
+from dataclasses import replace
+from pathlib import Path
+from tests import toy_flow
+root, sleepy = Path(sys.argv[1]), sys.argv[2]
+def slow(stage):
+    def run(job):
+        stage.run(job)
+        (root / "reached").write_text("")
+        time.sleep(60)
+    return replace(stage, run=run)
+toy_flow.run_toy(root, flow=tuple(slow(s) if s.name == sleepy else s for s in toy_flow.FLOW))
+"""
+
+
+@pytest.mark.parametrize("stage", [stage.name for stage in FLOW])
+def test_a_run_killed_during_any_stage_continues_to_the_same_digests(root, stage):
+    undisturbed = root / "undisturbed"
+    undisturbed.mkdir()
+    write_words(undisturbed, a="apple", b="beech")
+    run_toy(undisturbed)
+    victim = subprocess.Popen(
+        [sys.executable, "-c", SLEEPER, str(root), stage], cwd=Path(__file__).parent.parent
+    )
+    deadline = time.monotonic() + 30
+    while not (root / "reached").exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    victim.send_signal(signal.SIGKILL)
+    victim.wait()
+    witness = run_toy(root)
+    assert witness.ran == [later.name for later in FLOW[[s.name for s in FLOW].index(stage) :]]
+    for later in FLOW:
+        ours, theirs = (Store(place / "workspace").current(later.name) for place in (root, undisturbed))
+        assert ours.outputs == theirs.outputs
+        assert ours.key == theirs.key
+    assert not list((root / "workspace/cache").glob("*/.partial-*"))
+
+
+def test_a_flow_that_contradicts_itself_is_a_fault_of_the_program():
+    from pipeline.request import check_flow
+
+    with pytest.raises(ValueError, match="takes"):
+        check_flow((COUNT,), (toy_flow.WORDS,))
+    twice = Stage("again", 1, "", Settings, ("words",), (Artefact("text", ""),), toy_flow.join)
+    with pytest.raises(ValueError, match="there already"):
+        check_flow((JOIN, twice), (toy_flow.WORDS,))

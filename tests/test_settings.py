@@ -1,0 +1,96 @@
+"""Settings are strict, and every refusal is a sentence that helps."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+
+from pipeline import UserError
+from pipeline.config import check_settings, override, read_config
+from pipeline.digest import digest_value
+from pipeline.settings import settings_that_matter
+from tests.toy_flow import CountSettings, JoinSettings
+
+DECLARED = {"join": JoinSettings, "count": CountSettings}
+
+
+def checked(*assignments: str):
+    return check_settings(DECLARED, override({}, assignments))
+
+
+def test_assignments_are_read_as_yaml():
+    assert checked("count.times=3")["count"].times == 3
+    assert checked("count.lambda=2")["count"].lambda_ == 2.0
+    assert checked("join.chatty=true")["join"].chatty is True
+
+
+@pytest.mark.parametrize(
+    ("assignment", "sentence"),
+    [
+        ("count.tims=3", "There is no setting count.tims; did you mean 'times'?"),
+        ("cuont.times=3", "There is no stage 'cuont' to set; did you mean 'count'?"),
+        ("count.times=0", "count.times is 0; expected greater than or equal to 1."),
+        ("count.times=many", "count.times is 'many'; expected a valid integer."),
+        ("count.times=2.5", "count.times is 2.5; expected a valid integer"),
+        ("count.lambda=.nan", "count.lambda is nan; expected"),
+        ("join.chatty=1", "join.chatty is 1; expected a valid boolean."),
+        ("times=3", "--set times=3 was not understood; expected STAGE.SETTING=VALUE"),
+        ("count.times", "--set count.times was not understood"),
+        ("count.times={", "the value is not YAML"),
+        ("count.times=2020-01-01", "not JSON serializable"),
+    ],
+)
+def test_a_refusal_names_setting_value_and_expectation(assignment, sentence):
+    with pytest.raises(UserError) as error:
+        checked(assignment)
+    assert sentence in str(error.value)
+
+
+def test_settings_are_frozen():
+    with pytest.raises(ValidationError):
+        CountSettings().times = 3
+
+
+def test_silent_settings_stay_out_of_the_key():
+    assert settings_that_matter(JoinSettings(chatty=True)) == {"separator": " "}
+    assert settings_that_matter(CountSettings()) == {"times": 1, "lambda": 1.0}
+
+
+def test_a_config_keeps_its_folder_for_relative_paths(tmp_path):
+    path = tmp_path / "job.yaml"
+    path.write_text("workspace: here\nsources: {words: ../words}\ncount: {times: 2}\n")
+    config = read_config(path, ["words"], DECLARED)
+    assert (config.folder, config.workspace, config.sources) == (tmp_path, "here", {"words": "../words"})
+    assert config.settings == {"count": {"times": 2}}
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("cuont: {times: 2}", "unknown section 'cuont'; did you mean 'count'?"),
+        ("sources: {wrods: x}", "no source 'wrods'; did you mean 'words'?"),
+        ("count: 3", "the section 'count' is 3; expected"),
+        ("[1, 2]", "holds list; expected sections"),
+        ("a: [", "is not YAML"),
+        ("a: !!python/object:os.system {}", "is not YAML"),
+    ],
+)
+def test_a_bad_config_is_refused_in_a_sentence(tmp_path, text, sentence):
+    path = tmp_path / "job.yaml"
+    path.write_text(text)
+    with pytest.raises(UserError) as error:
+        read_config(path, ["words"], DECLARED)
+    assert sentence in str(error.value)
+
+
+def test_a_missing_config_is_named(tmp_path):
+    with pytest.raises(UserError, match="nowhere.yaml cannot be read"):
+        read_config(tmp_path / "nowhere.yaml", [], [])
+
+
+def test_digests_tell_types_apart_and_ignore_the_order_of_names():
+    values = [1, 1.0, True, "1", None, [1], [[1]], {"a": 1}, {"a": "1"}, "a", ""]
+    assert len({digest_value(value) for value in values}) == len(values)
+    assert digest_value({"a": 1, "b": 2}) == digest_value({"b": 2, "a": 1})
+    with pytest.raises(TypeError):
+        digest_value(object())

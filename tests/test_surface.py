@@ -1,0 +1,164 @@
+"""Surface and rays, on shapes whose answer is known by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import open3d as o3d
+import pytest
+
+from pipeline import UserError
+from stages.geometry import surface as s
+from stages.geometry.rays import NO_TRIANGLE, RayCaster
+from stages.scene.cameras import Camera, back_project
+from stages.scene.meshes import Surface, from_open3d, read_mesh, read_points, write_mesh
+
+SQUARE = Surface(
+    np.array([[-1, -1, 4], [1, -1, 4], [1, 1, 4], [-1, 1, 4]], float),
+    np.array([[0, 2, 1], [0, 3, 2]], np.int32),
+)  # wound so that its right-hand normal is −z, towards the camera
+
+
+def camera(width=40, height=30, focal=40.0, centre=(0.0, 0.0, 0.0)) -> Camera:
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    pose = np.column_stack([np.eye(3), -np.asarray(centre, float)])
+    return Camera("view", width, height, K, pose)
+
+
+def sphere_points(count: int, radius: float = 1.0) -> s.OrientedPoints:
+    normals = np.random.default_rng(0).normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return s.OrientedPoints(radius * normals, normals, np.full(count, 0.03))
+
+
+def test_rays_see_a_square_at_its_z_depth_everywhere_and_nothing_beside_it():
+    seen = RayCaster(SQUARE).see(camera())
+    assert seen.mask.sum() == 20 * 20  # side 2 at z 4, focal 40: 20 pixels
+    assert seen.mask[5:25, 10:30].all()
+    np.testing.assert_allclose(seen.depth[seen.mask], 4.0, rtol=1e-6)  # z, not ray length
+    assert (seen.depth[~seen.mask] == 0).all()
+    np.testing.assert_allclose(seen.normals[seen.mask], [[0, 0, -1]] * 400, atol=1e-6)
+    assert (seen.triangles[~seen.mask] == NO_TRIANGLE).all()
+
+
+def test_barycentric_coordinates_lead_back_to_the_point_that_was_hit():
+    seen, cam = RayCaster(SQUARE).see(camera()), camera()
+    u, v = seen.barycentric[seen.mask].T[..., None].astype(float)
+    a, b, c = (SQUARE.vertices[SQUARE.faces[seen.triangles[seen.mask]][:, corner]] for corner in range(3))
+    points = (1 - u - v) * a + u * b + v * c
+    np.testing.assert_allclose(points, back_project(cam, seen.depth)[seen.mask], atol=1e-5)
+
+
+def test_normals_face_the_camera_whichever_way_the_triangles_are_wound():
+    turned = Surface(SQUARE.vertices, SQUARE.faces[:, ::-1].copy())
+    first, second = (RayCaster(mesh).see(camera()).normals for mesh in (SQUARE, turned))
+    np.testing.assert_allclose(first, second, atol=1e-6)
+
+
+def test_a_georeferenced_scene_keeps_its_millimetres():
+    """Moving everything by millions of metres changes depth by float32 rounding of the local scene only."""
+    shift = np.array([4_000_000.0, 500_000.0, 300.0])
+    far = RayCaster(Surface(SQUARE.vertices + shift, SQUARE.faces)).see(camera(centre=shift))
+    near = RayCaster(SQUARE).see(camera())
+    np.testing.assert_allclose(far.depth, near.depth, atol=1e-5)
+
+
+def test_smooth_normals_of_a_sphere_point_along_its_radius():
+    mesh = from_open3d(o3d.geometry.TriangleMesh.create_sphere(1.0, 60))
+    cam = camera(centre=(0, 0, -4))
+    seen = RayCaster(mesh).see(cam)
+    radial = back_project(cam, seen.depth)[seen.mask]
+    radial /= np.linalg.norm(radial, axis=1, keepdims=True)
+    cosine = np.einsum("nk,nk->n", radial, seen.normals[seen.mask])
+    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 2.0
+
+
+def test_footprint_is_the_smallest_over_the_views_that_hold_the_point():
+    near, far = camera(centre=(0, 0, 2)), camera(centre=(0, 0, 0))
+    points = np.array([[0, 0, 4], [0, 0, 1], [100, 0, 4]], float)
+    found = s.smallest_footprints(points, [near, far])
+    np.testing.assert_allclose(found, [2 / 40, 1 / 40, np.inf])
+
+
+def test_octree_depth_follows_extent_over_cell_and_is_bounded():
+    points = s.OrientedPoints(np.array([[0, 0, 0], [8, 0, 0.0]]), np.zeros((2, 3)), np.array([0.01, 0.01]))
+    assert s.octree_depth(points, cell_footprints=1.0, deepest=12) == 10  # 800 cells
+    assert s.octree_depth(points, cell_footprints=2.0, deepest=12) == 9
+    assert s.octree_depth(points, cell_footprints=1.0, deepest=7) == 7
+
+
+def test_a_few_stray_points_do_not_decide_the_extent():
+    points = sphere_points(2000)
+    stray = s.OrientedPoints(
+        np.vstack([points.x_in_world, [[500, 0, 0]]]),
+        np.vstack([points.normals, [[1, 0, 0]]]),
+        np.full(2001, 0.03),
+    )
+    kept = s.robust_crop(stray, outliers=0.002, margin=0.2)
+    assert len(kept) == 2000
+
+
+def test_poisson_finds_the_sphere_the_same_twice():
+    first, second = (s.poisson(sphere_points(4000), depth=5) for _ in range(2))
+    assert np.abs(np.linalg.norm(first.vertices, axis=1) - 1).mean() < 0.01
+    np.testing.assert_array_equal(first.vertices, second.vertices)
+    np.testing.assert_array_equal(first.faces, second.faces)
+
+
+def test_surface_far_from_every_point_is_trimmed_away():
+    points = sphere_points(6000)
+    cap_seen = points.chosen(points.x_in_world[:, 2] > 0.2)
+    surface = s.trim_to_points(s.poisson(cap_seen, depth=6), cap_seen, reach_footprints=6.0)
+    distance = np.linalg.norm(surface.vertices[:, None, :] - cap_seen.x_in_world[None, ::10], axis=2).min(
+        axis=1
+    )
+    assert surface.vertices[:, 2].min() > 0.2 - 6 * 0.03 - 1e-6
+    assert len(surface.faces) > 0
+    assert distance.max() < 0.4
+
+
+def test_crumbs_go_and_the_largest_component_stays():
+    big = from_open3d(o3d.geometry.TriangleMesh.create_sphere(1.0, 20))
+    crumb = Surface(SQUARE.vertices + 10, SQUARE.faces)
+    both = Surface(
+        np.vstack([big.vertices, crumb.vertices]), np.vstack([big.faces, crumb.faces + len(big.vertices)])
+    )
+    assert len(s.without_crumbs(both, 0.01).faces) == len(big.faces)
+    assert len(s.without_crumbs(both, 0.0).faces) == len(both.faces)
+
+
+def test_decimation_and_smoothing_are_off_unless_asked_for():
+    sphere = from_open3d(o3d.geometry.TriangleMesh.create_sphere(1.0, 20))
+    assert s.decimated(sphere, None) is sphere
+    assert s.smoothed(sphere, 0) is sphere
+    assert len(s.decimated(sphere, 200).faces) <= 200
+    assert s.smoothed(sphere, 3).vertices.shape == sphere.vertices.shape
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".stl"])
+def test_meshes_of_every_format_are_read(tmp_path, suffix):
+    path = tmp_path / f"mesh{suffix}"
+    mesh = o3d.geometry.TriangleMesh.create_box()
+    mesh.compute_triangle_normals()
+    o3d.io.write_triangle_mesh(str(path), mesh)
+    assert len(read_mesh(path).faces) == 12
+
+
+def test_a_mesh_survives_being_written(tmp_path):
+    write_mesh(tmp_path / "deep/er/mesh.ply", SQUARE)
+    back = read_mesh(tmp_path / "deep/er/mesh.ply")
+    np.testing.assert_array_equal(back.vertices, SQUARE.vertices)
+    np.testing.assert_array_equal(back.faces, SQUARE.faces)
+
+
+def test_a_file_without_triangles_is_refused(tmp_path):
+    (tmp_path / "points.ply").write_text("ply\nformat ascii 1.0\nelement vertex 0\nend_header\n")
+    with pytest.raises(UserError, match="no triangles; expected a mesh"):
+        read_mesh(tmp_path / "points.ply")
+
+
+def test_points_that_are_not_finite_are_left_out(tmp_path):
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector([[0, 0, 0], [np.nan, 0, 0]]))
+    cloud.normals = o3d.utility.Vector3dVector([[0, 0, 1], [0, 0, 1]])
+    o3d.io.write_point_cloud(str(tmp_path / "cloud.ply"), cloud)
+    points, normals = read_points(tmp_path / "cloud.ply")
+    assert points.shape == normals.shape == (1, 3)
