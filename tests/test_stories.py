@@ -1,0 +1,258 @@
+"""The command line as its users meet it, on the embedded sample, with real pycolmap and open3d."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+
+from stages.cli import main
+from stages.scene.exr import read_exr
+from stages.scene.photos import read_mask
+
+ROOT = Path(__file__).parent.parent
+SAMPLE = ROOT / "sample_data"
+QUICK = ["--set", "raycast.reduce=3", "--set", "decomposition.max_alternations=5"]
+LINEAR = ["--colmap", str(SAMPLE / "linear"), "--images", str(SAMPLE / "linear/images")]
+LINEAR += ["--mesh", str(SAMPLE / "truth/mesh.ply")]
+
+
+def unshade(capsys, *words: str | Path) -> tuple[int, str, str]:
+    """Exit code, output, error output of one command."""
+    code = main([str(word) for word in words])
+    return code, *capsys.readouterr()
+
+
+def actions(text: str) -> dict[str, str]:
+    """What a plan or run says of each stage, from its JSON."""
+    rows = json.loads(text)
+    rows = rows["stages"] if isinstance(rows, dict) else rows
+    return {row["stage"]: row["action"] for row in rows}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    """The whole program run once on the sample's photos; not to be changed by a test."""
+    workspace = tmp_path_factory.mktemp("story") / "workspace"
+    assert main(["run", str(ROOT / "configs/sample.yaml"), "--workspace", str(workspace), *QUICK]) == 0
+    return workspace
+
+
+@pytest.fixture
+def own_copy(finished, tmp_path) -> Path:
+    """A finished workspace that a test may harm."""
+    return Path(shutil.copytree(finished, tmp_path / "workspace"))
+
+
+def test_from_photos_to_albedo(finished):
+    output = finished / "output"
+    names = sorted(path.stem for path in (SAMPLE / "photos").iterdir())
+    for folder, suffixes in {
+        "albedo": (".exr", ".png"),
+        "shading": (".exr", ".png"),
+        "depth": (".exr",),
+        "normal": (".exr",),
+        "mask": (".png",),
+    }.items():
+        for suffix in suffixes:
+            assert sorted(p.stem for p in (output / folder).glob(f"*{suffix}")) == names
+    for file in ("lighting.json", "energy.json", "png_scale.json", "cameras.json"):
+        assert json.loads((output / file).read_text())
+    assert (output / "contact_sheet.png").stat().st_size > 50_000
+
+
+def test_albedo_times_shading_is_near_the_photo_and_nothing_lies_outside_the_mask(finished):
+    """Eq. 1, where the robust data term says it should hold: for most pixels."""
+    from stages.scene.resize import reduce_by_area
+
+    (linear,) = (finished / "cache/undistort").glob("*/linear")
+    for path in sorted((finished / "output/albedo").glob("*.exr"))[:3]:
+        albedo, shading = read_exr(path), read_exr(finished / "output/shading" / path.name)
+        mask = read_mask(finished / "output/mask" / f"{path.stem}.png")
+        photo = reduce_by_area(read_exr(linear / path.name), mask.shape)
+        assert (albedo[~mask] == 0).all()
+        residual = np.abs(photo - albedo * shading)[mask]
+        assert np.median(residual) < 0.1 * np.median(photo[mask])
+
+
+def test_the_albedo_workspace_opens_in_colmap(finished):
+    dense = finished / "output/dense"
+    model = pycolmap.Reconstruction(dense / "sparse")
+    names = {image.name for image in model.images.values()}
+    assert names == {path.name for path in (dense / "images").iterdir()}
+    cloud = finished.parent / "albedo.ply"
+    fused = pycolmap.stereo_fusion(cloud, dense, input_type="geometric")
+    assert len(fused.points3D) > 1000
+    assert cloud.stat().st_size > 10_000
+
+
+def test_a_second_run_reuses_everything_and_says_so(finished, capsys):
+    code, _, said = unshade(capsys, "run", ROOT / "configs/sample.yaml", "--workspace", finished, *QUICK)
+    assert code == 0
+    lines = [line for line in said.splitlines() if line.strip()]
+    assert len(lines) == 8
+    assert all("reuse" in line and "nothing that it depends on has changed" in line for line in lines)
+
+
+def test_a_setting_of_the_decomposition_reruns_it_and_what_follows_only(finished, capsys):
+    config = ROOT / "configs/sample.yaml"
+    code, told, _ = unshade(
+        capsys, "plan", config, "--workspace", finished, *QUICK, "--set", "decomposition.lambda=1.5", "--json"
+    )
+    assert code == 0
+    plan = actions(told)
+    assert {stage for stage, action in plan.items() if action != "reuse"} == {"decomposition", "deliver"}
+    reasons = {row["stage"]: row["reason"] for row in json.loads(told)}
+    assert reasons["decomposition"].startswith("setting lambda went from")
+
+
+def test_photos_elsewhere_are_the_same_photos_and_one_changed_byte_is_not(finished, tmp_path, capsys):
+    photos = Path(shutil.copytree(SAMPLE / "photos", tmp_path / "elsewhere"))
+    words = [
+        "plan",
+        ROOT / "configs/sample.yaml",
+        "--workspace",
+        finished,
+        "--images",
+        photos,
+        "--json",
+        *QUICK,
+    ]
+    assert set(actions(unshade(capsys, *words)[1]).values()) == {"reuse"}
+    victim = sorted(photos.iterdir())[0]
+    victim.write_bytes(victim.read_bytes() + b"\0")
+    told = json.loads(unshade(capsys, *words)[1])
+    assert told[0]["action"] == "run"
+    assert told[0]["reason"] == f"input images changed ({victim.name} has other content)"
+
+
+def test_a_flipped_byte_in_the_cache_is_noticed_and_rebuilt_to_the_same_bytes(own_copy, capsys):
+    (mesh,) = (own_copy / "cache/mesh").glob("*/mesh.ply")
+    before = mesh.read_bytes()
+    mesh.write_bytes(before[:-9] + bytes([before[-9] ^ 1]) + before[-8:])
+    words = [
+        "run",
+        ROOT / "configs/sample.yaml",
+        "--workspace",
+        own_copy,
+        *QUICK,
+        "--to",
+        "raycast",
+        "--json",
+    ]
+    code, told, _ = unshade(capsys, *words)
+    assert code == 0
+    assert actions(told) == {
+        "sfm": "reuse",
+        "undistort": "reuse",
+        "mvs": "reuse",
+        "mesh": "run",
+        "raycast": "reuse",
+    }
+    assert mesh.read_bytes() == before
+
+
+def test_status_show_diff_and_clean_tell_what_is_there(own_copy, capsys):
+    code, told, _ = unshade(capsys, "status", "--workspace", own_copy, "--json")
+    assert code == 0
+    assert {row["stage"] for row in json.loads(told)} >= {"sfm", "mvs", "decomposition"}
+    code, told, _ = unshade(capsys, "show", "--workspace", own_copy, "--stage", "sfm", "--json")
+    assert json.loads(told)["facts"]["registered"] == 12
+    unshade(capsys, "run", ROOT / "configs/sample.yaml", "--workspace", own_copy, *QUICK, "--only", "deliver",
+            "--set", "deliver.sheet_width_px=64")  # fmt: skip
+    code, told, _ = unshade(capsys, "diff", "--workspace", own_copy, "--stage", "deliver", "--json")
+    found = json.loads(told)
+    assert found["made from"] == ["setting sheet_width_px went from 320 to 64"]
+    assert any(line.startswith("contact_sheet") for line in found["outputs"])
+    code, told, _ = unshade(capsys, "clean", "--workspace", own_copy, "--json")
+    assert len(json.loads(told)["removed"]) == 1
+
+
+def test_known_cameras_a_mesh_and_linear_images_need_no_sfm_and_no_mvs(tmp_path, capsys):
+    code, told, _ = unshade(capsys, "run", *LINEAR, "--workspace", tmp_path / "w", "--json",
+                            "--set", "decomposition.max_alternations=5")  # fmt: skip
+    assert code == 0
+    assert list(actions(told)) == [
+        "adopt_model", "undistort", "adopt_mesh", "raycast", "correspondence", "decomposition", "deliver",
+    ]  # fmt: skip
+    (linear,) = (tmp_path / "w/cache/undistort").glob("*/linear")
+    for path in (SAMPLE / "linear/images").glob("*.exr"):
+        np.testing.assert_array_equal(read_exr(linear / path.name), read_exr(path))
+
+
+def test_masks_restrict_what_is_decomposed(tmp_path, capsys):
+    from stages.scene.photos import photo_size, write_mask
+
+    for path in (SAMPLE / "linear/images").glob("*.exr"):
+        width, height = photo_size(path)
+        left = np.zeros((height, width), bool)
+        left[:, : width // 2] = True
+        write_mask(tmp_path / "masks" / f"{path.stem}.png", left)
+    words = ["run", *LINEAR, "--masks", tmp_path / "masks", "--workspace", tmp_path / "w", "--to", "raycast"]
+    assert unshade(capsys, *words)[0] == 0
+    for path in (tmp_path / "w/output/mask").glob("*.png"):
+        mask = read_mask(path)
+        assert mask.any()
+        assert not mask[:, mask.shape[1] // 2 + 1 :].any()
+
+
+def test_a_later_failure_keeps_earlier_results(own_copy, capsys):
+    before = (own_copy / "output/contact_sheet.png").read_bytes()
+    words = ["run", ROOT / "configs/sample.yaml", "--workspace", own_copy, *QUICK]
+    code, _, said = unshade(capsys, *words, "--set", "raycast.views=[nobody]")
+    assert code == 2
+    assert "no view is called 'nobody'" in said
+    assert (own_copy / "output/contact_sheet.png").read_bytes() == before
+    assert unshade(capsys, *words)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["run"], "No photos were given; expected --images DIR"),
+        (["run", "nowhere.yaml"], "nowhere.yaml cannot be read"),
+        (["run", "--images", "nowhere"], "--images nowhere does not exist"),
+        (
+            ["run", "--images", str(SAMPLE / "photos"), "--mesh", str(SAMPLE / "truth/mesh.ply")],
+            "without --colmap",
+        ),
+        (["run", *LINEAR, "--set", "decomposition.lambada=1"], "did you mean 'lambda'?"),
+        (["run", *LINEAR, "--set", "decomposition.lambda=-1"], "decomposition.lambda is -1"),
+        (["run", *LINEAR, "--only", "meshes"], "There is no stage 'meshes'"),
+        (["run", *LINEAR, "--threads", "0"], "--threads is 0"),
+        (["status"], "No workspace was named"),
+        (["show", "--workspace", "nowhere"], "holds no results yet"),
+    ],
+)
+def test_a_mistake_gets_a_sentence_and_exit_code_2(words, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    code, _, said = unshade(capsys, *words)
+    assert code == 2
+    assert sentence in said
+    assert "Traceback" not in said
+
+
+def test_the_fountain_without_data_or_network_names_the_folder_to_fill(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("UNSHADE_DATA", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+    def unreachable(*args, **kwargs):
+        raise OSError("no network")
+
+    monkeypatch.setattr("pooch.retrieve", unreachable)
+    code, _, said = unshade(capsys, "run", ROOT / "configs/fountain.yaml", "--workspace", tmp_path / "w")
+    assert code == 2
+    assert str(tmp_path / "fountain-P11") in said
+
+
+def test_data_with_a_wrong_checksum_is_refused(tmp_path, monkeypatch, capsys):
+    (tmp_path / "fountain-P11/images").mkdir(parents=True)
+    (tmp_path / "fountain-P11/images/0000.jpg").write_bytes(b"not the photo")
+    monkeypatch.setenv("UNSHADE_DATA", str(tmp_path))
+    code, _, said = unshade(capsys, "run", ROOT / "configs/fountain.yaml", "--workspace", tmp_path / "w")
+    assert code == 2
+    assert "0000.jpg has the checksum" in said
