@@ -27,8 +27,8 @@ def settings_page() -> str:
     """All settings of all stages."""
     parts = [
         "# Settings",
-        "Generated from the declarations beside each stage (`make docs`). In YAML a section per stage, on the "
-        "command line `--set STAGE.NAME=VALUE`.",
+        "Generated from the declarations beside each stage (`make docs`). In YAML a section per stage, on "
+        "the command line `--set STAGE.NAME=VALUE`.",
     ]
     parts += [section(stage) for stage in stages.ALL_STAGES if stage.settings.model_fields]
     return "\n\n".join(parts) + "\n"

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 import pytest
 
+from pipeline.store import Store
+from stages import DATAFLOW
 from stages.cli import main
 from stages.scene.exr import read_exr
 from stages.scene.photos import read_mask
@@ -17,6 +23,7 @@ from stages.scene.photos import read_mask
 ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data"
 QUICK = ["--set", "raycast.reduce=3", "--set", "decomposition.max_alternations=5"]
+STAGES = [stage.name for stage in DATAFLOW]
 LINEAR = ["--colmap", str(SAMPLE / "linear"), "--images", str(SAMPLE / "linear/images")]
 LINEAR += ["--mesh", str(SAMPLE / "truth/mesh.ply")]
 
@@ -256,3 +263,35 @@ def test_data_with_a_wrong_checksum_is_refused(tmp_path, monkeypatch, capsys):
     code, _, said = unshade(capsys, "run", ROOT / "configs/fountain.yaml", "--workspace", tmp_path / "w")
     assert code == 2
     assert "0000.jpg has the checksum" in said
+
+
+def outputs_of(workspace: Path) -> dict[str, dict]:
+    """Digests of everything that every stage gave."""
+    store = Store(workspace)
+    return {stage: store.current(stage).outputs for stage in STAGES}
+
+
+@pytest.mark.slow
+def test_killed_during_every_stage_the_next_run_ends_with_the_same_digests(finished, tmp_path):
+    workspace = tmp_path / "workspace"
+    words = [sys.executable, "-m", "stages.cli", "run", str(ROOT / "configs/sample.yaml"), *QUICK]
+    for stage in STAGES:
+        victim = subprocess.Popen(
+            [*words, "--workspace", str(workspace)], cwd=ROOT, stderr=subprocess.DEVNULL
+        )
+        deadline = time.monotonic() + 600
+        while not list((workspace / "cache" / stage).glob(".partial-*")) and time.monotonic() < deadline:
+            assert victim.poll() is None, f"it ended before {stage} began"
+            time.sleep(0.005)
+        victim.send_signal(signal.SIGKILL)
+        victim.wait()
+        assert not Store(workspace).records(stage), f"{stage} was published before it was killed"
+    subprocess.run([*words, "--workspace", str(workspace)], cwd=ROOT, check=True)
+    assert outputs_of(workspace) == outputs_of(finished)
+
+
+@pytest.mark.slow
+def test_one_thread_gives_the_same_bits_as_two(finished, tmp_path):
+    words = ["run", str(ROOT / "configs/sample.yaml"), "--workspace", str(tmp_path / "w"), *QUICK]
+    assert main([*words, "--threads", "1"]) == 0
+    assert outputs_of(tmp_path / "w") == outputs_of(finished)
