@@ -1,0 +1,83 @@
+"""Which pixels of two views show the same surface point (Eq. 5, 6, 8): one sparse matrix per pair i < j."""
+
+from __future__ import annotations
+
+import json
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline import Artefact, Job, Settings, Stage, setting
+
+if TYPE_CHECKING:
+    from stages.scene.cameras import Camera
+
+
+class CorrespondenceSettings(Settings):
+    """Settings of the `correspondence` stage."""
+
+    epsilon: float = setting(
+        3.0,
+        "Two pixels show the same point if the points behind them are no farther apart (ε of Eq. 8). "
+        "Distances leave a sharp gap between 3 and 10 footprints: beyond it lies what is occluded.",
+        unit="pixel footprints",
+        gt=0,
+        le=100,
+    )
+
+
+def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsilon: float, file: Path) -> int:
+    """Find, save and count the links of one pair; picklable. Memory: 120 B per pixel of two views."""
+    import scipy.sparse as sp
+
+    from stages.geometry.overlap import correspondences
+    from stages.scene.exr import read_exr
+    from stages.scene.photos import read_mask
+
+    maps = []
+    for camera in (camera_i, camera_j):
+        maps += [camera, read_exr(depth / f"{camera.name}.exr"), read_mask(mask / f"{camera.name}.png")]
+    links = correspondences(*maps, epsilon=epsilon)
+    sp.save_npz(file, links)
+    return int(links.nnz)
+
+
+def run(job: Job) -> None:
+    """Open the cameras, link every pair, write the index."""
+    from stages.scene.camera_file import read_cameras
+
+    settings: CorrespondenceSettings = job.settings
+    cameras = read_cameras(job.inputs["cameras"])
+    folder = job.outputs["correspondences"]
+    rows, futures = [], []
+    for (i, camera_i), (j, camera_j) in combinations(enumerate(cameras), 2):
+        file = f"{i:04d}_{j:04d}.npz"
+        rows.append({"i": camera_i.name, "j": camera_j.name, "file": file})
+        paths = (job.inputs["depth"], job.inputs["mask"])
+        futures.append(
+            job.executor.submit(link_pair, camera_i, camera_j, *paths, settings.epsilon, folder / file)
+        )
+    with job.progress("links", len(rows)) as step:
+        for row, future in zip(rows, futures, strict=True):
+            row["links"] = future.result()
+            step()
+    (folder / "index.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    total = sum(row["links"] for row in rows)
+    job.note(pairs=len(rows), links=total, pairs_without_links=sum(not row["links"] for row in rows))
+    if rows and not total:
+        job.warn(
+            "No two views show a common surface point, so nothing ties their albedos together; "
+            "choose views that overlap, or check that depths and cameras are in one frame."
+        )
+
+
+CORRESPONDENCE = Stage(
+    name="correspondence",
+    version=1,
+    about="Which pixels of two views show the same surface point: one sparse matrix per pair.",
+    settings=CorrespondenceSettings,
+    takes=("depth", "mask", "cameras"),
+    gives=(Artefact("correspondences", "one scipy sparse matrix per pair i < j, npz, and index.json"),),
+    run=run,
+    tools=("numpy", "numba"),
+)

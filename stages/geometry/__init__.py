@@ -1,0 +1,1 @@
+"""Plane sweep, fusion, rays, visibility, overlap: what only needs cameras, depths and meshes."""

@@ -1,0 +1,1 @@
+"""How light, normals and albedo make an image: harmonics, the energy, its alternating minimisation."""

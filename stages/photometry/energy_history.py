@@ -1,0 +1,51 @@
+"""`energy.json`: what every alternation did to the energy, so that a reader can check that it fell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from stages.photometry.alternation import AlternationRecord, Descent
+from stages.photometry.energy import EnergyTerms
+
+LEGEND = {
+    "energy": "Eq. 2 in the gauge (sum of |albedo| = sum of |image| in each channel)",
+    "photo, smooth, multi_view": "the sums of Eq. 3, 4 and 5 in the gauge, before lambda and mu",
+    "smoothed": (
+        "Eq. 2 with the smoothed absolute value whose descent reweighting guarantees, before the "
+        "alternation, after the light step, after the albedo step; all before the gauge is reapplied: it "
+        "never rises"
+    ),
+    "gauge_scale": "factor that then brought the albedo back into the gauge",
+}
+
+
+def descent_as_json(descent: Descent) -> dict[str, Any]:
+    """One channel's history as JSON values, without timings: the same run gives the same text."""
+    return {
+        "outcome": descent.outcome.name.lower() if descent.outcome else "unfinished",
+        "outcome_text": descent.outcome.value if descent.outcome else "",
+        "start_energy": descent.start_energy,
+        "alternations": [_record_as_json(k, record) for k, record in enumerate(descent.history, start=1)],
+    }
+
+
+def _record_as_json(number: int, record: AlternationRecord) -> dict[str, Any]:
+    return {
+        "alternation": number,
+        "energy": record.energy,
+        "relative_change": record.relative_change,
+        **_terms_as_json(record.terms),
+        "smoothed": {
+            "before": record.smoothed_before,
+            "after_light": record.smoothed_after_light,
+            "after_albedo": record.smoothed_after_albedo,
+        },
+        "gauge_scale": record.gauge_scale,
+        "cg_steps": record.cg_steps,
+        "cg_relative_residual": record.cg_relative_residual,
+        "cg_reached": record.cg_reached,
+    }
+
+
+def _terms_as_json(terms: EnergyTerms) -> dict[str, float]:
+    return {"photo": terms.photo, "smooth": terms.smooth, "multi_view": terms.multi_view}
