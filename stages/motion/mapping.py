@@ -1,0 +1,202 @@
+"""Poses and points from matches: COLMAP's mappers, asked so that they answer the same every time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from stages.scene.colmap_model import registered
+
+
+@contextmanager
+def quiet_colmap() -> Iterator[None]:
+    """Keep COLMAP's log off the terminal; what matters of it is checked and said by us."""
+    level = pycolmap.logging.minloglevel
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    try:
+        yield
+    finally:
+        pycolmap.logging.minloglevel = level
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One way of asking the incremental mapper: where it may start and whom it lets in.
+
+    Attributes
+    ----------
+    seed : int
+    init_inliers : int
+        Matches that the first pair must share.
+    init_angle_deg : float
+        Median angle between the first pair's rays.
+    pose_inliers : int
+        Points that a further photo must see.
+    """
+
+    seed: int
+    init_inliers: int = 100
+    init_angle_deg: float = 16.0
+    pose_inliers: int = 30
+
+
+def attempts(count: int, seed: int) -> list[Attempt]:
+    """COLMAP's own thresholds first, then other seeds and, by turns, looser thresholds."""
+    loosening = [(100, 16.0, 30), (100, 16.0, 30), (50, 8.0, 20), (30, 4.0, 15), (20, 2.0, 12)]
+    return [Attempt(seed + i, *loosening[min(i, len(loosening) - 1)]) for i in range(count)]
+
+
+def map_incrementally(
+    database: Path, scratch: Path, attempt: Attempt, hold_cameras: bool, step: Callable[[], None]
+) -> list[pycolmap.Reconstruction]:
+    """COLMAP's incremental mapper; `step` is called for every photo that gets a pose.
+
+    One thread: with more, sums in the bundle adjustment change their order and the model its last bits. Their
+    gain is small, the mapper is nearly sequential.
+    """
+    options = pycolmap.IncrementalPipelineOptions(
+        num_threads=1,
+        random_seed=attempt.seed,
+        min_model_size=2,
+        extract_colors=False,  # ours come from the photos as decoded by us: `colour_points`
+        ba_refine_focal_length=not hold_cameras,
+        ba_refine_extra_params=not hold_cameras,
+        # Its default of 0 runs every adjustment to the last digit; `refine` does that once, at the end.
+        ba_local_function_tolerance=1e-5,
+        ba_global_function_tolerance=1e-6,
+    )
+    options.mapper.num_threads = 1
+    options.mapper.random_seed = attempt.seed
+    options.mapper.init_min_num_inliers = attempt.init_inliers
+    options.mapper.init_min_tri_angle = attempt.init_angle_deg
+    options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
+    options.mapper.abs_pose_refine_focal_length = not hold_cameras
+    options.mapper.abs_pose_refine_extra_params = not hold_cameras
+    options.triangulation.random_seed = attempt.seed
+    pycolmap.set_random_seed(attempt.seed)
+    models = pycolmap.incremental_mapping(
+        database,
+        scratch,
+        scratch,
+        options,
+        initial_image_pair_callback=lambda: (step(), step()),
+        next_image_callback=step,
+    )
+    return by_size(models.values())
+
+
+def map_globally(
+    database: Path, scratch: Path, seed: int, hold_cameras: bool, calibrate: bool
+) -> list[pycolmap.Reconstruction]:
+    """COLMAP's global mapper; `calibrate` when focal lengths are guesses: it needs them from the start."""
+    pycolmap.set_random_seed(seed)
+    if calibrate:
+        pycolmap.calibrate_view_graph(database, pycolmap.ViewGraphCalibrationOptions(random_seed=seed))
+    options = pycolmap.GlobalPipelineOptions(num_threads=1, random_seed=seed, min_model_size=2)
+    mapper = options.mapper
+    mapper.num_threads = 1
+    for part in (mapper, mapper.rotation_averaging, mapper.global_positioning, mapper.retriangulation):
+        part.random_seed = seed
+    mapper.global_positioning.use_gpu = False
+    mapper.global_positioning.solver_options.num_threads = 1
+    adjustment = mapper.bundle_adjustment
+    adjustment.ceres.use_gpu = False
+    adjustment.ceres.solver_options.num_threads = 1
+    adjustment.refine_focal_length = not hold_cameras
+    adjustment.refine_extra_params = not hold_cameras
+    return by_size(pycolmap.global_mapping(database, scratch, scratch, options).values())
+
+
+def by_size(models: Iterable[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
+    """Models with at least two posed photos, the largest first (photos, then points)."""
+    useful = [model for model in models if model.num_reg_images() >= 2]
+    return sorted(useful, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
+
+
+def adjust(
+    model: pycolmap.Reconstruction, held_cameras: Iterable[int], *, free_principal_point: bool = False
+) -> None:
+    """Bundle adjustment of poses, points and cameras but `held_cameras` (ids), in place, on one thread."""
+    options = pycolmap.BundleAdjustmentOptions(
+        refine_principal_point=free_principal_point, print_summary=False
+    )
+    options.ceres.use_gpu = False
+    options.ceres.solver_options.num_threads = 1
+    problem = pycolmap.BundleAdjustmentConfig()
+    for image_id in sorted(model.reg_image_ids()):
+        problem.add_image(image_id)
+    for camera_id in held_cameras:
+        problem.set_constant_cam_intrinsics(camera_id)
+    problem.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, problem, model).solve()
+    model.update_point_3d_errors()
+
+
+@dataclass(frozen=True)
+class PrincipalPoint:
+    """What became of the principal point.
+
+    Attributes
+    ----------
+    model : pycolmap.Reconstruction
+        The model to go on with.
+    shift_px : float
+        Largest shift of a camera's principal point that was kept.
+    refused : str or None
+        Why it stayed where it was.
+    """
+
+    model: pycolmap.Reconstruction
+    shift_px: float
+    refused: str | None
+
+
+def free_principal_point(
+    model: pycolmap.Reconstruction, largest_share: float, fewest_views: int
+) -> PrincipalPoint:
+    """Adjust once more with the principal point free, and keep that if it is believable.
+
+    Lenses and stabilisers put it off centre; held at the centre, it is the rotations that give way (on
+    fountain-P11, 0.49° against 0.055°). With few or planar views it trades against translation: so the gates.
+
+    Parameters
+    ----------
+    model : pycolmap.Reconstruction
+        Left as it is.
+    largest_share : float
+        Of the image's width or height; a larger shift is refused.
+    fewest_views : int
+        Cameras with fewer photos are held.
+    """
+    views = Counter(image.camera_id for image in registered(model))
+    held = [camera_id for camera_id, count in views.items() if count < fewest_views]
+    if len(held) == len(views):
+        return PrincipalPoint(model, 0.0, f"no camera has {fewest_views} photos")
+    freed = pycolmap.Reconstruction(model)
+    adjust(freed, held, free_principal_point=True)
+    largest_px = 0.0
+    for camera_id in views:
+        camera = model.cameras[camera_id]
+        shift = _principal_point(freed.cameras[camera_id]) - _principal_point(camera)
+        share = float(np.max(np.abs(shift) / (camera.width, camera.height)))
+        if not share <= largest_share:
+            return PrincipalPoint(model, 0.0, f"it moved by {share:.1%} of the image")
+        largest_px = max(largest_px, float(np.hypot(*shift)))
+    return PrincipalPoint(freed, largest_px, None)
+
+
+def _principal_point(camera: pycolmap.Camera) -> np.ndarray:
+    return np.array([camera.principal_point_x, camera.principal_point_y])
+
+
+def colour_points(model: pycolmap.Reconstruction, colours: Sequence[np.ndarray]) -> None:
+    """Give every point the mean sRGB colour of its observations; `colours` per photo, shape (features, 3)."""
+    for point in model.points3D.values():
+        seen = [colours[element.image_id - 1][element.point2D_idx] for element in point.track.elements]
+        point.color = np.rint(np.mean(seen, axis=0)).astype(np.uint8)

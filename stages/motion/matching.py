@@ -1,0 +1,52 @@
+"""Which photos are compared, and their comparison by COLMAP."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+
+import pycolmap
+
+from stages.motion.database import working_name
+
+
+def exhaustive_pairs(count: int) -> list[tuple[int, int]]:
+    """All pairs i < j of `count` photos."""
+    return list(itertools.combinations(range(count), 2))
+
+
+def sequential_pairs(count: int, overlap: int) -> list[tuple[int, int]]:
+    """Pairs of photos taken one after the other: up to `overlap` apart, and at powers of two up to 2^overlap.
+
+    The powers of two tie a long sequence together, where neighbours alone would let it drift.
+    """
+    steps = sorted({*range(1, overlap + 1), *(2**k for k in range(overlap + 1))})
+    return [(i, i + step) for i in range(count) for step in steps if i + step < count]
+
+
+def in_batches(pairs: Sequence[tuple[int, int]], batch: int = 256) -> list[list[tuple[int, int]]]:
+    """Pairs in batches that each touch few photos: COLMAP indexes a photo's descriptors once per call."""
+    ordered = sorted(pairs, key=lambda pair: (pair[0] // 16, pair[1] // 16, pair))
+    return [ordered[start : start + batch] for start in range(0, len(ordered), batch)]
+
+
+def match_pairs(database: Path, pairs: Sequence[tuple[int, int]], seed: int, threads: int) -> None:
+    """Match and verify pairs of photos (indices) in a database.
+
+    The result does not depend on `threads`: every pair draws from its own generator, started at `seed`.
+    """
+    pairs_file = database.with_suffix(".pairs.txt")
+    pairs_file.write_text(
+        "".join(f"{working_name(i)} {working_name(j)}\n" for i, j in pairs), encoding="ascii"
+    )
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
+    verification.ransac.num_threads = 1
+    pycolmap.match_image_pairs(
+        database,
+        pycolmap.FeatureMatchingOptions(num_threads=threads, use_gpu=False),
+        pycolmap.ImportedPairingOptions(match_list_path=pairs_file),
+        verification,
+        pycolmap.Device.cpu,
+    )

@@ -1,0 +1,130 @@
+"""The photos as structure from motion sees them: upright sizes, focal priors, and who shares a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+import pycolmap
+
+from pipeline import UserError
+from stages.motion.features import write_reduced
+from stages.scene.photos import LINEAR, read_photo
+
+# Of every photo, so many values are enough for a percentile of the whole set.
+EXPOSURE_SAMPLES = 4096
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A readable photo.
+
+    Attributes
+    ----------
+    name : str
+        Path below the image folder, with extension.
+    width, height : int
+        Upright size, pixels.
+    copy : Path
+        The reduced 8-bit copy in which features are sought.
+    focal_prior_px : float or None
+        Focal length that its EXIF data imply.
+    linear_sample : ndarray or None
+        Values of a linear (EXR, HDR) photo, for the exposure of the set.
+    """
+
+    name: str
+    width: int
+    height: int
+    copy: Path
+    focal_prior_px: float | None
+    linear_sample: np.ndarray | None = None
+
+
+def survey(folder: Path, name: str, copy: Path, max_size_px: int) -> Photo | str:
+    """Decode a photo, so as to know that it is whole, and write the reduced copy that features are sought in.
+
+    Returns the sentence that says what is wrong if it cannot be read: it runs in a worker, and a sentence
+    travels better than an exception. A linear photo's copy has to wait for the exposure of the set:
+    `write_linear_copy`.
+    """
+    path = folder / name
+    try:
+        linear = read_photo(path)
+    except UserError as error:
+        return str(error)
+    height, width = linear.shape[:2]
+    if path.suffix.lower() not in LINEAR:
+        write_reduced(linear, copy, max_size_px)
+        return Photo(name, width, height, copy, focal_prior(path))
+    values = linear.ravel()
+    sample = values[:: max(1, len(values) // EXPOSURE_SAMPLES)].copy()
+    return Photo(name, width, height, copy, None, sample)
+
+
+def write_linear_copy(path: Path, copy: Path, max_size_px: int, exposure: float) -> None:
+    """Reduced copy of an EXR or HDR photo, brought into [0, 1] by `exposure`."""
+    write_reduced(np.nan_to_num(read_photo(path) * np.float32(exposure)), copy, max_size_px)
+
+
+def focal_prior(path: Path) -> float | None:
+    """Focal length in pixels from EXIF: 35 mm equivalent, or COLMAP's table of sensors; None without both."""
+    try:
+        camera = pycolmap.infer_camera_from_image(path)
+    except (RuntimeError, ValueError):  # a file that COLMAP's reader does not know
+        return None
+    return float(camera.mean_focal_length()) if camera.has_prior_focal_length else None
+
+
+def exposure_for_matching(photos: Sequence[Photo], percentile: float) -> float:
+    """One factor that brings the linear photos of a set into [0, 1], for features only.
+
+    SIFT sees 8-bit sRGB, but rendered or merged images have no set white. A high percentile goes to 1: a lamp
+    or a glint may clip, surfaces do not. One factor for all, so that their relative exposure survives.
+    """
+    samples = [photo.linear_sample for photo in photos if photo.linear_sample is not None]
+    values = np.concatenate(samples) if samples else np.zeros(0, np.float32)
+    values = values[np.isfinite(values)]
+    white = float(np.percentile(values, percentile)) if len(values) else 0.0
+    return 1 / white if white > 0 else 1.0
+
+
+def camera_groups(photos: Sequence[Photo], sharing: str) -> list[int]:
+    """Index of each photo's camera, counted from 0 in order of first use.
+
+    Photos share a camera (``"shared"``: all of them, ``"per_folder"``, ``"per_image"``: none) only if size,
+    orientation and EXIF focal length agree: a zoom or a turned camera is another camera.
+    """
+    keys: dict[tuple, int] = {}
+    groups = []
+    for photo in photos:
+        prior = round(photo.focal_prior_px) if photo.focal_prior_px else None
+        where = {"shared": "", "per_folder": str(PurePosixPath(photo.name).parent), "per_image": photo.name}
+        groups.append(keys.setdefault((photo.width, photo.height, prior, where[sharing]), len(keys)))
+    return groups
+
+
+def initial_camera(
+    photo: Photo, camera_id: int, model: str, params: Sequence[float] | None, focal_factor: float
+) -> pycolmap.Camera:
+    """COLMAP camera to start from: `params` if given, else the EXIF prior, else focal_factor × longest side.
+
+    Raises
+    ------
+    UserError
+        `params` do not fit the model.
+    """
+    focal = photo.focal_prior_px or focal_factor * max(photo.width, photo.height)
+    camera = pycolmap.Camera.create_from_model_name(camera_id, model, focal, photo.width, photo.height)
+    camera.has_prior_focal_length = photo.focal_prior_px is not None
+    if params is not None:
+        if len(params) != len(camera.params):
+            raise UserError(
+                f"camera_params has {len(params)} values, but {model} takes {len(camera.params)}: "
+                f"{camera.params_info}. Give them in this order, in pixels of the upright photo."
+            )
+        camera.params = list(params)
+        camera.has_prior_focal_length = True
+    return camera

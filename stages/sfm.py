@@ -1,0 +1,328 @@
+"""Structure from motion: where the photos were taken from, and with what lens (Eq. 7: K, R, t)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pycolmap
+
+    from stages.motion.features import Features
+    from stages.motion.photo_set import Photo
+
+T = TypeVar("T")
+NAMED_AT_MOST = 12
+
+
+class SfmSettings(Settings):
+    """Settings of the `sfm` stage."""
+
+    max_size_px: int = setting(
+        1600,
+        "Longest side at which features are sought; full resolution gained nothing on fountain-P11.",
+        unit="px",
+        ge=200,
+        le=8192,
+    )
+    max_features: int = setting(8192, "Features kept per photo, COLMAP's default.", ge=256, le=65536)
+    linear_white_percentile: float = setting(
+        99.0,
+        "Linear photos (EXR, HDR) are scaled so that this percentile of the set becomes white.",
+        gt=50,
+        le=100,
+    )
+    cameras: Literal["shared", "per_folder", "per_image"] = setting(
+        "shared",
+        "Who shares a lens. Photos of another size, orientation or EXIF focal length never do.",
+    )
+    camera_model: Literal[
+        "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE"
+    ] = setting("SIMPLE_RADIAL", "COLMAP camera model; one radial coefficient suffices for most lenses.")
+    camera_params: list[float] | None = setting(
+        None,
+        "Known intrinsics, in COLMAP's order for camera_model, in pixels of the upright photo; held fixed.",
+    )
+    refine_camera: bool = setting(False, "Refine camera_params instead of holding them.")
+    focal_factor: float = setting(
+        1.2, "First guess of the focal length without EXIF, in longest sides.", gt=0.1, le=10
+    )
+    matching: Literal["auto", "exhaustive", "sequential"] = setting(
+        "auto",
+        "Which photos are compared: all pairs, neighbours in name order, or one of the two by their number.",
+    )
+    exhaustive_up_to: int = setting(
+        200, "With matching: auto, more photos than this are taken for a sequence.", ge=2, le=5000
+    )
+    overlap: int = setting(
+        10, "Neighbours each photo of a sequence is compared with; powers of two besides.", ge=1, le=20
+    )
+    mapper: Literal["incremental", "global"] = setting(
+        "incremental", "COLMAP's incremental mapper, or its global one, which pays for large sets."
+    )
+    attempts: int = setting(
+        4,
+        "Starts of the incremental mapper, with other seeds and looser thresholds, before giving up.",
+        ge=1,
+        le=20,
+    )
+    enough: float = setting(
+        0.9, "An attempt that places this share of the photos is good enough to stop.", gt=0, le=1
+    )
+    free_principal_point: bool = setting(
+        True, "A last bundle adjustment moves the principal point off the centre."
+    )
+    largest_principal_shift: float = setting(
+        0.03, "A larger shift of the principal point is refused.", unit="image width or height", gt=0, le=0.5
+    )
+    principal_point_views: int = setting(
+        6, "Cameras with fewer photos keep their principal point: it would trade against the poses.", ge=3
+    )
+    seed: int = setting(0, "Start of every random generator.", ge=0, le=2**31 - 100)
+
+    @property
+    def holds_cameras(self) -> bool:
+        """Whether the intrinsics are known and stay as given."""
+        return self.camera_params is not None and not self.refine_camera
+
+
+def run(job: Job) -> None:
+    """Survey the photos, find and compare features, place, adjust, publish."""
+    from stages.motion.mapping import colour_points, quiet_colmap
+
+    database = job.scratch / "working.db"
+    with quiet_colmap():
+        photos = _survey(job)
+        colours = _find_features(job, photos, database)
+        _match(job, database, len(photos))
+        model = _adjust(job, _map(job, database, photos))
+        colour_points(model, colours)
+        _publish(job, model, database, photos)
+
+
+def _survey(job: Job) -> list[Photo]:
+    """The readable photos, with their reduced copies in `scratch`; the others are named aloud."""
+    from stages.motion.database import copy_name
+    from stages.motion.photo_set import exposure_for_matching, survey, write_linear_copy
+    from stages.scene.photos import find_photos
+
+    settings: SfmSettings = job.settings
+    folder = job.inputs["images"]
+    names = find_photos(folder)
+    if not names:
+        raise UserError(
+            f"There are no photos in {folder}: expected JPEG, PNG, TIFF, EXR or HDR files. Give the folder "
+            "that holds them."
+        )
+    photos: list[Photo] = []
+    with job.progress("reading photos", len(names)) as step:
+        copies = [job.scratch / copy_name(index) for index in range(len(names))]
+        for found in _each(job, survey, [folder] * len(names), names, copies, settings.max_size_px):
+            if isinstance(found, str):
+                job.warn(f"Left out: {found}")
+            else:
+                photos.append(found)
+            step()
+    if len(photos) < 2:
+        raise UserError(
+            f"{folder} holds {'one readable photo' if photos else 'no readable photo'}, but structure from "
+            "motion needs at least two that overlap, better twenty. Add photos."
+        )
+    exposure = exposure_for_matching(photos, settings.linear_white_percentile)
+    linear = [photo for photo in photos if photo.linear_sample is not None]
+    paths = [folder / photo.name for photo in linear]
+    list(_each(job, write_linear_copy, paths, [p.copy for p in linear], settings.max_size_px, exposure))
+    return photos
+
+
+def _find_features(job: Job, photos: Sequence[Photo], database: Path) -> list[np.ndarray]:
+    """Fill the database with features; the photos' colours at the features are returned."""
+    import pycolmap
+
+    from stages.motion.database import write_features
+    from stages.motion.features import detect, read_features
+    from stages.motion.photo_set import camera_groups, initial_camera
+
+    settings: SfmSettings = job.settings
+    groups = camera_groups(photos, settings.cameras)
+    if settings.camera_params is not None and len({(p.width, p.height) for p in photos}) > 1:
+        raise UserError(
+            "camera_params hold for one image size, but the photos have several; leave camera_params out, or "
+            "run each size by itself."
+        )
+    first = [photos[groups.index(group)] for group in range(max(groups) + 1)]
+    cameras = [
+        initial_camera(photo, index + 1, settings.camera_model, settings.camera_params, settings.focal_factor)
+        for index, photo in enumerate(first)
+    ]
+    found_in = job.scratch / "features.db"
+    batch = 2 * job.threads
+    with job.progress("finding features", len(photos)) as step:
+        for start in range(0, len(photos), batch):
+            copies = [photo.copy for photo in photos[start : start + batch]]
+            detect(copies, found_in, settings.max_features, job.threads)
+            step(len(copies))
+    colours = []
+    with pycolmap.Database.open(found_in) as found:
+
+        def one_by_one() -> Iterator[Features]:
+            for photo in photos:
+                features = read_features(found, photo.copy, photo.width, photo.height)
+                colours.append(features.colours)
+                yield features
+
+        write_features(database, cameras, groups, one_by_one())
+    return colours
+
+
+def _match(job: Job, database: Path, count: int) -> None:
+    from stages.motion import matching
+
+    settings: SfmSettings = job.settings
+    exhaustive = settings.matching == "exhaustive"
+    if settings.matching == "auto":
+        exhaustive = count <= settings.exhaustive_up_to
+        if not exhaustive:
+            job.warn(
+                f"{count} photos are too many to compare all pairs, so only neighbours in name order were "
+                "compared; set sfm.matching: exhaustive if the photos were not taken in this order."
+            )
+    if exhaustive:
+        pairs = matching.exhaustive_pairs(count)
+    else:
+        pairs = matching.sequential_pairs(count, settings.overlap)
+    with job.progress("comparing pairs", len(pairs)) as step:
+        for batch in matching.in_batches(pairs):
+            matching.match_pairs(database, batch, settings.seed, job.threads)
+            step(len(batch))
+
+
+def _map(job: Job, database: Path, photos: Sequence[Photo]) -> pycolmap.Reconstruction:
+    """The largest model of the best attempt; what it lacks is said."""
+    models = _map_globally(job, database) if job.settings.mapper == "global" else []
+    if not models:
+        models = _map_incrementally(job, database, len(photos))
+    if not models:
+        raise UserError(
+            f"The {len(photos)} photos of {job.inputs['images']} could not be placed: they share too few "
+            "features. They need to show the same textured, unmoving surface, about two thirds of it again "
+            "from one to the next; add photos in between."
+        )
+    from stages.scene.colmap_model import registered
+
+    best = models[0]
+    placed = {image.image_id for image in registered(best)}
+    left_out = [photo.name for index, photo in enumerate(photos) if index + 1 not in placed]
+    if left_out:
+        share = f"{len(left_out)} of {len(photos)} photos"
+        job.warn(f"{share} could not be placed and are left out: {_listed(left_out)}.")
+    if len(models) > 1:
+        sizes = ", ".join(str(model.num_reg_images()) for model in models[1:])
+        job.warn(
+            f"The photos fell into {len(models)} parts that do not connect; the largest is kept, "
+            f"parts of {sizes} photos are not. Photos in between would join them."
+        )
+    job.note(models=[model.num_reg_images() for model in models])
+    return best
+
+
+def _map_globally(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
+    from stages.motion.mapping import map_globally
+
+    settings: SfmSettings = job.settings
+    calibrate = settings.camera_params is None
+    with job.progress("placing photos"):
+        models = map_globally(database, job.scratch, settings.seed, settings.holds_cameras, calibrate)
+    if not models:
+        job.warn("The global mapper placed no photos; the incremental one is tried instead.")
+    return models
+
+
+def _map_incrementally(job: Job, database: Path, count: int) -> list[pycolmap.Reconstruction]:
+    """Attempt after attempt until enough photos are placed; the models of the best one."""
+    from stages.motion.mapping import attempts, map_incrementally
+
+    settings: SfmSettings = job.settings
+    best: list[pycolmap.Reconstruction] = []
+    placed = 0
+    for number, attempt in enumerate(attempts(settings.attempts, settings.seed), 1):
+        label = "placing photos" if number == 1 else f"placing photos, attempt {number}"
+        folder = job.scratch / f"attempt_{number}"
+        folder.mkdir()
+        with job.progress(label, count) as step:
+            models = map_incrementally(database, folder, attempt, settings.holds_cameras, step)
+        if models and models[0].num_reg_images() > placed:
+            best, placed = models, models[0].num_reg_images()
+            job.note(attempt=number)
+        if placed >= settings.enough * count:
+            break
+    return best
+
+
+def _adjust(job: Job, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
+    """Last bundle adjustments: everything, then the principal point too."""
+    from stages.motion.mapping import adjust, free_principal_point
+
+    settings: SfmSettings = job.settings
+    with job.progress("adjusting"):
+        adjust(model, model.cameras if settings.holds_cameras else ())
+        if not settings.free_principal_point or settings.holds_cameras:
+            return model
+        outcome = free_principal_point(
+            model, settings.largest_principal_shift, settings.principal_point_views
+        )
+    if outcome.refused:
+        job.note(principal_point=f"left at the centre: {outcome.refused}")
+    job.note(principal_point_shift_px=round(outcome.shift_px, 3))
+    return outcome.model
+
+
+def _publish(job: Job, model: pycolmap.Reconstruction, database: Path, photos: Sequence[Photo]) -> None:
+    """Model and database under the photos' own names."""
+    from stages.motion.database import publish
+    from stages.scene.colmap_model import registered
+
+    for image in model.images.values():
+        image.name = photos[image.image_id - 1].name
+    model.write(job.outputs["model"])
+    publish(database, job.outputs["database"], [photo.name for photo in photos])
+    used = {image.camera_id for image in registered(model)}
+    job.note(
+        photos=len(photos),
+        registered=model.num_reg_images(),
+        points=model.num_points3D(),
+        mean_reprojection_error_px=round(model.compute_mean_reprojection_error(), 4),
+        mean_track_length=round(model.compute_mean_track_length(), 3),
+        focal_px=[round(model.cameras[i].mean_focal_length(), 2) for i in sorted(used)],
+    )
+
+
+def _each(job: Job, work: Callable[..., T], *columns: Any) -> Iterator[T]:
+    """`work` on every row of the columns, in order, by the job's executor; single values are repeated."""
+    rows = max(len(column) for column in columns if isinstance(column, list))
+    filled = [column if isinstance(column, list) else [column] * rows for column in columns]
+    return job.executor.map(work, *filled)
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - NAMED_AT_MOST
+    return ", ".join(names[:NAMED_AT_MOST]) + (f" and {more} more" if more > 0 else "")
+
+
+SFM = Stage(
+    name="sfm",
+    version=1,
+    about="Camera poses, lens and sparse points from photos alone (COLMAP).",
+    settings=SfmSettings,
+    takes=("images",),
+    gives=(
+        Artefact("model", "COLMAP sparse model at the photos' own size"),
+        Artefact("database", "COLMAP database of features and matches", file="database.db"),
+    ),
+    run=run,
+    tools=("pycolmap",),
+)

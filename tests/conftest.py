@@ -1,0 +1,63 @@
+"""What several test files share: a job made by hand, without the pipeline around it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from pipeline import Job, Stage
+
+
+class Silence:
+    """Progress that is shown to nobody."""
+
+    def begin(self, label: str, total: int | None) -> None:
+        pass
+
+    def advance(self, steps: int = 1) -> None:
+        pass
+
+    def end(self) -> None:
+        pass
+
+
+@pytest.fixture
+def make_job() -> Iterator[Callable[..., Job]]:
+    """``make_job(folder, stage, settings=None, threads=2, **inputs)``: a job whose outputs lie in `folder`."""
+    executors = []
+
+    def make(folder: Path, stage: Stage, settings=None, threads: int = 2, **inputs: Path) -> Job:
+        outputs = {artefact.name: folder / artefact.path for artefact in stage.gives}
+        for artefact in stage.gives:
+            (folder / artefact.path if artefact.file is None else folder).mkdir(parents=True, exist_ok=True)
+        (folder / "scratch").mkdir()
+        executors.append(ThreadPoolExecutor(threads))
+        settings = stage.settings() if settings is None else settings
+        return Job(
+            settings=settings,
+            inputs=inputs,
+            outputs=outputs,
+            scratch=folder / "scratch",
+            threads=threads,
+            executor=executors[-1],
+            shown=Silence(),
+            say=lambda sentence: None,
+            machine=dict(stage.machine(settings)),
+        )
+
+    yield make
+    for executor in executors:
+        executor.shutdown()
+
+
+@pytest.fixture
+def data_folder() -> Path:
+    """The folder of large test data; tests that need it are skipped where it is not."""
+    folder = os.environ.get("UNSHADE_DATA")
+    if not folder or not Path(folder).is_dir():
+        pytest.skip("UNSHADE_DATA names no folder")
+    return Path(folder)
