@@ -27,7 +27,7 @@ class Silence:
 
 @pytest.fixture
 def make_job() -> Iterator[Callable[..., Job]]:
-    """``make_job(folder, stage, settings=None, threads=2, **inputs)``: a job whose outputs lie in `folder`."""
+    """``make_job(folder, stage, settings=None, threads=2, **inputs)``: a job that writes into `folder`."""
     executors = []
 
     def make(folder: Path, stage: Stage, settings=None, threads: int = 2, **inputs: Path) -> Job:

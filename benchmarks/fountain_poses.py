@@ -1,0 +1,121 @@
+"""Camera poses of fountain-P11 against its ground truth: ``python -m benchmarks.fountain_poses [WHERE]``.
+
+WHERE is a workspace (its newest `sfm` result is read) or a folder with a COLMAP model; `workspaces/fountain`
+if not given. The truth is taken from ``$UNSHADE_DATA/fountain-P11/gt_dense_cameras``.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline import UserError
+from stages.scene.colmap_model import find_model, read_model, registered
+
+LARGEST_CENTRE_MM = 5.0
+LARGEST_ROTATION_DEG = 0.1
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Camera poses, by photo name: centres in world axes (n, 3) and rotations world to camera (n, 3, 3)."""
+
+    names: list[str]
+    centres: np.ndarray
+    cam_from_world: np.ndarray
+
+
+def true_poses(folder: Path) -> Poses:
+    """Read Strecha's ``.camera`` files: K, a distortion row, R **camera to world**, centre (metres), size."""
+    files = sorted(folder.glob("*.camera"))
+    values = [np.array(file.read_text().split(), float) for file in files]
+    return Poses(
+        names=[file.name.removesuffix(".camera") for file in files],
+        centres=np.array([v[21:24] for v in values]),
+        cam_from_world=np.array([v[12:21].reshape(3, 3).T for v in values]),
+    )
+
+
+def model_poses(folder: Path) -> Poses:
+    """Poses of a COLMAP model."""
+    images = registered(read_model(folder))
+    return Poses(
+        names=[image.name for image in images],
+        centres=np.array([image.projection_center() for image in images]),
+        cam_from_world=np.array([image.cam_from_world().matrix()[:, :3] for image in images]),
+    )
+
+
+def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Scale s, rotation R, translation t with target ≈ s R source + t, least squares (Umeyama 1991)."""
+    source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
+    source, target = source - source_mean, target - target_mean
+    u, d, vt = np.linalg.svd(target.T @ source)
+    signs = np.array([1, 1, np.linalg.det(u) * np.linalg.det(vt)])
+    rotation = (u * signs) @ vt
+    scale = float((d * signs).sum() / (source**2).sum())
+    return scale, rotation, target_mean - scale * rotation @ source_mean
+
+
+def errors(estimate: Poses, truth: Poses) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the photos that both have, after similarity alignment of the centres.
+
+    Returns
+    -------
+    centre_mm, rotation_deg : ndarray, shape (n,)
+    """
+    both = sorted(set(estimate.names) & set(truth.names))
+    if len(both) < 3:
+        raise UserError(
+            f"The model and the truth share {len(both)} photos; expected at least 3 to align them."
+        )
+    ours = [estimate.names.index(name) for name in both]
+    theirs = [truth.names.index(name) for name in both]
+    scale, rotation, translation = similarity(estimate.centres[ours], truth.centres[theirs])
+    aligned = scale * estimate.centres[ours] @ rotation.T + translation
+    centre_mm = 1000 * np.linalg.norm(aligned - truth.centres[theirs], axis=1)
+    residual = truth.cam_from_world[theirs] @ rotation @ estimate.cam_from_world[ours].transpose(0, 2, 1)
+    # The skew part keeps small angles that the trace rounds away.
+    skew = (residual - residual.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]] / 2
+    sine, cosine = np.linalg.norm(skew, axis=1), (np.trace(residual, axis1=1, axis2=2) - 1) / 2
+    return centre_mm, np.degrees(np.arctan2(sine, cosine))
+
+
+def newest_model(where: Path) -> Path:
+    """A model folder as it is, or the newest `sfm` result of a workspace."""
+    results = [path for path in where.glob("cache/sfm/*/model") if path.is_dir()]
+    if results:
+        return max(results, key=lambda path: path.stat().st_mtime)
+    return find_model(where)
+
+
+def main(arguments: list[str]) -> int:
+    """Print the table; 0 if the targets are met, 1 if not, 2 if there is nothing to measure."""
+    where = Path(arguments[0] if arguments else "workspaces/fountain")
+    data = os.environ.get("UNSHADE_DATA")
+    if not data:
+        print("UNSHADE_DATA is not set; expected the folder that holds fountain-P11.", file=sys.stderr)
+        return 2
+    try:
+        folder = newest_model(where)
+        estimate = model_poses(folder)
+        truth = true_poses(Path(data) / "fountain-P11" / "gt_dense_cameras")
+        centre_mm, rotation_deg = errors(estimate, truth)
+    except UserError as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(f"{folder}: {len(centre_mm)} of {len(truth.names)} photos")
+    print(f"camera centre  mean {centre_mm.mean():.2f} mm  max {centre_mm.max():.2f} mm")
+    print(f"rotation       mean {rotation_deg.mean():.4f}°  max {rotation_deg.max():.4f}°")
+    met = centre_mm.mean() <= LARGEST_CENTRE_MM and rotation_deg.mean() <= LARGEST_ROTATION_DEG
+    verdict = "met" if met else "missed"
+    print(f"target: mean ≤ {LARGEST_CENTRE_MM:g} mm and ≤ {LARGEST_ROTATION_DEG:g}°: {verdict}")
+    return 0 if met else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
