@@ -157,6 +157,11 @@ def write_png_srgb16(path: Path, linear: np.ndarray) -> None:
     _write_png(path, encode_srgb16(linear))
 
 
+def write_png8(path: Path, pixels: np.ndarray) -> None:
+    """Write 8-bit values as they are, uint8, (h, w, 3) RGB or (h, w), as PNG, creating the folder."""
+    _write_png(path, pixels)
+
+
 def _read_encoded(path: Path) -> np.ndarray:
     """Upright values as they are stored: uint8 or uint16, (h, w, 3) or (h, w), RGB."""
     with _opened(path) as image:

@@ -1,0 +1,27 @@
+"""COLMAP's dense workspace around images and a sparse model: what its stereo and fusion expect to find."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def write_stereo_settings(workspace: Path, image_names: Sequence[str], source_images: int = 20) -> None:
+    """Write ``stereo/`` as COLMAP's undistorter does: two lists of images, three folders for maps.
+
+    Parameters
+    ----------
+    workspace : Path
+        Holds (or will hold) ``images/`` and ``sparse/``.
+    image_names : sequence of str
+        Names in the model, sub-folders included.
+    source_images : int
+        How many neighbours COLMAP's own patch-match picks per image.
+    """
+    stereo = workspace / "stereo"
+    for maps in ("depth_maps", "normal_maps", "consistency_graphs"):
+        for name in image_names:
+            (stereo / maps / name).parent.mkdir(parents=True, exist_ok=True)
+    matched = "".join(f"{name}\n__auto__, {source_images}\n" for name in image_names)
+    (stereo / "patch-match.cfg").write_text(matched, encoding="utf-8")
+    (stereo / "fusion.cfg").write_text("".join(f"{name}\n" for name in image_names), encoding="utf-8")
