@@ -1,0 +1,103 @@
+"""Images through another lens: what a pinhole camera at the same place would have seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+# Working rows resampled at a time: bounds the memory of a view, whatever its size.
+BAND_ROWS = 64
+
+# From pixel coordinates (n, 2) of the wanted image to those of the given one, both with centres at 0.5.
+SourceFromTarget = Callable[[np.ndarray], np.ndarray]
+
+
+def working_size(width: int, height: int, max_size_px: int | None) -> tuple[int, int]:
+    """Width and height at most `max_size_px` long, aspect kept to the pixel; never enlarged."""
+    scale = 1.0 if max_size_px is None else min(1.0, max_size_px / max(width, height))
+    return max(1, round(width * scale)), max(1, round(height * scale))
+
+
+def oversampling(source_focal_px: float, target_focal_px: float) -> int:
+    """Samples per target pixel and axis that leave out no source pixel: the ratio of the focal lengths."""
+    return max(1, math.ceil(source_focal_px / target_focal_px - 1e-6))
+
+
+def resample(
+    linear: np.ndarray,
+    kept: np.ndarray,
+    size: tuple[int, int],
+    source_from_target: SourceFromTarget,
+    samples: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Resample an image: bilinear at an integer multiple of the wanted size, then the mean of each block.
+
+    On **linear** light, for only light averages: COLMAP's undistorter resamples 8-bit sRGB, which darkens
+    edges and rounds.
+
+    Parameters
+    ----------
+    linear : ndarray, shape (h, w, 3), float32
+        Linear RGB.
+    kept : ndarray, shape (h, w), bool
+        Pixels that may be used.
+    size : tuple of int
+        Width and height wanted.
+    source_from_target : callable
+        Where each wanted pixel lies in `linear`.
+    samples : int
+        Per wanted pixel and axis: `oversampling`.
+
+    Returns
+    -------
+    linear : ndarray, shape (height, width, 3), float32
+    kept : ndarray, shape (height, width), bool
+        True where every sample lies inside the image and on kept pixels: the pixel is their mean.
+    """
+    width, height = size
+    out = np.empty((height, width, 3), np.float32)
+    out_kept = np.empty((height, width), bool)
+    for top in range(0, height, BAND_ROWS):
+        rows = min(BAND_ROWS, height - top)
+        xy = source_from_target(_sample_grid(width, rows, top, samples)).reshape(
+            rows * samples, width * samples, 2
+        )
+        band, band_kept = _sample(linear, kept, xy)
+        out[top : top + rows] = _block_mean(band, samples)
+        blocks = band_kept.reshape(rows, samples, width, samples)
+        out_kept[top : top + rows] = blocks.all(axis=(1, 3))
+    return out, out_kept
+
+
+def _sample_grid(width: int, rows: int, top: int, samples: int) -> np.ndarray:
+    """Sample positions of a band of pixels, shape (n, 2), in pixels of the wanted image."""
+    x = (np.arange(width * samples) + 0.5) / samples
+    y = (np.arange(rows * samples) + 0.5) / samples + top
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def _sample(linear: np.ndarray, kept: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bilinear values and whether they may be used, at coordinates (h, w, 2) with centres at 0.5."""
+    height, width = kept.shape
+    x, y = xy[..., 0], xy[..., 1]
+    with np.errstate(invalid="ignore"):
+        inside = (x >= 0) & (x <= width) & (y >= 0) & (y <= height)
+    column, row = (np.where(inside, v - 0.5, 0).astype(np.float32) for v in (x, y))  # OpenCV: centres at 0
+    values = cv2.remap(linear, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    nearest = kept[
+        np.clip(np.floor(row + 0.5).astype(int), 0, height - 1),
+        np.clip(np.floor(column + 0.5).astype(int), 0, width - 1),
+    ]
+    return values, inside & nearest
+
+
+def _block_mean(image: np.ndarray, samples: int) -> np.ndarray:
+    """Mean of samples × samples blocks, shape (h·s, w·s, 3) to (h, w, 3)."""
+    if samples == 1:
+        return image
+    height, width = image.shape[0] // samples, image.shape[1] // samples
+    blocks = image.reshape(height, samples, width, samples, image.shape[2])
+    return blocks.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
