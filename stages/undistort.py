@@ -159,8 +159,10 @@ def _source_from_target(lens: pycolmap.Camera, camera: Camera, xy: Any) -> Any:
     """Pixels (n, 2) of the photo behind pixels of the pinhole image; NaN where the lens sees nothing."""
     import numpy as np
 
-    homogeneous = np.column_stack([xy, np.ones(len(xy))])
-    rays = homogeneous @ np.linalg.inv(camera.intrinsics).T
+    K = camera.intrinsics
+    rays = np.ones((len(xy), 3))
+    rays[:, 0] = (xy[:, 0] - K[0, 2]) / K[0, 0]
+    rays[:, 1] = (xy[:, 1] - K[1, 2]) / K[1, 1]
     return lens.img_from_cam(rays)
 
 

@@ -96,8 +96,5 @@ def _sample(linear: np.ndarray, kept: np.ndarray, xy: np.ndarray) -> tuple[np.nd
 
 def _block_mean(image: np.ndarray, samples: int) -> np.ndarray:
     """Mean of samples × samples blocks, shape (h·s, w·s, 3) to (h, w, 3)."""
-    if samples == 1:
-        return image
-    height, width = image.shape[0] // samples, image.shape[1] // samples
-    blocks = image.reshape(height, samples, width, samples, image.shape[2])
-    return blocks.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+    size = image.shape[1] // samples, image.shape[0] // samples
+    return image if samples == 1 else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
