@@ -7,16 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from stages.scene.wording import listed
 
 if TYPE_CHECKING:
     import numpy as np
     import pycolmap
 
-    from stages.motion.features import Features
     from stages.motion.photo_set import Photo
 
 T = TypeVar("T")
-NAMED_AT_MOST = 12
 
 
 class SfmSettings(Settings):
@@ -145,20 +144,13 @@ def _find_features(job: Job, photos: Sequence[Photo], database: Path) -> list[np
 
     from stages.motion.database import write_features
     from stages.motion.features import detect, read_features
-    from stages.motion.photo_set import camera_groups, initial_camera
+    from stages.motion.photo_set import camera_groups, initial_cameras
 
     settings: SfmSettings = job.settings
     groups = camera_groups(photos, settings.cameras)
-    if settings.camera_params is not None and len({(p.width, p.height) for p in photos}) > 1:
-        raise UserError(
-            "camera_params hold for one image size, but the photos have several; leave camera_params out, or "
-            "run each size by itself."
-        )
-    first = [photos[groups.index(group)] for group in range(max(groups) + 1)]
-    cameras = [
-        initial_camera(photo, index + 1, settings.camera_model, settings.camera_params, settings.focal_factor)
-        for index, photo in enumerate(first)
-    ]
+    cameras = initial_cameras(
+        photos, groups, settings.camera_model, settings.camera_params, settings.focal_factor
+    )
     found_in = job.scratch / "features.db"
     batch = 2 * job.threads
     with job.progress("finding features", len(photos)) as step:
@@ -166,35 +158,25 @@ def _find_features(job: Job, photos: Sequence[Photo], database: Path) -> list[np
             copies = [photo.copy for photo in photos[start : start + batch]]
             detect(copies, found_in, settings.max_features, job.threads)
             step(len(copies))
-    colours = []
     with pycolmap.Database.open(found_in) as found:
-
-        def one_by_one() -> Iterator[Features]:
-            for photo in photos:
-                features = read_features(found, photo.copy, photo.width, photo.height)
-                colours.append(features.colours)
-                yield features
-
-        write_features(database, cameras, groups, one_by_one())
-    return colours
+        features = (read_features(found, photo.copy, photo.width, photo.height) for photo in photos)
+        return write_features(database, cameras, groups, features)
 
 
 def _match(job: Job, database: Path, count: int) -> None:
     from stages.motion import matching
 
     settings: SfmSettings = job.settings
-    exhaustive = settings.matching == "exhaustive"
-    if settings.matching == "auto":
-        exhaustive = count <= settings.exhaustive_up_to
-        if not exhaustive:
+    mode = settings.matching
+    if mode == "auto":
+        mode = "exhaustive" if count <= settings.exhaustive_up_to else "sequential"
+        if mode == "sequential":
             job.warn(
                 f"{count} photos are too many to compare all pairs, so only neighbours in name order were "
                 "compared; set sfm.matching: exhaustive if the photos were not taken in this order."
             )
-    if exhaustive:
-        pairs = matching.exhaustive_pairs(count)
-    else:
-        pairs = matching.sequential_pairs(count, settings.overlap)
+    exhaustive = mode == "exhaustive"
+    pairs = matching.all_pairs(count) if exhaustive else matching.sequential_pairs(count, settings.overlap)
     with job.progress("comparing pairs", len(pairs)) as step:
         for batch in matching.in_batches(pairs):
             matching.match_pairs(database, batch, settings.seed, job.threads)
@@ -203,6 +185,8 @@ def _match(job: Job, database: Path, count: int) -> None:
 
 def _map(job: Job, database: Path, photos: Sequence[Photo]) -> pycolmap.Reconstruction:
     """The largest model of the best attempt; what it lacks is said."""
+    from stages.scene.colmap_model import registered
+
     models = _map_globally(job, database) if job.settings.mapper == "global" else []
     if not models:
         models = _map_incrementally(job, database, len(photos))
@@ -212,14 +196,12 @@ def _map(job: Job, database: Path, photos: Sequence[Photo]) -> pycolmap.Reconstr
             "features. They need to show the same textured, unmoving surface, about two thirds of it again "
             "from one to the next; add photos in between."
         )
-    from stages.scene.colmap_model import registered
-
     best = models[0]
     placed = {image.image_id for image in registered(best)}
     left_out = [photo.name for index, photo in enumerate(photos) if index + 1 not in placed]
     if left_out:
         share = f"{len(left_out)} of {len(photos)} photos"
-        job.warn(f"{share} could not be placed and are left out: {_listed(left_out)}.")
+        job.warn(f"{share} could not be placed and are left out: {listed(left_out)}.")
     if len(models) > 1:
         sizes = ", ".join(str(model.num_reg_images()) for model in models[1:])
         job.warn(
@@ -306,11 +288,6 @@ def _each(job: Job, work: Callable[..., T], *columns: Any) -> Iterator[T]:
     rows = max(len(column) for column in columns if isinstance(column, list))
     filled = [column if isinstance(column, list) else [column] * rows for column in columns]
     return job.executor.map(work, *filled)
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = len(names) - NAMED_AT_MOST
-    return ", ".join(names[:NAMED_AT_MOST]) + (f" and {more} more" if more > 0 else "")
 
 
 SFM = Stage(

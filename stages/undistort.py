@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from stages.scene.wording import listed
 
 if TYPE_CHECKING:
     import pycolmap
 
     from stages.scene.cameras import Camera
-
-NAMED_AT_MOST = 12
 
 
 class UndistortSettings(Settings):
@@ -209,9 +208,7 @@ def _find_masks(job: Job, names: list[str]) -> dict[str, Path]:
         )
     missing = [name for name in names if name not in found]
     if missing:
-        more = len(missing) - NAMED_AT_MOST
-        listed = ", ".join(missing[:NAMED_AT_MOST]) + (f" and {more} more" if more > 0 else "")
-        job.warn(f"{len(missing)} of {len(names)} photos have no mask and are used whole: {listed}.")
+        job.warn(f"{len(missing)} of {len(names)} photos have no mask and are used whole: {listed(missing)}.")
     return found
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
 from stages.motion.features import Features
@@ -24,7 +25,7 @@ def copy_name(index: int) -> str:
 
 def write_features(
     path: Path, cameras: Sequence[pycolmap.Camera], groups: Sequence[int], features: Iterable[Features]
-) -> None:
+) -> list[np.ndarray]:
     """Write a new database of photos and their features, under working names.
 
     Parameters
@@ -36,7 +37,13 @@ def write_features(
         Per photo, the index of its camera; image, frame and photo share the id index + 1.
     features : iterable of Features
         Per photo, taken one at a time.
+
+    Returns
+    -------
+    list of ndarray, shape (n, 3), uint8
+        Per photo, the colours at its features.
     """
+    colours = []
     with pycolmap.Database.open(path) as database:
         for camera in cameras:
             database.write_camera(camera, use_camera_id=True)
@@ -53,6 +60,8 @@ def write_features(
             database.write_keypoints(index + 1, found.keypoints)
             sift = pycolmap.FeatureDescriptors(pycolmap.FeatureExtractorType.SIFT, found.descriptors)
             database.write_descriptors(index + 1, sift)
+            colours.append(found.colours)
+    return colours
 
 
 def publish(working: Path, published: Path, names: Sequence[str]) -> None:

@@ -11,7 +11,7 @@ import pycolmap
 from stages.motion.database import working_name
 
 
-def exhaustive_pairs(count: int) -> list[tuple[int, int]]:
+def all_pairs(count: int) -> list[tuple[int, int]]:
     """All pairs i < j of `count` photos."""
     return list(itertools.combinations(range(count), 2))
 

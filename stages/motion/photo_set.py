@@ -106,25 +106,43 @@ def camera_groups(photos: Sequence[Photo], sharing: str) -> list[int]:
     return groups
 
 
-def initial_camera(
-    photo: Photo, camera_id: int, model: str, params: Sequence[float] | None, focal_factor: float
-) -> pycolmap.Camera:
-    """COLMAP camera to start from: `params` if given, else the EXIF prior, else focal_factor × longest side.
+def initial_cameras(
+    photos: Sequence[Photo],
+    groups: Sequence[int],
+    model: str,
+    params: Sequence[float] | None,
+    focal_factor: float,
+) -> list[pycolmap.Camera]:
+    """COLMAP cameras to start from, one per group, ids from 1.
+
+    `params` if given, else the EXIF focal length, else `focal_factor` × the longest side.
 
     Raises
     ------
     UserError
-        `params` do not fit the model.
+        `params` do not fit the model, or the photos have several sizes.
     """
-    focal = photo.focal_prior_px or focal_factor * max(photo.width, photo.height)
-    camera = pycolmap.Camera.create_from_model_name(camera_id, model, focal, photo.width, photo.height)
-    camera.has_prior_focal_length = photo.focal_prior_px is not None
-    if params is not None:
-        if len(params) != len(camera.params):
-            raise UserError(
-                f"camera_params has {len(params)} values, but {model} takes {len(camera.params)}: "
-                f"{camera.params_info}. Give them in this order, in pixels of the upright photo."
-            )
-        camera.params = list(params)
-        camera.has_prior_focal_length = True
-    return camera
+    if params is not None and len({(photo.width, photo.height) for photo in photos}) > 1:
+        raise UserError(
+            "camera_params hold for one image size, but the photos have several; leave camera_params out, or "
+            "run each size by itself."
+        )
+    cameras = []
+    for group in range(max(groups) + 1):
+        photo = photos[groups.index(group)]
+        focal = photo.focal_prior_px or focal_factor * max(photo.width, photo.height)
+        camera = pycolmap.Camera.create_from_model_name(group + 1, model, focal, photo.width, photo.height)
+        camera.has_prior_focal_length = photo.focal_prior_px is not None or params is not None
+        if params is not None:
+            camera.params = _fitting(params, camera)
+        cameras.append(camera)
+    return cameras
+
+
+def _fitting(params: Sequence[float], camera: pycolmap.Camera) -> list[float]:
+    if len(params) != len(camera.params):
+        raise UserError(
+            f"camera_params has {len(params)} values, but {camera.model_name} takes {len(camera.params)}: "
+            f"{camera.params_info}. Give them in this order, in pixels of the upright photo."
+        )
+    return list(params)

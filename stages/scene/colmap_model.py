@@ -12,6 +12,7 @@ import pycolmap
 
 from pipeline import UserError
 from stages.scene.cameras import Camera, view_name
+from stages.scene.colmap_assembly import PosedImage, assemble, points2d_of
 
 PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 
@@ -136,29 +137,23 @@ def pinhole_model(
     pycolmap.Reconstruction
         Image ids follow `points_from` where given, else the order of `cameras`, from 1.
     """
-    model = pycolmap.Reconstruction()
     sources = {view_name(i.name): i for i in registered(points_from)} if points_from else {}
-    camera_ids: dict[tuple, int] = {}
-    lost: set[tuple[int, int]] = set()
+    images = []
     for index, camera in enumerate(cameras):
-        key = (camera.width, camera.height, *camera.intrinsics.ravel())
-        if key not in camera_ids:
-            camera_ids[key] = len(camera_ids) + 1
-            model.add_camera_with_trivial_rig(_colmap_camera(camera, camera_ids[key]))
-        source = sources.get(camera.name)
-        image = pycolmap.Image(
-            name=camera.name + extension,
-            camera_id=camera_ids[key],
-            image_id=source.image_id if source else index + 1,
-        )
-        if source:
+        source = sources[camera.name] if points_from else None
+        xy = np.zeros((0, 2))
+        if source is not None:
             xy = carried_points(source, points_from.cameras[source.camera_id], camera.intrinsics)
-            lost.update((source.image_id, int(i)) for i in np.flatnonzero(~np.isfinite(xy).all(axis=1)))
-            image.points2D = pycolmap.Point2DList([pycolmap.Point2D(point) for point in np.nan_to_num(xy)])
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(camera.cam_from_world))
-    if points_from:
-        _add_points(model, points_from, lost)
-    return model
+        images.append(
+            PosedImage(
+                image_id=index + 1 if source is None else source.image_id,
+                name=camera.name + extension,
+                camera=_colmap_camera(camera),
+                cam_from_world=pycolmap.Rigid3d(camera.cam_from_world),
+                xy=xy,
+            )
+        )
+    return assemble(images, points_from)
 
 
 def carried_points(image: pycolmap.Image, camera: pycolmap.Camera, to_intrinsics: np.ndarray) -> np.ndarray:
@@ -169,41 +164,22 @@ def carried_points(image: pycolmap.Image, camera: pycolmap.Camera, to_intrinsics
     ndarray, shape (n, 2), float64
         Pixels; NaN where the camera model finds no ray.
     """
-    if not len(image.points2D):
-        return np.zeros((0, 2))
-    xy = np.array([point.xy for point in image.points2D])
+    xy = points2d_of(image)
+    if not len(xy):
+        return xy
     normalised = np.asarray(camera.cam_from_img(xy), float)
     return normalised @ to_intrinsics[:2, :2].T + to_intrinsics[:2, 2]
 
 
-def _colmap_camera(camera: Camera, camera_id: int) -> pycolmap.Camera:
+def _colmap_camera(camera: Camera) -> pycolmap.Camera:
     K = camera.intrinsics
     return pycolmap.Camera(
-        camera_id=camera_id,
         model="PINHOLE",
         width=camera.width,
         height=camera.height,
         params=[K[0, 0], K[1, 1], K[0, 2], K[1, 2]],
         has_prior_focal_length=True,
     )
-
-
-def _add_points(
-    model: pycolmap.Reconstruction, source: pycolmap.Reconstruction, lost: set[tuple[int, int]]
-) -> None:
-    """Copy the 3-D points that at least two of the model's images see; `lost` observations do not count."""
-    for point_id in sorted(source.points3D):
-        point = source.points3D[point_id]
-        seen_by = [
-            e
-            for e in point.track.elements
-            if e.image_id in model.images and (e.image_id, e.point2D_idx) not in lost
-        ]
-        if len(seen_by) >= 2:
-            kept = pycolmap.Point3D(
-                xyz=point.xyz, color=point.color, error=point.error, track=pycolmap.Track(seen_by)
-            )
-            model.add_point3D_with_id(point_id, kept)
 
 
 def _format_of(folder: Path) -> str | None:

@@ -1,0 +1,88 @@
+"""COLMAP models put together from views: cameras shared where equal, trivial rigs, tracks kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pycolmap
+
+
+@dataclass(frozen=True, eq=False)
+class PosedImage:
+    """One image of the model to be.
+
+    Attributes
+    ----------
+    image_id : int
+        Its id; the same as in the model that points are taken from.
+    name : str
+    camera : pycolmap.Camera
+        Any model; its id is ignored, equal cameras become one.
+    cam_from_world : pycolmap.Rigid3d
+    xy : ndarray, shape (n, 2), float64
+        2-D points, pixels, in the order of the model that points are taken from; NaN for those that are lost.
+    """
+
+    image_id: int
+    name: str
+    camera: pycolmap.Camera
+    cam_from_world: pycolmap.Rigid3d
+    xy: np.ndarray
+
+
+def assemble(
+    images: Sequence[PosedImage], points_from: pycolmap.Reconstruction | None = None
+) -> pycolmap.Reconstruction:
+    """Build a model of posed images, with the 3-D points of `points_from` that two of them still see."""
+    model = pycolmap.Reconstruction()
+    camera_ids: dict[tuple, int] = {}
+    lost: set[tuple[int, int]] = set()
+    for posed in images:
+        camera = posed.camera
+        key = (camera.model_name, camera.width, camera.height, *camera.params)
+        if key not in camera_ids:
+            camera_ids[key] = len(camera_ids) + 1
+            model.add_camera_with_trivial_rig(_with_id(camera, camera_ids[key]))
+        image = pycolmap.Image(name=posed.name, camera_id=camera_ids[key], image_id=posed.image_id)
+        gone = np.flatnonzero(~np.isfinite(posed.xy).all(axis=1))
+        lost.update((posed.image_id, int(index)) for index in gone)
+        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(point) for point in np.nan_to_num(posed.xy)])
+        model.add_image_with_trivial_frame(image, posed.cam_from_world)
+    if points_from is not None:
+        _add_points(model, points_from, lost)
+    return model
+
+
+def points2d_of(image: pycolmap.Image) -> np.ndarray:
+    """2-D points of an image, shape (n, 2), float64, pixels."""
+    return np.array([point.xy for point in image.points2D], float).reshape(-1, 2)
+
+
+def _with_id(camera: pycolmap.Camera, camera_id: int) -> pycolmap.Camera:
+    return pycolmap.Camera(
+        camera_id=camera_id,
+        model=camera.model_name,
+        width=camera.width,
+        height=camera.height,
+        params=list(camera.params),
+        has_prior_focal_length=camera.has_prior_focal_length,
+    )
+
+
+def _add_points(
+    model: pycolmap.Reconstruction, source: pycolmap.Reconstruction, lost: set[tuple[int, int]]
+) -> None:
+    for point_id in sorted(source.points3D):
+        point = source.points3D[point_id]
+        seen_by = [
+            element
+            for element in point.track.elements
+            if element.image_id in model.images and (element.image_id, element.point2D_idx) not in lost
+        ]
+        if len(seen_by) >= 2:
+            kept = pycolmap.Point3D(
+                xyz=point.xyz, color=point.color, error=point.error, track=pycolmap.Track(seen_by)
+            )
+            model.add_point3D_with_id(point_id, kept)
