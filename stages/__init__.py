@@ -1,5 +1,68 @@
-"""The craft."""
+"""The craft. Every file here is a step of the paper, every folder a vocabulary that the steps share.
 
-# Before everything else: pycolmap exports a zlib of its own. Loaded first, it takes half of the calls that
-# OpenCV's PNG writer means for the system's, and the mixture corrupts the heap (pycolmap 4.2 with OpenCV 5).
-import zlib  # noqa: F401
+`dataflow` is the whole program, read from top to bottom: each stage takes what stands above it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from pipeline import Source, Stage, UserError
+from stages.adopt_mesh import ADOPT_MESH
+from stages.adopt_model import ADOPT_MODEL
+from stages.correspondence import CORRESPONDENCE
+from stages.decomposition import DECOMPOSITION
+from stages.deliver import DELIVER
+from stages.mesh import MESH
+from stages.mvs import MVS
+from stages.raycast import RAYCAST
+from stages.sfm import SFM
+from stages.undistort import UNDISTORT
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".hdr")
+
+SOURCES = (
+    Source("images", "folder of photos: JPEG, PNG, TIFF (sRGB) or EXR, HDR (linear)", IMAGE_SUFFIXES),
+    Source(
+        "colmap",
+        "folder with a COLMAP model, used instead of running structure from motion",
+        (".bin", ".txt"),
+    ),
+    Source("mesh_file", "mesh in the frame of the COLMAP model, used instead of reconstructing one"),
+    Source("masks", "folder of masks named like the photos, white = keep", IMAGE_SUFFIXES),
+)
+
+DATAFLOW = (
+    SFM,  #             Eq. 7: K, R, t
+    UNDISTORT,  #       pinhole images, linear light
+    MVS,  #             depth maps, fused points
+    MESH,  #            the surface
+    RAYCAST,  #         n^i, Ω^i, π⁻¹
+    CORRESPONDENCE,  #  Eq. 5, 6, 8: C_ij
+    DECOMPOSITION,  #   Eq. 1–4, 9–18: ρ, σ
+    DELIVER,  #         what people open
+)
+ENTRY_POINTS = (ADOPT_MODEL, ADOPT_MESH)
+ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS)
+
+
+def dataflow(given: Collection[str]) -> tuple[Stage, ...]:
+    """The stages to go through, given the names of the sources at hand.
+
+    Raises
+    ------
+    UserError
+        There are no photos, or a mesh without the cameras whose frame it is in.
+    """
+    if "images" not in given:
+        raise UserError(
+            "No photos were given; expected --images DIR, or `images` under `sources` in a configuration."
+        )
+    if "mesh_file" in given and "colmap" not in given:
+        raise UserError(
+            "--mesh was given without --colmap: a mesh has a meaning only in the frame of its cameras. "
+            "Give the COLMAP model that it belongs to."
+        )
+    model = ADOPT_MODEL if "colmap" in given else SFM
+    surface = (ADOPT_MESH,) if "mesh_file" in given else (MVS, MESH)
+    return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, DECOMPOSITION, DELIVER)
