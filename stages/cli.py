@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
@@ -23,6 +23,17 @@ from stages.scene.datasets import dataset_folder
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130
 SOURCE_OF_FLAG = {"images": "images", "colmap": "colmap", "mesh": "mesh_file", "masks": "masks"}
 DATASET_PHOTOS = "images"
+ABOUT = "Per-view albedo from photos or a COLMAP workspace: the light and the shading apart."
+
+
+def optional(metavar: str, name: str | None = None) -> Any:
+    """How the help shows an option that need not be given."""
+    return arg(metavar=metavar, name=name, help_behavior_hint="")
+
+
+Folder = Annotated[Path | None, optional("DIR")]
+File = Annotated[Path | None, optional("FILE")]
+StageName = Annotated[str | None, optional("STAGE")]
 
 
 @dataclass(frozen=True)
@@ -51,14 +62,14 @@ class Given:
         Answer in JSON on the output stream.
     """
 
-    config: Positional[Path | None] = None
-    workspace: Path | None = None
-    images: Path | None = None
-    colmap: Path | None = None
-    mesh: Path | None = None
-    masks: Path | None = None
-    assignments: Annotated[UseAppendAction[tuple[str, ...]], arg(name="set")] = ()
-    threads: int | None = None
+    config: Annotated[Positional[Path | None], optional("[CONFIG]")] = None
+    workspace: Folder = None
+    images: Folder = None
+    colmap: Folder = None
+    mesh: File = None
+    masks: Folder = None
+    assignments: Annotated[UseAppendAction[tuple[str, ...]], optional("STAGE.SETTING=VALUE", "set")] = ()
+    threads: Annotated[int | None, optional("N")] = None
     json: bool = False
 
 
@@ -78,9 +89,9 @@ class Run(Given):
         Run the selected stages even where they are up to date.
     """
 
-    only: str | None = None
-    first: Annotated[str | None, arg(name="from")] = None
-    last: Annotated[str | None, arg(name="to")] = None
+    only: StageName = None
+    first: Annotated[str | None, optional("STAGE", "from")] = None
+    last: Annotated[str | None, optional("STAGE", "to")] = None
     force: bool = False
 
 
@@ -107,7 +118,7 @@ class Show(Given):
     """
 
     stage: str = "decomposition"
-    key: str | None = None
+    key: Annotated[str | None, optional("KEY")] = None
 
 
 @dataclass(frozen=True)
@@ -123,7 +134,7 @@ class Diff(Given):
     """
 
     stage: str = "decomposition"
-    keys: tuple[str, str] | None = None
+    keys: Annotated[tuple[str, str] | None, optional("KEY KEY")] = None
 
 
 @dataclass(frozen=True)
@@ -144,8 +155,11 @@ Command = Run | Plan | Status | Show | Diff | Clean
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, do, and answer with an exit code: 0 done, 2 something the user can put right, 1 our fault."""
+    # BLAS splits its sums by the number of cores: on one thread the bits are the same on every machine, and
+    # the stages are parallel over views, rows or channels anyway. Read when numpy is first imported.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = list(sys.argv[1:] if argv is None else argv)
-    command = tyro.cli(Command, args=words, prog="unshade", description=__doc__, config=(FlagCreatePairsOff,))
+    command = tyro.cli(Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,))
     terminal = Terminal(command.json)
     try:
         obey(command, terminal)
@@ -221,12 +235,17 @@ def sources_of(command: Given, config: Config) -> dict[str, Path]:
     for flag, name in SOURCE_OF_FLAG.items():
         given = getattr(command, flag)
         if given is None and flag in config.sources:
-            given = config.folder / config.sources[flag]
+            given = beside(config, config.sources[flag])
         if given is not None:
             sources[name] = existing(flag, given)
     if "colmap" in sources and "images" not in sources and (sources["colmap"] / "images").is_dir():
         sources["images"] = sources["colmap"] / "images"
     return sources
+
+
+def beside(config: Config, path: str) -> Path:
+    """A path that a configuration names, relative to its folder."""
+    return Path(os.path.normpath(config.folder / path))
 
 
 def existing(flag: str, path: Path) -> Path:
@@ -244,7 +263,7 @@ def workspace_of(command: Given, config: Config, sources: dict[str, Path]) -> Pa
     if command.workspace is not None:
         return command.workspace
     if config.workspace is not None:
-        return config.folder / config.workspace
+        return beside(config, config.workspace)
     photos = sources["images"].resolve()
     return Path("workspaces", photos.parent.name if photos.name == "images" else photos.name)
 
