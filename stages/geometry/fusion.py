@@ -1,0 +1,179 @@
+"""Depth maps of many views fused into one cloud: each surface element once, averaged over the views that agree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+F = np.float32
+
+
+@dataclass(frozen=True, eq=False)
+class FusedPoints:
+    """An oriented, coloured cloud.
+
+    Attributes
+    ----------
+    x_in_world : ndarray, shape (n, 3), float64
+    normals : ndarray, shape (n, 3), float32
+        Unit, world axes.
+    colours : ndarray, shape (n, 3), uint8
+        As in the images, sRGB.
+    """
+
+    x_in_world: np.ndarray
+    normals: np.ndarray
+    colours: np.ndarray
+
+    @staticmethod
+    def joined(parts: list[FusedPoints]) -> FusedPoints:
+        """Several clouds as one."""
+        return FusedPoints(
+            np.concatenate([part.x_in_world for part in parts]).reshape(-1, 3),
+            np.concatenate([part.normals for part in parts]).reshape(-1, 3),
+            np.concatenate([part.colours for part in parts]).reshape(-1, 3),
+        )
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """When a pixel of another view is the same surface element, and how many must say so.
+
+    Attributes
+    ----------
+    reprojection_px : float
+        The other pixel's point must fall this near to the first pixel, pixels.
+    depth_share : float
+        Its depth may differ by this share.
+    normal_deg : float
+        And its normal by this angle.
+    fewest_views : int
+        Views that must agree, the first included.
+    """
+
+    reprojection_px: float
+    depth_share: float
+    normal_deg: float
+    fewest_views: int
+
+
+class DepthViews(NamedTuple):
+    """The view to be fused (index 0) and its sources, padded to a common size.
+
+    Attributes
+    ----------
+    sizes : ndarray, shape (S + 1, 2), int32
+    inverse : ndarray, shape (S + 1, H, W), float32
+        Inverse depth, 0 where unknown.
+    normals : ndarray, shape (S + 1, H, W, 3), float32
+        World axes.
+    colours : ndarray, shape (S + 1, H, W, 3), uint8
+    used : ndarray, shape (S + 1, H, W), bool
+        Pixels that are part of the cloud already; **updated**.
+    projections, back : ndarray, shape (S + 1, 3, 4), float64
+        `j_from_i` and `i_from_j` between view 0 and each.
+    rays : ndarray, shape (S + 1, 3, 3), float64
+        Array index (x, y, 1) to the ray of z = 1 in world axes.
+    centres : ndarray, shape (S + 1, 3), float64
+    """
+
+    sizes: np.ndarray
+    inverse: np.ndarray
+    normals: np.ndarray
+    colours: np.ndarray
+    used: np.ndarray
+    projections: np.ndarray
+    back: np.ndarray
+    rays: np.ndarray
+    centres: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+def _counterpart(views, s, y, x, reprojection_px, depth_share, cosine):
+    """Row and column of the pixel of source s that shows the same element, or (−1, −1)."""
+    w = views.inverse[0, y, x]
+    p = views.projections[s]
+    q = p[:, 0] * x + p[:, 1] * y + p[:, 2] + p[:, 3] * w
+    if q[2] <= 0:
+        return -1, -1
+    column, row = int(np.floor(q[0] / q[2] + 0.5)), int(np.floor(q[1] / q[2] + 0.5))
+    if not (0 <= row < views.sizes[s, 0] and 0 <= column < views.sizes[s, 1]):
+        return -1, -1
+    other = views.inverse[s, row, column]
+    if other <= 0 or abs(w / q[2] - other) > depth_share * other:
+        return -1, -1
+    b = views.back[s]
+    r = b[:, 0] * column + b[:, 1] * row + b[:, 2] + b[:, 3] * other
+    if r[2] <= 0 or np.hypot(r[0] / r[2] - x, r[1] / r[2] - y) > reprojection_px:
+        return -1, -1
+    alike = 0.0
+    for axis in range(3):
+        alike += views.normals[0, y, x, axis] * views.normals[s, row, column, axis]
+    if alike < cosine:
+        return -1, -1
+    return row, column
+
+
+@njit(cache=True, nogil=True)
+def _add(views, s, y, x, sums):
+    """Add an element to the sums of position (0–2), normal (3–5), colour (6–8), weighted by resolution (9)."""
+    w = views.inverse[s, y, x]
+    weight = w * w
+    ray = views.rays[s]
+    for axis in range(3):
+        direction = ray[axis, 0] * x + ray[axis, 1] * y + ray[axis, 2]
+        sums[axis] += weight * (views.centres[s, axis] + direction / w)
+        sums[3 + axis] += weight * views.normals[s, y, x, axis]
+        sums[6 + axis] += weight * views.colours[s, y, x, axis]
+    sums[9] += weight
+
+
+@njit(cache=True, nogil=True)
+def _fuse(views, reprojection_px, depth_share, cosine, fewest):
+    height, width = views.sizes[0]
+    rows = np.empty((height * width, 9), np.float64)
+    found = 0
+    sums = np.empty(10, np.float64)
+    members = np.empty((views.sizes.shape[0], 3), np.int64)
+    for y in range(height):
+        for x in range(width):
+            if views.inverse[0, y, x] <= 0 or views.used[0, y, x]:
+                continue
+            count = 1
+            sums[:] = 0
+            _add(views, 0, y, x, sums)
+            members[0, 0], members[0, 1], members[0, 2] = 0, y, x
+            for s in range(1, views.sizes.shape[0]):
+                row, column = _counterpart(views, s, y, x, reprojection_px, depth_share, cosine)
+                if row >= 0:
+                    if not views.used[s, row, column]:
+                        _add(views, s, row, column, sums)
+                    members[count, 0], members[count, 1], members[count, 2] = s, row, column
+                    count += 1
+            if count >= fewest:
+                for k in range(count):
+                    views.used[members[k, 0], members[k, 1], members[k, 2]] = True
+                rows[found] = sums[:9] / sums[9]
+                found += 1
+    return rows[:found].copy()
+
+
+def fuse_view(views: DepthViews, agreement: Agreement) -> FusedPoints:
+    """Points of one view's pixels that are not in the cloud yet and that enough views agree on.
+
+    Positions, normals and colours are means over the agreeing pixels, weighted by 1/z². Pixels that have
+    gone into a point are marked in ``views.used``, and are not averaged a second time.
+
+    Parameters
+    ----------
+    views : DepthViews
+    agreement : Agreement
+    """
+    cosine = float(np.cos(np.deg2rad(agreement.normal_deg)))
+    rows = _fuse(views, agreement.reprojection_px, agreement.depth_share, cosine, agreement.fewest_views)
+    normals = rows[:, 3:6] / np.maximum(np.linalg.norm(rows[:, 3:6], axis=1, keepdims=True), 1e-12)
+    colours = np.clip(np.rint(rows[:, 6:]), 0, 255).astype(np.uint8)
+    return FusedPoints(rows[:, :3], normals.astype(np.float32), colours)

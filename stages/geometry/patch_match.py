@@ -1,0 +1,333 @@
+"""PatchMatch refinement of depth and normal: neighbours' planes, small random changes, keep what matches better.
+
+Pixels are coloured like a chessboard; all red ones look only at black ones and the other way round, and
+every random number is a hash of pixel, pass and try. So rows can be shared among any number of threads
+without changing a bit.
+
+Cost of a plane at a pixel: over the k sources that match its present plane best, the mean of 1 − ZNCC (and,
+once the sources have depth maps, of the forward-backward reprojection error), plus a small truncated charge
+for bending away from its four neighbours, which settles what photographs leave open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from stages.geometry.patch_cost import (
+    DX,
+    DY,
+    OUTSIDE,
+    SAMPLES,
+    patch_offsets,
+    photometric_cost,
+    reprojection_error,
+    spatial_weights,
+    weigh_patch,
+)
+
+F = np.float32
+NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+
+
+class Sources(NamedTuple):
+    """A view's source views, padded to a common size (H, W).
+
+    Attributes
+    ----------
+    images : ndarray, shape (S, H, W), float32
+        Grey values in [0, 1].
+    sizes : ndarray, shape (S, 2), int32
+        (height, width) of each.
+    projections, back : ndarray, shape (S, 3, 4), float32
+        `j_from_i` and `i_from_j`.
+    inverse_depths : ndarray, shape (S, H, W), float32
+        Their inverse depth, 0 where unknown; shape (0, 1, 1) in the photometric pass.
+    """
+
+    images: np.ndarray
+    sizes: np.ndarray
+    projections: np.ndarray
+    back: np.ndarray
+    inverse_depths: np.ndarray
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """How one pass refines.
+
+    Attributes
+    ----------
+    iterations : int
+        Each visits all pixels, red then black.
+    radius : int
+        Reach of the patch, pixels.
+    best : int
+        How many sources count per pixel.
+    grey_sigma : float
+        Grey-value difference (of 1) at which a patch pixel's weight has fallen to exp(−½).
+    noise : float
+        Standard deviation of grey values that is not worth matching.
+    smoothness : float
+        Charge for bending away from all four neighbours by a pixel of disparity or more.
+    geometric, geometric_cap_px : float
+        Charge per pixel of reprojection error, and the error at which it stops growing.
+    """
+
+    iterations: int
+    radius: int
+    best: int
+    grey_sigma: float
+    noise: float
+    smoothness: float
+    geometric: float
+    geometric_cap_px: float
+
+
+class Rules(NamedTuple):
+    """`Refinement` and the view's scale, as the compiled loops want them."""
+
+    spatial: np.ndarray
+    best: int
+    grey_sigma: np.float32
+    noise: np.float32
+    smoothness: np.float32
+    geometric: np.float32
+    cap: np.float32
+    step: np.float32
+    lowest: np.float32
+    highest: np.float32
+
+
+@njit(cache=True, nogil=True)
+def _random(y, x, turn, draw):
+    """A number in [−1, 1) from a hash (Murmur's finaliser) of where and when it is drawn."""
+    h = np.uint32(y) * np.uint32(0x9E3779B1) ^ np.uint32(x) * np.uint32(0x85EBCA77)
+    h ^= np.uint32(turn) * np.uint32(0xC2B2AE3D) ^ np.uint32(draw) * np.uint32(0x27D4EB2F)
+    h = np.uint32((h ^ (h >> np.uint32(16))) * np.uint32(0x85EBCA6B))
+    h = np.uint32((h ^ (h >> np.uint32(13))) * np.uint32(0xC2B2AE35))
+    h = h ^ (h >> np.uint32(16))
+    return F(np.float32(h >> np.uint32(8)) * F(1 / 8388608.0) - F(1))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _source_cost(sources, flat, s, y, x, plane, patch, index, variance, rules):
+    """Cost of a plane in source s: 1 − ZNCC, and the reprojection error where depth maps are given."""
+    _, rows, columns = sources.images.shape
+    height, width = sources.sizes[s, 0], sources.sizes[s, 1]
+    w, slope_x, slope_y = plane
+    start = s * rows * columns
+    p = sources.projections
+    cost = photometric_cost(
+        flat,
+        start,
+        columns,
+        height,
+        width,
+        p,
+        s,
+        y,
+        x,
+        w,
+        slope_x,
+        slope_y,
+        patch,
+        index,
+        variance,
+        rules.noise,
+    )
+    if sources.inverse_depths.shape[0] > 0:
+        cost += rules.geometric * reprojection_error(
+            sources.inverse_depths, height, width, p, sources.back, s, y, x, w, rules.cap
+        )
+    return cost
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _bending(planes, y, x, plane, rules):
+    """Smoothness charge of a plane at a pixel: mean over its neighbours of the truncated gap, in pixels of disparity."""
+    height, width, _ = planes.shape
+    total = F(0)
+    for dy, dx in NEIGHBOURS:
+        row, column = y + dy, x + dx
+        if 0 <= row < height and 0 <= column < width:
+            ahead = plane[0] + plane[1] * F(dx) + plane[2] * F(dy) - planes[row, column, 0]
+            behind = (
+                planes[row, column, 0]
+                - planes[row, column, 1] * F(dx)
+                - planes[row, column, 2] * F(dy)
+                - plane[0]
+            )
+            total += min((abs(ahead) + abs(behind)) * F(0.5) / rules.step, F(1))
+    return rules.smoothness * F(0.25) * total
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _same(a, b, step):
+    """Whether two planes differ by too little to be worth a comparison: a fiftieth of a pixel over a patch."""
+    return (
+        abs(a[0] - b[0]) < F(0.02) * step
+        and abs(a[1] - b[1]) < F(0.005) * step
+        and abs(a[2] - b[2]) < F(0.005) * step
+    )
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _choose_sources(sources, flat, y, x, plane, patch, index, variance, rules, chosen, chosen_cost):
+    """The sources that match the present plane best; returns how many and the sum of their costs."""
+    used = 0
+    for s in range(sources.images.shape[0]):
+        cost = _source_cost(sources, flat, s, y, x, plane, patch, index, variance, rules)
+        place = used
+        while place > 0 and chosen_cost[place - 1] > cost:
+            place -= 1
+        if place >= rules.best:
+            continue
+        for k in range(min(used, rules.best - 1), place, -1):
+            chosen[k] = chosen[k - 1]
+            chosen_cost[k] = chosen_cost[k - 1]
+        chosen[place] = s
+        chosen_cost[place] = cost
+        used = min(used + 1, rules.best)
+    total = F(0)
+    for k in range(used):
+        total += chosen_cost[k]
+    return used, total
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _candidate(planes, costs, y, x, turn, draw, rules, amplitude):
+    """The draw-th alternative plane at a pixel: 0–3 the best neighbour of an arm, 4 the local slope, 5–7 random."""
+    height, width, _ = planes.shape
+    w, slope_x, slope_y = planes[y, x, 0], planes[y, x, 1], planes[y, x, 2]
+    if draw < 4:
+        dy, dx = NEIGHBOURS[draw]
+        lowest, reach = F(1e9), 0
+        for distance in (1, 3, 7):
+            row, column = y + dy * distance, x + dx * distance
+            if 0 <= row < height and 0 <= column < width and costs[row, column] < lowest:
+                lowest, reach = costs[row, column], distance
+        row, column = y + dy * reach, x + dx * reach
+        slope_x, slope_y = planes[row, column, 1], planes[row, column, 2]
+        return planes[row, column, 0] - slope_x * F(dx * reach) - slope_y * F(dy * reach), slope_x, slope_y
+    if draw == 4:
+        left, right = planes[y, max(x - 1, 0), 0], planes[y, min(x + 1, width - 1), 0]
+        above, below = planes[max(y - 1, 0), x, 0], planes[min(y + 1, height - 1), x, 0]
+        return (left + right + above + below) * F(0.25), (right - left) * F(0.5), (below - above) * F(0.5)
+    if draw != 6:
+        w += rules.step * amplitude * _random(y, x, turn, 3 * draw)
+    if draw != 5:
+        slope_x += rules.step * amplitude * F(0.3) * _random(y, x, turn, 3 * draw + 1)
+        slope_y += rules.step * amplitude * F(0.3) * _random(y, x, turn, 3 * draw + 2)
+    return w, slope_x, slope_y
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _refine_pixel(
+    image, sources, flat, planes, costs, y, x, turn, amplitude, rules, patch, index, chosen, chosen_cost
+):
+    """Try all candidates at one pixel and keep the cheapest."""
+    variance = weigh_patch(image, y, x, rules.spatial, rules.grey_sigma, patch)
+    plane = (planes[y, x, 0], planes[y, x, 1], planes[y, x, 2])
+    used, total = _choose_sources(
+        sources, flat, y, x, plane, patch, index, variance, rules, chosen, chosen_cost
+    )
+    share = F(1) / F(used)
+    lowest = total * share + _bending(planes, y, x, plane, rules)
+    for draw in range(8):
+        trial = _candidate(planes, costs, y, x, turn, draw, rules, amplitude)
+        if not (rules.lowest <= trial[0] <= rules.highest) or _same(trial, plane, rules.step):
+            continue
+        cost = _bending(planes, y, x, trial, rules)
+        for k in range(used):
+            if cost >= lowest:
+                break
+            cost += share * _source_cost(sources, flat, chosen[k], y, x, trial, patch, index, variance, rules)
+        if cost < lowest:
+            lowest, plane = cost, trial
+    planes[y, x, 0], planes[y, x, 1], planes[y, x, 2] = plane
+    costs[y, x] = lowest
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _refine_colour(image, sources, flat, planes, costs, colour, turn, amplitude, rules, offsets):
+    height, width = image.shape
+    for y in prange(height):
+        patch = np.zeros((7, SAMPLES), np.float32)
+        patch[DX] = offsets[:, 0]
+        patch[DY] = offsets[:, 1]
+        index = np.empty(SAMPLES, np.int32)
+        chosen, chosen_cost = np.empty(rules.best, np.int32), np.empty(rules.best, np.float32)
+        for x in range((y + colour) % 2, width, 2):
+            _refine_pixel(
+                image,
+                sources,
+                flat,
+                planes,
+                costs,
+                y,
+                x,
+                turn,
+                amplitude,
+                rules,
+                patch,
+                index,
+                chosen,
+                chosen_cost,
+            )
+
+
+def refine(
+    image: np.ndarray,
+    sources: Sources,
+    planes: np.ndarray,
+    refinement: Refinement,
+    step: float,
+    limits: tuple[float, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Refine a view's planes against its sources.
+
+    Parameters
+    ----------
+    image : ndarray, shape (h, w), float32
+        Grey values of the view, in [0, 1].
+    sources : Sources
+    planes : ndarray, shape (h, w, 3), float32
+        Where to start; not changed.
+    refinement : Refinement
+    step : float
+        Inverse depth per pixel of disparity, the yardstick of random changes and of bending.
+    limits : tuple of float
+        Smallest and largest inverse depth allowed.
+
+    Returns
+    -------
+    planes : ndarray, shape (h, w, 3), float32
+    costs : ndarray, shape (h, w), float32
+        Cost of each pixel's plane when it was last visited.
+    """
+    offsets = patch_offsets(refinement.radius)
+    rules = Rules(
+        spatial=spatial_weights(offsets, refinement.radius / 1.5),
+        best=refinement.best,
+        grey_sigma=F(refinement.grey_sigma),
+        noise=F(refinement.noise),
+        smoothness=F(refinement.smoothness),
+        geometric=F(refinement.geometric),
+        cap=F(refinement.geometric_cap_px),
+        step=F(step),
+        lowest=F(limits[0]),
+        highest=F(limits[1]),
+    )
+    planes, flat = planes.copy(), sources.images.reshape(-1)
+    costs = np.full(image.shape, OUTSIDE, np.float32)
+    for iteration in range(refinement.iterations):
+        for colour in range(2):
+            turn = 2 * iteration + colour + (1000 if sources.inverse_depths.shape[0] else 0)
+            _refine_colour(
+                image, sources, flat, planes, costs, colour, turn, F(0.5**iteration), rules, offsets
+            )
+    return planes, costs

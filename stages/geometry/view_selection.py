@@ -1,0 +1,127 @@
+"""Which views to match a view with, and over which depths: from shared sparse points, or from the poses alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.scene.cameras import Camera, project, rays_in_world
+
+
+@dataclass(frozen=True, eq=False)
+class SparsePoints:
+    """Points and who sees them.
+
+    Attributes
+    ----------
+    x_in_world : ndarray, shape (n, 3), float64
+    seen : ndarray, shape (v, n), bool
+        Whether view v observes the point.
+    """
+
+    x_in_world: np.ndarray
+    seen: np.ndarray
+
+
+@dataclass(frozen=True)
+class AngleWeight:
+    """How much a point speaks for a pair of views, by its triangulation angle.
+
+    Attributes
+    ----------
+    best_deg : float
+        The angle of weight 1: enough parallax, little foreshortening.
+    below_deg, above_deg : float
+        Standard deviations of the weight on either side.
+    """
+
+    best_deg: float
+    below_deg: float
+    above_deg: float
+
+    def __call__(self, angle_deg: np.ndarray) -> np.ndarray:
+        """Weight in (0, 1], same shape as `angle_deg`."""
+        off = angle_deg - self.best_deg
+        return np.exp(-0.5 * (off / np.where(off < 0, self.below_deg, self.above_deg)) ** 2)
+
+
+def points_from_poses(cameras: list[Camera], per_view: int = 64, depths: int = 8) -> SparsePoints:
+    """Stand-ins for sparse points where a model has none: a grid of every view's rays over plausible depths.
+
+    The middle depth is where the optical axes meet best (least squares); where they do not meet in front of
+    most views, twenty times the distance to the nearest neighbour. A stand-in is "seen" by every view whose
+    image it falls into.
+    """
+    centres = np.stack([camera.centre_in_world for camera in cameras])
+    axes = np.stack([camera.rotation[2] for camera in cameras])
+    projectors = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    focus = np.linalg.lstsq(projectors.sum(0), (projectors @ centres[:, :, None]).sum(0)[:, 0], rcond=1e-3)[0]
+    reach = np.sum((focus - centres) * axes, axis=1)
+    gaps = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
+    nearest = np.where(gaps > 0, gaps, np.inf).min(axis=1)
+    if np.mean(reach > nearest) < 0.8:
+        reach = 20.0 * np.where(np.isfinite(nearest), nearest, 1.0)
+    side = int(np.sqrt(per_view))
+    points = []
+    for camera, middle in zip(cameras, np.maximum(reach, nearest), strict=True):
+        rays = rays_in_world(camera.scaled(side, side)).reshape(-1, 1, 3)
+        steps = middle / np.linspace(1 / 0.5, 1 / 2.0, depths)[None, :, None]
+        points.append((camera.centre_in_world + rays * steps).reshape(-1, 3))
+    x_in_world = np.concatenate(points)
+    return SparsePoints(x_in_world, np.stack([falls_inside(camera, x_in_world) for camera in cameras]))
+
+
+def falls_inside(camera: Camera, x_in_world: np.ndarray) -> np.ndarray:
+    """Whether each point projects into the view's image, shape (n,), bool (no test of occlusion)."""
+    xy, depth = project(camera, x_in_world)
+    return (depth > 0) & np.all((xy >= 0) & (xy < [camera.width, camera.height]), axis=-1)
+
+
+def pair_scores(cameras: list[Camera], points: SparsePoints, view: int, weight: AngleWeight) -> np.ndarray:
+    """How well every other view serves `view` as a source, shape (v,), 0 for itself.
+
+    The sum over shared points of the angle's weight times the smaller over the larger of the two footprints.
+    """
+    scores = np.zeros(len(cameras))
+    centre = cameras[view].centre_in_world
+    for other, camera in enumerate(cameras):
+        shared = points.x_in_world[points.seen[view] & points.seen[other]]
+        if other == view or shared.size == 0:
+            continue
+        a, b = shared - centre, shared - camera.centre_in_world
+        length_a, length_b = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
+        cosine = np.clip(np.sum(a * b, axis=1) / (length_a * length_b), -1, 1)
+        size_a, size_b = length_a / cameras[view].focal_px, length_b / camera.focal_px
+        similar = np.minimum(size_a, size_b) / np.maximum(size_a, size_b)
+        scores[other] = np.sum(weight(np.rad2deg(np.arccos(cosine))) * similar)
+    return scores
+
+
+def select_sources(
+    cameras: list[Camera], points: SparsePoints, view: int, count: int, weight: AngleWeight
+) -> list[int]:
+    """The up to `count` best source views of `view`, best first; views sharing nothing with it are left out."""
+    scores = pair_scores(cameras, points, view, weight)
+    order = np.argsort(-scores, kind="stable")[:count]
+    return [int(other) for other in order if scores[other] > 0]
+
+
+def depth_range(
+    camera: Camera, x_in_world: np.ndarray, outliers: float, margin: float
+) -> tuple[float, float]:
+    """Near and far z-depth that hold the view's points, widened.
+
+    Parameters
+    ----------
+    camera : Camera
+    x_in_world : ndarray, shape (n, 3)
+        The points that the view sees; at least one in front of it.
+    outliers : float
+        Share of points left out at either end.
+    margin : float
+        Widening at either end, as a share of the depth there.
+    """
+    _, depth = project(camera, x_in_world)
+    near, far = np.quantile(depth[depth > 0], [outliers, 1 - outliers])
+    return float(near / (1 + margin)), float(far * (1 + margin))

@@ -1,0 +1,83 @@
+"""Dense stereo by COLMAP's own PatchMatch, where pycolmap has CUDA."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from pipeline import Job, UserError
+from stages.geometry.fusion import FusedPoints
+from stages.scene.cameras import normals_in_world
+from stages.scene.depth_maps import read_map
+from stages.stereo.workspace import Workspace, write_depth_maps
+
+
+def compute(job: Job, workspace: Workspace) -> FusedPoints:
+    """Run PatchMatch and fusion on a copy of the workspace; writes the maps and returns the fused cloud.
+
+    Raises
+    ------
+    UserError
+        This pycolmap has no CUDA.
+    """
+    if not pycolmap.has_cuda:
+        raise UserError(
+            "mvs.engine is cuda, but this pycolmap was built without CUDA; install pycolmap-cuda12 in its place, "
+            "or set mvs.engine=cpu."
+        )
+    folder = shutil.copytree(workspace.folder, job.scratch / "workspace")
+    for name in ("depth_maps", "normal_maps", "consistency_graphs"):
+        for image_name in workspace.image_names:
+            (folder / "stereo" / name / image_name).parent.mkdir(parents=True, exist_ok=True)
+    with job.progress("COLMAP PatchMatch"):
+        pycolmap.patch_match_stereo(folder, options=patch_match_options(job.settings))
+    with job.progress("COLMAP fusion"):
+        pycolmap.stereo_fusion(job.scratch / "fused.ply", folder, options=fusion_options(job.settings))
+    job.note(coverage=_hand_over(job, workspace, folder / "stereo"))
+    return _read_fused(job.scratch / "fused.ply")
+
+
+def patch_match_options(settings) -> pycolmap.PatchMatchOptions:
+    """PatchMatch with a geometric pass and its filter, our threshold of consistency."""
+    options = pycolmap.PatchMatchOptions()
+    options.geom_consistency = True
+    options.filter = True
+    options.filter_min_num_consistent = settings.consistent_views
+    options.filter_geom_consistency_max_cost = settings.consistent_px
+    return options
+
+
+def fusion_options(settings) -> pycolmap.StereoFusionOptions:
+    """Fusion with our thresholds of agreement."""
+    options = pycolmap.StereoFusionOptions()
+    options.min_num_pixels = settings.fusion_views
+    options.max_reproj_error = settings.consistent_px
+    options.max_depth_error = settings.fusion_depth_share
+    options.max_normal_error = settings.fusion_normal_deg
+    return options
+
+
+def _hand_over(job: Job, workspace: Workspace, stereo: Path) -> dict[str, float]:
+    """COLMAP's maps into the artefact; a view that COLMAP skipped gets empty ones. Returns the coverage."""
+    coverage = {}
+    for name, camera in zip(workspace.image_names, workspace.cameras, strict=True):
+        depth, normals = np.zeros(camera.shape, np.float32), np.zeros((*camera.shape, 3), np.float32)
+        if (stereo / "depth_maps" / f"{name}.geometric.bin").is_file():
+            depth = read_map(stereo / "depth_maps" / f"{name}.geometric.bin")
+            normals = read_map(stereo / "normal_maps" / f"{name}.geometric.bin")
+        else:
+            job.warn(f"COLMAP gave no depth map for {name}.")
+        coverage[name] = round(float((depth > 0).mean()), 4)
+        write_depth_maps(job.outputs["depth_maps"], name, camera, depth, normals_in_world(camera, normals))
+    return coverage
+
+
+def _read_fused(path: Path) -> FusedPoints:
+    import open3d as o3d
+
+    cloud = o3d.io.read_point_cloud(str(path))
+    colours = np.rint(np.asarray(cloud.colors) * 255).astype(np.uint8).reshape(-1, 3)
+    return FusedPoints(np.array(cloud.points), np.array(cloud.normals, np.float32), colours)

@@ -1,0 +1,155 @@
+"""Dense stereo on the CPU: the stage's settings handed to `geometry.dense_stereo`, view by view."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numba
+import numpy as np
+
+from pipeline import Job
+from stages.geometry import dense_stereo as stereo
+from stages.geometry.fusion import Agreement, FusedPoints
+from stages.geometry.inverse_depth import depth_from_planes
+from stages.geometry.patch_match import Refinement
+from stages.geometry.semi_global import Penalties
+from stages.geometry.view_selection import (
+    AngleWeight,
+    SparsePoints,
+    depth_range,
+    points_from_poses,
+    select_sources,
+)
+from stages.scene.array_store import ArrayStore
+from stages.stereo.workspace import Workspace, write_depth_maps
+
+FEWEST_POINTS = 10  # a view that sees fewer takes its depth range from all points in front of it
+
+
+def compute(job: Job, workspace: Workspace) -> FusedPoints:
+    """Depth maps of all views, written; returns the fused cloud."""
+    numba.set_num_threads(max(1, min(job.threads, numba.config.NUMBA_NUM_THREADS)))
+    began = time.process_time()
+    scene, lonely = plan_scene(job, workspace)
+    if lonely:
+        names = ", ".join(workspace.image_names[view] for view in lonely)
+        job.warn(f"No other view shares surface with {names}: without depth there.")
+    views = [view for view in range(len(workspace.cameras)) if view not in lonely]
+    with job.progress("depth maps", 5 * len(views)) as step:
+        find_planes(job, scene, views, step)
+        kept = confirm(job, scene, workspace, views, step)
+        cloud = stereo.fuse_views(scene, agreement_of(job.settings, len(workspace.cameras)), kept, step)
+    job.note(
+        coverage={workspace.image_names[view]: round(float(kept[view].mean()), 4) for view in views},
+        cpu_seconds=round(time.process_time() - began, 1),
+    )
+    return cloud
+
+
+def plan_scene(job: Job, workspace: Workspace) -> tuple[stereo.Scene, list[int]]:
+    """Choose sources and depth ranges; returns the scene and the views that have no sources."""
+    settings, cameras, points = job.settings, workspace.cameras, workspace.points
+    if not len(points.x_in_world):
+        points = points_from_poses(cameras)
+        job.note(depth_ranges="from the poses: the model has no 3-D points")
+    weight = AngleWeight(settings.angle_deg, 0.4 * settings.angle_deg, 1.5 * settings.angle_deg)
+    plans = []
+    for view in range(len(cameras)):
+        near, far = _range_of(workspace, points, view, settings)
+        sources = select_sources(cameras, points, view, settings.sources, weight)
+        plans.append(stereo.ViewPlan(sources, near, far))
+    scene = stereo.Scene(
+        cameras,
+        workspace.image_reader(),
+        plans,
+        planes=ArrayStore(job.scratch / "planes"),
+        costs=ArrayStore(job.scratch / "costs"),
+    )
+    return scene, [view for view, plan in enumerate(plans) if not plan.sources]
+
+
+def _range_of(workspace: Workspace, points: SparsePoints, view: int, settings: Any) -> tuple[float, float]:
+    camera = workspace.cameras[view]
+    seen = points.x_in_world[points.seen[view]]
+    x_in_world = seen if len(seen) >= FEWEST_POINTS else points.x_in_world
+    return depth_range(camera, x_in_world, settings.range_outliers, settings.range_margin)
+
+
+def find_planes(job: Job, scene: stereo.Scene, views: list[int], step: Any) -> None:
+    """Sweep, refine by matching, refine with the others' maps; leaves planes and costs in the scene."""
+    settings = job.settings
+    for view in views:
+        scene.planes[view] = stereo.sweep_view(scene, view, sweep_of(settings))
+        step()
+        refined = refinement_of(settings, settings.photometric_iterations)
+        scene.planes[view], scene.costs[view] = stereo.refine_view(scene, view, refined, geometric=False)
+        step()
+    refined = refinement_of(settings, settings.geometric_iterations)
+    after = ArrayStore(job.scratch / "planes_after")
+    for view in views:  # all look at the maps of the round before, so that their order does not matter
+        after[view], scene.costs[view] = stereo.refine_view(scene, view, refined, geometric=True)
+        step()
+    scene.planes = after
+
+
+def confirm(
+    job: Job, scene: stereo.Scene, workspace: Workspace, views: list[int], step: Any
+) -> dict[int, np.ndarray]:
+    """Keep what other views confirm and write it; views without sources get empty maps."""
+    settings, kept = job.settings, {}
+    folder = job.outputs["depth_maps"]
+    for view, camera in enumerate(workspace.cameras):
+        depth, normals = np.zeros(camera.shape, np.float32), np.zeros((*camera.shape, 3), np.float32)
+        if view in views:
+            kept[view] = stereo.confirm_view(
+                scene,
+                view,
+                most_px=settings.consistent_px,
+                highest_cost=settings.highest_cost,
+                fewest=settings.consistent_views,
+            )
+            depth = np.where(kept[view], depth_from_planes(scene.planes[view]), depth)
+            normals = np.where(kept[view][..., None], stereo.world_normals(scene, view), normals)
+            step()
+        write_depth_maps(folder, workspace.image_names[view], camera, depth, normals)
+    return kept
+
+
+def sweep_of(settings: Any) -> stereo.Sweep:
+    """The sweep's part of the settings."""
+    return stereo.Sweep(
+        scale=settings.sweep_scale,
+        longest_px=settings.sweep_longest_px,
+        step_px=settings.sweep_step_px,
+        planes=settings.sweep_planes,
+        radius=settings.sweep_radius_px,
+        best=min(settings.best_sources, settings.sources),
+        noise=settings.noise,
+        penalties=Penalties(settings.sgm_small, settings.sgm_large, settings.sgm_edge),
+        paths=settings.sgm_paths,
+    )
+
+
+def refinement_of(settings: Any, iterations: int) -> Refinement:
+    """The refinement's part of the settings."""
+    return Refinement(
+        iterations=iterations,
+        radius=settings.patch_radius_px,
+        best=min(settings.best_sources, settings.sources),
+        grey_sigma=settings.patch_grey_sigma,
+        noise=settings.noise,
+        smoothness=settings.smoothness,
+        geometric=settings.geometric_weight,
+        geometric_cap_px=settings.geometric_cap_px,
+    )
+
+
+def agreement_of(settings: Any, views: int) -> Agreement:
+    """The fusion's part of the settings; never more views than there are."""
+    return Agreement(
+        reprojection_px=settings.consistent_px,
+        depth_share=settings.fusion_depth_share,
+        normal_deg=settings.fusion_normal_deg,
+        fewest_views=min(settings.fusion_views, views),
+    )

@@ -1,0 +1,35 @@
+"""No dense stereo at all: the sparse points, with normals, as the fused cloud."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline import Job, UserError
+from stages.geometry.fusion import FusedPoints
+from stages.geometry.sparse_surface import oriented_normals
+from stages.stereo.workspace import Workspace, write_depth_maps
+
+
+def compute(job: Job, workspace: Workspace) -> FusedPoints:
+    """Empty depth maps, written, and the sparse points as a cloud; says so.
+
+    Raises
+    ------
+    UserError
+        The model has fewer than three points.
+    """
+    points = workspace.points
+    if len(points.x_in_world) < 3:
+        raise UserError(
+            f"The sparse model has {len(points.x_in_world)} 3-D points; the sparse engine needs at least 3. "
+            "Give a mesh with --mesh, or photos that overlap more."
+        )
+    job.warn(
+        f"The surface comes from {len(points.x_in_world)} sparse points alone: it is coarse, and fine relief, "
+        "normals and shading will be wrong where it departs from the object."
+    )
+    for name, camera in zip(workspace.image_names, workspace.cameras, strict=True):
+        nothing = np.zeros((*camera.shape, 3), np.float32)
+        write_depth_maps(job.outputs["depth_maps"], name, camera, nothing[..., 0], nothing)
+    normals = oriented_normals(workspace.cameras, points, job.settings.sparse_neighbours)
+    return FusedPoints(points.x_in_world, normals, workspace.colours)

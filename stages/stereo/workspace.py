@@ -1,0 +1,98 @@
+"""A COLMAP dense workspace, opened: cameras, images, sparse points, and where the results go."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pipeline import UserError
+from stages.geometry.view_selection import SparsePoints
+from stages.scene.cameras import Camera, normals_in_cam
+from stages.scene.colmap_model import camera_of, read_model, registered
+from stages.scene.depth_maps import write_map
+
+IMAGES_HELD = 16  # decoded images kept at hand: a view, its sources, and some of the next view's
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """A dense workspace.
+
+    Attributes
+    ----------
+    folder : Path
+    image_names : list of str
+        Posed images, sorted.
+    cameras : list of Camera
+        In the same order.
+    points : SparsePoints
+        The model's 3-D points; may be none.
+    colours : ndarray, shape (n, 3), uint8
+        Their colours.
+    """
+
+    folder: Path
+    image_names: list[str]
+    cameras: list[Camera]
+    points: SparsePoints
+    colours: np.ndarray
+
+    def image_reader(self):
+        """A function from a view's index to its image, (h, w, 3), uint8, RGB, that remembers the last few."""
+        return lru_cache(maxsize=IMAGES_HELD)(self._read_image)
+
+    def _read_image(self, view: int) -> np.ndarray:
+        path = self.folder / "images" / self.image_names[view]
+        data = np.fromfile(path, np.uint8) if path.is_file() else np.zeros(0, np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if data.size else None
+        if image is None:
+            raise UserError(
+                f"{path} is missing or unreadable, though the model in sparse/ has a pose for it."
+            )
+        if image.shape[:2] != self.cameras[view].shape:
+            raise UserError(
+                f"{path} has {image.shape[1]}×{image.shape[0]} pixels, its camera {self.cameras[view].width}×"
+                f"{self.cameras[view].height}; expected an undistorted workspace whose images and cameras agree."
+            )
+        return np.ascontiguousarray(image[..., ::-1])
+
+
+def open_workspace(folder: Path) -> Workspace:
+    """Open a workspace: ``images/`` and a pinhole model in ``sparse/``."""
+    model = read_model(folder / "sparse")
+    images = registered(model)
+    row_of = {image.image_id: row for row, image in enumerate(images)}
+    points = [model.points3D[key] for key in sorted(model.points3D)]
+    seen = np.zeros((len(images), len(points)), bool)
+    for column, point in enumerate(points):
+        for element in point.track.elements:
+            if element.image_id in row_of:
+                seen[row_of[element.image_id], column] = True
+    return Workspace(
+        folder=folder,
+        image_names=[image.name for image in images],
+        cameras=[camera_of(image, model.cameras[image.camera_id]) for image in images],
+        points=SparsePoints(np.array([point.xyz for point in points], float).reshape(-1, 3), seen),
+        colours=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
+    )
+
+
+def write_depth_maps(
+    folder: Path, image_name: str, camera: Camera, depth: np.ndarray, normals_in_world: np.ndarray
+) -> None:
+    """Write a view's maps in COLMAP's layout and axes below `folder`.
+
+    Parameters
+    ----------
+    depth : ndarray, shape (h, w)
+        z, 0 where unknown.
+    normals_in_world : ndarray, shape (h, w, 3)
+        Unit, zeros where unknown.
+    """
+    write_map(folder / "depth_maps" / f"{image_name}.geometric.bin", depth)
+    normals = normals_in_cam(camera, normals_in_world)
+    write_map(folder / "normal_maps" / f"{image_name}.geometric.bin", normals)
