@@ -129,7 +129,7 @@ def _at_size(image: pycolmap.Image, name: str, camera: pycolmap.Camera, size: tu
     from stages.scene.colmap_assembly import PosedImage, points2d_of
 
     scale = np.array(size) / (camera.width, camera.height)
-    resized = pycolmap.Camera(camera)
+    resized = pycolmap.Camera(camera.todict())
     if size != (camera.width, camera.height):
         resized.rescale(*size)
     return PosedImage(

@@ -87,6 +87,7 @@ def _sample(linear: np.ndarray, kept: np.ndarray, xy: np.ndarray) -> tuple[np.nd
         inside = (x >= 0) & (x <= width) & (y >= 0) & (y <= height)
     column, row = (np.where(inside, v - 0.5, 0).astype(np.float32) for v in (x, y))  # OpenCV: centres at 0
     values = cv2.remap(linear, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    values[~inside] = 0
     nearest = kept[
         np.clip(np.floor(row + 0.5).astype(int), 0, height - 1),
         np.clip(np.floor(column + 0.5).astype(int), 0, width - 1),
