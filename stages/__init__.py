@@ -20,13 +20,18 @@ from stages.sfm import SFM
 from stages.undistort import UNDISTORT
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".hdr")
+MODEL_FILES = tuple(  # not *.bin: a dense workspace holds gigabytes of depth maps
+    f"{part}.{form}"
+    for part in ("cameras", "images", "points3D", "rigs", "frames")
+    for form in ("bin", "txt")
+)
 
 SOURCES = (
     Source("images", "folder of photos: JPEG, PNG, TIFF (sRGB) or EXR, HDR (linear)", IMAGE_SUFFIXES),
     Source(
         "colmap",
         "folder with a COLMAP model, used instead of running structure from motion",
-        (".bin", ".txt"),
+        MODEL_FILES,
     ),
     Source("mesh_file", "mesh in the frame of the COLMAP model, used instead of reconstructing one"),
     Source("masks", "folder of masks named like the photos, white = keep", IMAGE_SUFFIXES),
