@@ -25,7 +25,7 @@ class Silence:
         pass
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_job() -> Iterator[Callable[..., Job]]:
     """``make_job(folder, stage, settings=None, threads=2, **inputs)``: a job that writes into `folder`."""
     executors = []

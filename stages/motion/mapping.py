@@ -104,7 +104,6 @@ def map_globally(
     for part in (mapper, mapper.rotation_averaging, mapper.global_positioning, mapper.retriangulation):
         part.random_seed = seed
     mapper.global_positioning.use_gpu = False
-    mapper.global_positioning.solver_options.num_threads = 1
     adjustment = mapper.bundle_adjustment
     adjustment.ceres.use_gpu = False
     adjustment.ceres.solver_options.num_threads = 1
