@@ -14,6 +14,7 @@ from stages.photometry.alternation import (
     AlternationSettings,
     Descent,
     Outcome,
+    State,
     advance,
     alternate,
     decompose_channels,
@@ -187,6 +188,21 @@ def test_every_alternation_descends_and_ends_in_the_gauge(small):
         assert np.abs(descent.state.albedo).sum() == pytest.approx(np.abs(image).sum())
         terms = energy_terms(views, image, descent.state.albedo, descent.state.light)
         assert record.energy == terms.total(WEIGHTS)
+        ungauged = descent.state.albedo / record.gauge_scale, descent.state.light * record.gauge_scale
+        assert record.smoothed_after_albedo == pytest.approx(
+            smoothed_energy(views, image, *ungauged, WEIGHTS)
+        )
+
+
+def test_the_albedo_step_uses_the_new_light(small, somewhere):
+    """Deviation 3: ρ^(k+1) comes from σ^(k+1) of the same alternation, as Eq. 17 prints."""
+    (views, image), (albedo, light) = small, somewhere
+    terms = energy_terms(views, image, albedo, light)
+    state, record = alternate(views, image, State(albedo, light, terms), SETTINGS)
+    new_light = light_step(views, image, albedo, light, WEIGHTS.delta)
+    new_albedo = albedo_step(views, image, albedo, new_light, WEIGHTS, tolerance=1e-6, max_steps=1000).x
+    assert np.allclose(state.light * record.gauge_scale, new_light)
+    assert np.allclose(state.albedo / record.gauge_scale, new_albedo)
 
 
 def test_scaling_the_images_scales_the_albedo(small):
@@ -323,8 +339,7 @@ def test_steps_leave_their_inputs_alone(small, somewhere):
     (views, image), (albedo, light) = small, somewhere
     before = albedo.copy(), light.copy(), image.copy()
     terms = energy_terms(views, image, albedo, light)
-    state = replace(start(views, image, WEIGHTS).state, albedo=albedo, light=light, terms=terms)
-    alternate(views, image, state, SETTINGS)
+    alternate(views, image, State(albedo, light, terms), SETTINGS)
     assert all(np.array_equal(a, b) for a, b in zip(before, (albedo, light, image), strict=True))
 
 

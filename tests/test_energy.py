@@ -32,9 +32,9 @@ RHO = np.array([1.0, 4.0, 2.0, 2.0, 5.0, 3.0])  # view 1: [[1, 4], [2, 2]]; view
 
 
 def test_eq_3_photometric_term_by_hand():
-    """Eq. 3: |1 − 2·1| + |3 − 1·2| + |0 − 0.5·4| = 1 + 1 + 2."""
-    image, albedo, shading = np.array([1.0, 3, 0]), np.array([2.0, 1, 0.5]), np.array([1.0, 2, 4])
-    assert photometric_term(image, albedo, shading) == 4.0
+    """Eq. 3: |1 − 2·1| + |3 − 1·2| + |0 − 0.5·4| + |1 + 0.5·2| = 1 + 1 + 2 + 2; no positivity is imposed."""
+    image, albedo, shading = np.array([1.0, 3, 0, 1]), np.array([2.0, 1, 0.5, -0.5]), np.array([1.0, 2, 4, 2])
+    assert photometric_term(image, albedo, shading) == 6.0
 
 
 def test_eq_4_smoothness_term_by_hand():
