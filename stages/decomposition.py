@@ -32,8 +32,8 @@ class DecompositionSettings(Settings):
     )
     lambda_: float = setting(
         2.0,
-        "Weight of the albedo's smoothness (λ of Eq. 2). More takes shading out of the albedo, then paint: on a "
-        "bust in four uniform colours 5 beats 2 a little, on a speckled one 1 erases speckles already. "
+        "Weight of the albedo's smoothness (λ of Eq. 2). More takes shading out of the albedo, then paint: "
+        "on a bust in four uniform colours 5 beats 2 a little, on a speckled one 1 erases speckles already. "
         "Provisional: to be replaced by the best of a grid on the scene of Fig. 3.",
         name="lambda",
         ge=0,
