@@ -258,7 +258,9 @@ def _adjust(job: Job, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction
             model, settings.largest_principal_shift, settings.principal_point_views
         )
     if outcome.refused:
-        job.note(principal_point=f"left at the centre: {outcome.refused}")
+        job.note(principal_point=f"left at the image's centre: {outcome.refused}")
+        if outcome.suspicious:
+            job.warn(f"The principal point was left at the image's centre: {outcome.refused}.")
     job.note(principal_point_shift_px=round(outcome.shift_px, 3))
     return outcome.model
 

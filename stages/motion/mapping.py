@@ -149,11 +149,14 @@ class PrincipalPoint:
         Largest shift of a camera's principal point that was kept.
     refused : str or None
         Why it stayed where it was.
+    suspicious : bool
+        It wanted to move too far: worth telling, unlike a set too small to ask.
     """
 
     model: pycolmap.Reconstruction
     shift_px: float
     refused: str | None
+    suspicious: bool = False
 
 
 def free_principal_point(
@@ -185,7 +188,7 @@ def free_principal_point(
         shift = _principal_point(freed.cameras[camera_id]) - _principal_point(camera)
         share = float(np.max(np.abs(shift) / (camera.width, camera.height)))
         if not share <= largest_share:
-            return PrincipalPoint(model, 0.0, f"it moved by {share:.1%} of the image")
+            return PrincipalPoint(model, 0.0, f"freed, it moved by {share:.1%} of the image", suspicious=True)
         largest_px = max(largest_px, float(np.hypot(*shift)))
     return PrincipalPoint(freed, largest_px, None)
 
