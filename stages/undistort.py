@@ -120,6 +120,9 @@ def undistort_view(view: View) -> bool:
                 f"The mask {view.mask} is {kept.shape[1]} × {kept.shape[0]} pixels, its photo {width} × "
                 f"{height}; masks must have their photo's size."
             )
+    finite = np.isfinite(linear).all(axis=2)  # renderers and merging tools leave NaN and infinity behind
+    if not finite.all():
+        linear, kept = np.where(finite[..., None], linear, np.float32(0)), kept & finite
     exact = _same_camera(lens, view.camera)
     if not exact:
         linear, kept = resample(

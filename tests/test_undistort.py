@@ -215,6 +215,18 @@ def test_what_lies_beyond_the_photo_is_not_kept(make_job, tmp_path):
     assert not kept.all() and kept[kept.shape[0] // 2, kept.shape[1] // 2]
 
 
+def test_pixels_that_are_no_numbers_are_not_kept(make_job, tmp_path):
+    light = np.ones((60, 80, 3), np.float32)
+    light[10, 20] = np.nan, 1, 1
+    light[30, 40] = 1, np.inf, 1
+    write_exr(tmp_path / "images" / "a.exr", light)
+    model = one_image_model("a.exr", lens_of("SIMPLE_PINHOLE", 80, 60, 70, 40, 30))
+    job = undistort(make_job, tmp_path, model, tmp_path / "images")
+    kept = read_mask(job.outputs["kept"] / "a.png")
+    assert sorted(map(tuple, np.argwhere(~kept))) == [(10, 20), (30, 40)]
+    assert np.isfinite(read_exr(job.outputs["linear"] / "a.exr")).all()
+
+
 def test_a_photo_of_another_size_than_its_camera_is_refused(make_job, tmp_path):
     write_png_srgb8(tmp_path / "images" / "a.png", np.full((30, 40, 3), 0.2))
     model = one_image_model("a.png", lens_of("SIMPLE_PINHOLE", 80, 60, 70, 40, 30))
