@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+# Before everything else: pycolmap exports a zlib of its own. Loaded first, it takes half of the calls that
+# OpenCV's PNG writer means for the system's, and the mixture corrupts the heap (pycolmap 4.2 with OpenCV 5).
+import zlib  # noqa: F401
 from collections.abc import Collection
 
 from pipeline import Source, Stage, UserError

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+import subprocess
+import sys
 import zlib
 from pathlib import Path
 
@@ -219,3 +221,14 @@ def test_masks_are_found_by_three_names(tmp_path):
     assert find_mask(tmp_path, "s/b.jpg") == tmp_path / "s/b.png"
     assert find_mask(tmp_path, "s/c.jpg") == tmp_path / "s/c.jpg.png"
     assert find_mask(tmp_path, "d.jpg") is None
+
+
+def test_pycolmap_before_opencv_does_not_corrupt_png(tmp_path):
+    """In a fresh interpreter, as a stage imports them: without zlib loaded first, this aborts."""
+    program = (
+        "import stages, pycolmap, cv2, numpy as np\n"
+        "noise = np.random.default_rng(0).integers(0, 256, (512, 768, 3)).astype(np.uint8)\n"
+        "assert all(cv2.imdecode(cv2.imencode('.png', noise)[1], 1).shape == noise.shape for _ in range(3))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()[:300]
