@@ -1,12 +1,11 @@
 """Camera poses of fountain-P11 against its ground truth: ``python -m benchmarks.fountain_poses [WHERE]``.
 
-WHERE is a workspace (its newest `sfm` result is read) or a folder with a COLMAP model; `workspaces/fountain`
-if not given. The truth is taken from ``$UNSHADE_DATA/fountain-P11/gt_dense_cameras``.
+WHERE is a workspace (its current `sfm` result is read) or a folder with a COLMAP model; `workspaces/fountain`
+if not given. The truth comes with the data set: from ``$UNSHADE_DATA``, or fetched as `make fountain` does.
 """
 
 from __future__ import annotations
 
-import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import UserError
+from pipeline.store import Store
 from stages.scene.colmap_model import find_model, read_model, registered
+from stages.scene.datasets import dataset_folder
 
 LARGEST_CENTRE_MM = 5.0
 LARGEST_ROTATION_DEG = 0.1
@@ -32,6 +33,8 @@ class Poses:
 def true_poses(folder: Path) -> Poses:
     """Read Strecha's ``.camera`` files: K, a distortion row, R **camera to world**, centre (metres), size."""
     files = sorted(folder.glob("*.camera"))
+    if not files:
+        raise UserError(f"There are no .camera files in {folder}; expected the ground truth of fountain-P11.")
     values = [np.array(file.read_text().split(), float) for file in files]
     return Poses(
         names=[file.name.removesuffix(".camera") for file in files],
@@ -86,25 +89,23 @@ def errors(estimate: Poses, truth: Poses) -> tuple[np.ndarray, np.ndarray]:
 
 
 def newest_model(where: Path) -> Path:
-    """A model folder as it is, or the newest `sfm` result of a workspace."""
-    results = [path for path in where.glob("cache/sfm/*/model") if path.is_dir()]
-    if results:
-        return max(results, key=lambda path: path.stat().st_mtime)
+    """A model folder as it is, or the current `sfm` result of a workspace."""
+    if (where / "cache").is_dir():
+        store = Store(where)
+        record = store.current("sfm")
+        if record is None:
+            raise UserError(f"{where} holds no sfm result; run `unshade run configs/fountain.yaml --to sfm`.")
+        return store.entry("sfm", record.key) / "model"
     return find_model(where)
 
 
 def main(arguments: list[str]) -> int:
     """Print the table; 0 if the targets are met, 1 if not, 2 if there is nothing to measure."""
     where = Path(arguments[0] if arguments else "workspaces/fountain")
-    data = os.environ.get("UNSHADE_DATA")
-    if not data:
-        print("UNSHADE_DATA is not set; expected the folder that holds fountain-P11.", file=sys.stderr)
-        return 2
     try:
         folder = newest_model(where)
-        estimate = model_poses(folder)
-        truth = true_poses(Path(data) / "fountain-P11" / "gt_dense_cameras")
-        centre_mm, rotation_deg = errors(estimate, truth)
+        truth = true_poses(dataset_folder("fountain-P11") / "gt_dense_cameras")
+        centre_mm, rotation_deg = errors(model_poses(folder), truth)
     except UserError as error:
         print(error, file=sys.stderr)
         return 2
