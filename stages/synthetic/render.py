@@ -1,0 +1,175 @@
+"""Path-traced pictures of a painted mesh by Mitsuba 3: linear, with bounces, from exact cameras.
+
+Mitsuba is an optional dependency (the extra `synthetic`), imported by the functions that need it. Pixels are
+box-filtered: a pixel is the mean radiance over its own square, and shares no sample with its neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stages.scene.cameras import Camera
+from stages.scene.meshes import Surface
+
+
+@dataclass(frozen=True)
+class Dome:
+    """Light from infinitely far: radiance (linear RGB) from above and below, blended around the horizon."""
+
+    sky: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    ground: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A one-sided square emitter facing the point `towards`; `radiance` linear RGB, `side` in model units."""
+
+    centre: tuple[float, float, float]
+    towards: tuple[float, float, float]
+    side: float
+    radiance: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Light:
+    """All that shines on a scene."""
+
+    dome: Dome | None = field(default_factory=Dome)
+    lamps: tuple[Lamp, ...] = ()
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How much work goes into a pixel.
+
+    Attributes
+    ----------
+    strata : int
+        A prime; every pixel takes strata² samples for each light source (an orthogonal array of strength 2).
+    reflections : int
+        How many times light may be reflected before it reaches the camera; 1 is direct light only.
+    """
+
+    strata: int = 11
+    reflections: int = 5
+
+    @property
+    def samples_per_pixel(self) -> int:
+        """Samples per pixel and light source."""
+        return self.strata**2
+
+
+class Scene:
+    """A painted Lambertian mesh under a light, ready to be looked at.
+
+    Parameters
+    ----------
+    surface : Surface
+        Right hand outwards. Shaded flat: the surface that is rendered is the mesh itself.
+    albedo : ndarray, shape (V, 3)
+        Linear, interpolated within faces.
+    light : Light
+    """
+
+    def __init__(self, surface: Surface, albedo: np.ndarray, light: Light):
+        mi = _mitsuba()
+        sources = [_dome(mi, light.dome)] if light.dome is not None else []
+        sources += [_lamp(mi, lamp) for lamp in light.lamps]
+        self._scenes = [
+            mi.load_dict({"type": "scene", "figure": _painted_mesh(mi, surface, albedo), "source": source})
+            for source in sources
+        ]
+
+    def photograph(self, camera: Camera, quality: Quality, seed: int) -> np.ndarray:
+        """Radiance towards the camera, linear, shape (height, width, 3), float32; the same for the same seed.
+
+        One pass per light source, summed: light adds up, and no sample is spent on choosing a source.
+        """
+        mi = _mitsuba()
+        integrator = mi.load_dict({"type": "path", "max_depth": quality.reflections + 1, "rr_depth": 64})
+        sensor = mi.load_dict(_sensor(mi, camera, quality))
+        passes = [
+            mi.render(scene, sensor=sensor, integrator=integrator, spp=quality.samples_per_pixel, seed=seed)
+            for scene in self._scenes
+        ]
+        return np.sum([np.array(image, np.float32)[..., :3] for image in passes], axis=0)
+
+
+def _mitsuba():
+    """Mitsuba with the variant that runs everywhere: no LLVM, no GPU."""
+    import mitsuba
+
+    if mitsuba.variant() != "scalar_rgb":
+        mitsuba.set_variant("scalar_rgb")
+    return mitsuba
+
+
+def _painted_mesh(mi, surface: Surface, albedo: np.ndarray):
+    properties = mi.Properties()
+    reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
+    properties["mesh_bsdf"] = mi.load_dict({"type": "diffuse", "reflectance": reflectance})
+    mesh = mi.Mesh("figure", len(surface.vertices), len(surface.faces), props=properties)
+    mesh.add_attribute("vertex_color", 3, np.ascontiguousarray(albedo, np.float32).ravel())
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = np.ascontiguousarray(surface.vertices, np.float32).ravel()
+    parameters["faces"] = np.ascontiguousarray(surface.faces, np.uint32).ravel()
+    parameters.update()
+    return mesh
+
+
+def dome_radiance(dome: Dome, elevation: np.ndarray) -> np.ndarray:
+    """Radiance from elevation(s) in radians, (..., 3): the ground's below −20°, the sky's above +20°."""
+    t = np.clip(np.asarray(elevation)[..., None] / np.deg2rad(40) + 0.5, 0, 1)
+    blend = t * t * (3 - 2 * t)
+    return (1 - blend) * np.array(dome.ground) + blend * np.array(dome.sky)
+
+
+def _dome(mi, dome: Dome) -> dict:
+    if dome.sky == dome.ground:
+        return {"type": "constant", "radiance": {"type": "rgb", "value": list(dome.sky)}}
+    rows = 128
+    elevation = np.pi / 2 - (np.arange(rows) + 0.5) / rows * np.pi
+    rows_rgb = dome_radiance(dome, elevation).astype(np.float32)
+    bitmap = mi.Bitmap(np.ascontiguousarray(np.broadcast_to(rows_rgb[:, None], (rows, 2 * rows, 3))))
+    upright = mi.ScalarTransform4f().rotate([1, 0, 0], 90)  # Mitsuba's dome has y up, our world z
+    return {"type": "envmap", "bitmap": bitmap, "to_world": upright}
+
+
+def _lamp(mi, lamp: Lamp) -> dict:
+    place = mi.ScalarTransform4f().look_at(origin=list(lamp.centre), target=list(lamp.towards), up=[0, 0, 1])
+    return {
+        "type": "rectangle",
+        "to_world": place @ mi.ScalarTransform4f().scale(lamp.side / 2),
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(lamp.radiance)}},
+    }
+
+
+def _sensor(mi, camera: Camera, quality: Quality) -> dict:
+    """Our camera in Mitsuba's words: x to the left, y up, z forward; principal point from the centre."""
+    K = camera.intrinsics
+    if abs(K[0, 0] - K[1, 1]) > 1e-9 * K[0, 0]:
+        raise ValueError("Mitsuba's perspective camera has square pixels: K[0, 0] and K[1, 1] must be equal")
+    world_from_cam = np.eye(4)
+    world_from_cam[:3, :3] = camera.rotation.T @ np.diag([-1.0, -1.0, 1.0])
+    world_from_cam[:3, 3] = camera.centre_in_world
+    return {
+        "type": "perspective",
+        "to_world": mi.ScalarTransform4f(world_from_cam),
+        "fov": float(np.rad2deg(2 * np.arctan(camera.width / (2 * K[0, 0])))),
+        "fov_axis": "x",
+        "principal_point_offset_x": float(0.5 - K[0, 2] / camera.width),
+        "principal_point_offset_y": float(0.5 - K[1, 2] / camera.height),
+        "near_clip": 1e-3,
+        "far_clip": 1e4,
+        "film": {
+            "type": "hdrfilm",
+            "width": camera.width,
+            "height": camera.height,
+            "rfilter": {"type": "box"},
+            "pixel_format": "rgb",
+            "component_format": "float32",
+        },
+        "sampler": {"type": "orthogonal", "sample_count": quality.samples_per_pixel},
+    }
