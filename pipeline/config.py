@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +14,15 @@ from pydantic import ValidationError
 
 from pipeline.errors import UserError
 from pipeline.settings import Settings, near
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML in which 1e-6 is a number: the library's own rule wants 1.0e-6 and makes text of it."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)
 
 
 @dataclass
@@ -68,7 +78,7 @@ def read_config(path: Path, source_names: Iterable[str], stage_names: Iterable[s
 
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        values = yaml.load(path.read_text(encoding="utf-8"), _Loader)
     except OSError as error:
         raise UserError(
             f"The configuration {path} cannot be read ({error.strerror}); check its path."
@@ -100,7 +110,7 @@ def override(settings: dict[str, dict[str, Any]], assignments: Iterable[str]) ->
                 f"--set {assignment} was not understood; expected STAGE.SETTING=VALUE, as in mesh.depth=9."
             )
         try:
-            value = yaml.safe_load(text)
+            value = yaml.load(text, _Loader)
         except yaml.YAMLError as error:
             raise UserError(
                 f"--set {assignment}: the value is not YAML ({' '.join(str(error).split())})."

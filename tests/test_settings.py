@@ -21,6 +21,7 @@ def checked(*assignments: str):
 def test_assignments_are_read_as_yaml():
     assert checked("count.times=3")["count"].times == 3
     assert checked("count.lambda=2")["count"].lambda_ == 2.0
+    assert checked("count.lambda=1e-6")["count"].lambda_ == 1e-6  # the library alone would make text of it
     assert checked("join.chatty=true")["join"].chatty is True
 
 
