@@ -35,7 +35,7 @@ def spatial_weights(offsets: np.ndarray, sigma: float) -> np.ndarray:
     return np.exp(-np.sum(offsets**2, axis=1) / (2 * sigma**2)).astype(np.float32)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
 def weigh_patch(image, y, x, spatial, grey_sigma, patch):
     """Fill p's patch: weights (sum 1) and contrast, weight × (grey − weighted mean); returns the variance.
 
@@ -66,7 +66,7 @@ def weigh_patch(image, y, x, spatial, grey_sigma, patch):
     return variance
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
 def photometric_cost(
     flat, start, stride, height, width, p, s, y, x, w, slope_x, slope_y, patch, index, variance, noise
 ):
@@ -133,7 +133,7 @@ def photometric_cost(
     return F(1) - covariance / np.sqrt((variance + floor) * (other + floor))
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
 def reprojection_error(inverse_depths, height, width, p, back, s, y, x, w, most):
     """Forward-backward error, pixels of view i, at most `most`: into source s, to its own depth, and back.
 

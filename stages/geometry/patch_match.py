@@ -30,6 +30,7 @@ from stages.geometry.patch_cost import (
 )
 
 F = np.float32
+UNMATCHABLE = F(1.0)  # cost of a flat patch: it correlates with nothing, so nothing is tried
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
@@ -113,7 +114,7 @@ def _random(y, x, turn, draw):
     return F(np.float32(h >> np.uint32(8)) * F(1 / 8388608.0) - F(1))
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _source_cost(sources, flat, s, y, x, plane, patch, index, variance, rules):
     """Cost of a plane in source s: 1 − ZNCC, and the reprojection error where depth maps are given."""
     _, rows, columns = sources.images.shape
@@ -146,7 +147,7 @@ def _source_cost(sources, flat, s, y, x, plane, patch, index, variance, rules):
     return cost
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _bending(planes, y, x, plane, rules):
     """Smoothness charge of a plane at a pixel: mean over its neighbours of the truncated gap, in pixels of disparity."""
     height, width, _ = planes.shape
@@ -165,7 +166,7 @@ def _bending(planes, y, x, plane, rules):
     return rules.smoothness * F(0.25) * total
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _same(a, b, step):
     """Whether two planes differ by too little to be worth a comparison: a fiftieth of a pixel over a patch."""
     return (
@@ -175,7 +176,7 @@ def _same(a, b, step):
     )
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _choose_sources(sources, flat, y, x, plane, patch, index, variance, rules, chosen, chosen_cost):
     """The sources that match the present plane best; returns how many and the sum of their costs."""
     used = 0
@@ -198,7 +199,7 @@ def _choose_sources(sources, flat, y, x, plane, patch, index, variance, rules, c
     return used, total
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _candidate(planes, costs, y, x, turn, draw, rules, amplitude):
     """The draw-th alternative plane at a pixel: 0–3 the best neighbour of an arm, 4 the local slope, 5–7 random."""
     height, width, _ = planes.shape
@@ -225,12 +226,15 @@ def _candidate(planes, costs, y, x, turn, draw, rules, amplitude):
     return w, slope_x, slope_y
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _refine_pixel(
     image, sources, flat, planes, costs, y, x, turn, amplitude, rules, patch, index, chosen, chosen_cost
 ):
     """Try all candidates at one pixel and keep the cheapest."""
     variance = weigh_patch(image, y, x, rules.spatial, rules.grey_sigma, patch)
+    if variance < rules.noise * rules.noise:
+        costs[y, x] = UNMATCHABLE
+        return
     plane = (planes[y, x, 0], planes[y, x, 1], planes[y, x, 2])
     used, total = _choose_sources(
         sources, flat, y, x, plane, patch, index, variance, rules, chosen, chosen_cost
