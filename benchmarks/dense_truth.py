@@ -1,8 +1,8 @@
 """Dense stereo against rendered truth: ``python -m benchmarks.dense_truth WORKSPACE [TRUTH]``.
 
-WORKSPACE is the finished workspace of a run on `sample_data` (its newest `undistort` and `mvs` results are read), TRUTH
-the folder with ``mesh.ply`` and ``sparse/`` (default ``sample_data/truth``). The model is brought into the truth's frame
-by the similarity that fits the camera centres; depth is compared in the model's own cameras.
+WORKSPACE is the finished workspace of a run on `sample_data` (its newest `undistort` and `mvs` are read),
+TRUTH the folder with ``mesh.ply`` and ``sparse/`` (default ``sample_data/truth``). The model is brought into
+the truth's frame by the similarity that fits the camera centres; depth is compared in the model's cameras.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def true_maps(mesh: o3d.t.geometry.RaycastingScene, camera: Camera) -> tuple[np.
 
 
 def compare(found: Path, mesh, camera: Camera, image_name: str, scale: float) -> dict[str, np.ndarray]:
-    """Errors of one view: depth in footprints and normals in degrees where both know the surface, and counts."""
+    """Errors of one view where both know the surface: depth (footprints), normals (degrees); and counts."""
     depth = scale * read_map(found / "depth_maps" / f"{image_name}.geometric.bin")
     normals = normals_in_world(camera, read_map(found / "normal_maps" / f"{image_name}.geometric.bin"))
     true_depth, true_normals = true_maps(mesh, camera)

@@ -26,7 +26,7 @@ GREY = np.array([0.299, 0.587, 0.114], np.float32)
 
 @dataclass(frozen=True)
 class ViewPlan:
-    """What a view is matched with: its source views, best first, and the depths that it may have, model units."""
+    """What a view is matched with: source views, best first, and the depths that it may have, model units."""
 
     sources: list[int]
     near: float
@@ -117,7 +117,7 @@ def sizes_of(arrays: list[np.ndarray]) -> np.ndarray:
 
 
 def sweep_view(scene: Scene, view: int, sweep: Sweep) -> np.ndarray:
-    """First planes of a view, at its full size, shape (h, w, 3), float32: sweep at reduced size, winner, local fit."""
+    """First planes of a view, full size, (h, w, 3), float32: sweep at reduced size, winner, local fit."""
     plan = scene.plans[view]
     scale = min(sweep.scale, sweep.longest_px / max(scene.cameras[view].shape))
     small = {j: _resized(scene.cameras[j], scale) for j in (view, *plan.sources)}
@@ -160,7 +160,7 @@ def sources_of(scene: Scene, view: int, *, with_depth: bool) -> Sources:
 def refine_view(
     scene: Scene, view: int, refinement: Refinement, *, geometric: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """One pass over a view: planes (h, w, 3) and costs (h, w); `geometric` looks at the sources' depth maps too."""
+    """One pass over a view: planes (h, w, 3), costs (h, w); `geometric` looks at the sources' depths too."""
     plan = scene.plans[view]
     sources = sources_of(scene, view, with_depth=geometric)
     limits = (1 / plan.far, 1 / plan.near)
@@ -168,7 +168,7 @@ def refine_view(
 
 
 def confirm_view(scene: Scene, view: int, *, most_px: float, highest_cost: float, fewest: int) -> np.ndarray:
-    """Pixels of a view to keep, shape (h, w), bool; `fewest` falls to the number of sources where there are fewer."""
+    """Pixels of a view to keep, (h, w), bool; `fewest` falls to the number of sources where that is less."""
     inverse = np.ascontiguousarray(scene.planes[view][..., 0])
     count = consistent_views(inverse, sources_of(scene, view, with_depth=True), most_px)
     needed = min(fewest, len(scene.plans[view].sources))
@@ -178,7 +178,7 @@ def confirm_view(scene: Scene, view: int, *, most_px: float, highest_cost: float
 def fuse_views(
     scene: Scene, agreement: Agreement, kept: MutableMapping[int, np.ndarray], step: Callable[[], None]
 ) -> FusedPoints:
-    """Fuse all views in order; `kept` holds the pixels to use, (h, w), bool; `step` is called after each view."""
+    """Fuse all views in order; `kept` holds the pixels to use, (h, w), bool; `step` is called per view."""
     used = {view: ~kept[view] for view in kept}
     parts = []
     for view in sorted(kept):

@@ -1,4 +1,4 @@
-"""Depth maps of many views fused into one cloud: each surface element once, averaged over the views that agree."""
+"""Depth maps fused into one cloud: each surface element once, averaged over the views that agree."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _counterpart(views, s, y, x, reprojection_px, depth_share, cosine):
 
 @njit(cache=True, nogil=True)
 def _add(views, s, y, x, sums):
-    """Add an element to the sums of position (0–2), normal (3–5), colour (6–8), weighted by resolution (9)."""
+    """Add an element to the sums of position (0–2), normal (3–5), colour (6–8) and of the weights (9)."""
     w = views.inverse[s, y, x]
     weight = w * w
     ray = views.rays[s]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+import stages.geometry.threading_layer  # noqa: F401 -- chooses the threads below
 from stages.geometry.patch_cost import reprojection_error
 from stages.geometry.patch_match import Sources
 
@@ -53,7 +54,7 @@ def consistent_views(inverse: np.ndarray, sources: Sources, most_px: float) -> n
 def confirmed(
     inverse: np.ndarray, costs: np.ndarray, count: np.ndarray, *, highest_cost: float, fewest: int
 ) -> np.ndarray:
-    """Pixels to keep, shape (h, w), bool: they match (cost at most `highest_cost`) and `fewest` sources agree.
+    """Pixels to keep, (h, w), bool: they match (cost at most `highest_cost`) and `fewest` sources agree.
 
     Parameters
     ----------

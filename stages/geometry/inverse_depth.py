@@ -30,7 +30,7 @@ def j_from_i(camera_i: Camera, camera_j: Camera) -> np.ndarray:
 
 
 def normals_from_planes(planes: np.ndarray, camera: Camera) -> np.ndarray:
-    """Unit normals in camera axes, towards the camera, shape (h, w, 3), float32; zero where w is not positive.
+    """Unit normals in camera axes, towards the camera, (h, w, 3), float32; zero where w is not positive.
 
     With 1/z = a·(x, y, 1) the plane is (Kᵀa)·X = 1, so the normal is −Kᵀa, normalised.
 
@@ -111,7 +111,7 @@ def fit_planes(inverse: np.ndarray, step: float, radius: int) -> np.ndarray:
 
 
 def resample_planes(planes: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Planes at another image size: each pixel extends the plane of the nearest one, shape (*shape, 3), float32."""
+    """Planes at another image size: each pixel extends the plane of the nearest, (*shape, 3), float32."""
     height, width = planes.shape[:2]
     scale_x, scale_y = width / shape[1], height / shape[0]
     x = (np.arange(shape[1]) + 0.5) * scale_x - 0.5

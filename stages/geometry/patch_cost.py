@@ -1,4 +1,4 @@
-"""What one surface element costs in one source view: a bilateral ZNCC and a forward-backward reprojection error.
+"""What one surface element costs in one source view: a bilateral ZNCC and a reprojection error.
 
 The element behind pixel p is a plane in inverse depth (`inverse_depth`). Its patch holds the pixels p + Δ
 on a regular grid, each weighted by closeness in space and in grey value to p, so that across a depth edge,
@@ -70,7 +70,7 @@ def weigh_patch(image, y, x, spatial, grey_sigma, patch):
 def photometric_cost(
     flat, start, stride, height, width, p, s, y, x, w, slope_x, slope_y, patch, index, variance, noise
 ):
-    """1 − ZNCC of p's patch with its image in source s under the plane; OUTSIDE where p's image is not inside.
+    """1 − ZNCC of p's patch with its image in source s under the plane; OUTSIDE where p falls outside.
 
     The plane's homography is taken to first order around p. Three loops, coordinates, bilinear gather and
     sums: the first and last vectorise, and few arrays are passed because passing them costs as much as the

@@ -1,4 +1,4 @@
-"""PatchMatch refinement of depth and normal: neighbours' planes, small random changes, keep what matches better.
+"""PatchMatch refinement of depth and normal: try neighbours' planes and random changes, keep the better.
 
 Pixels are coloured like a chessboard; all red ones look only at black ones and the other way round, and
 every random number is a hash of pixel, pass and try. So rows can be shared among any number of threads
@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
+import stages.geometry.threading_layer  # noqa: F401 -- chooses the threads below
 from stages.geometry.patch_cost import (
     DX,
     DY,
@@ -149,7 +150,7 @@ def _source_cost(sources, flat, s, y, x, plane, patch, index, variance, rules):
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _bending(planes, y, x, plane, rules):
-    """Smoothness charge of a plane at a pixel: mean over its neighbours of the truncated gap, in pixels of disparity."""
+    """Smoothness charge: mean over the neighbours of the truncated squared gap, pixels of disparity²."""
     height, width, _ = planes.shape
     total = F(0)
     for dy, dx in NEIGHBOURS:
@@ -162,13 +163,14 @@ def _bending(planes, y, x, plane, rules):
                 - planes[row, column, 2] * F(dy)
                 - plane[0]
             )
-            total += min((abs(ahead) + abs(behind)) * F(0.5) / rules.step, F(1))
+            off = (abs(ahead) + abs(behind)) * F(0.5) / rules.step
+            total += min(off * off, F(1))
     return rules.smoothness * F(0.25) * total
 
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _same(a, b, step):
-    """Whether two planes differ by too little to be worth a comparison: a fiftieth of a pixel over a patch."""
+    """Whether two planes differ by too little to be worth a comparison: a fiftieth of a pixel."""
     return (
         abs(a[0] - b[0]) < F(0.02) * step
         and abs(a[1] - b[1]) < F(0.005) * step
@@ -201,7 +203,7 @@ def _choose_sources(sources, flat, y, x, plane, patch, index, variance, rules, c
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _candidate(planes, costs, y, x, turn, draw, rules, amplitude):
-    """The draw-th alternative plane at a pixel: 0–3 the best neighbour of an arm, 4 the local slope, 5–7 random."""
+    """An alternative plane: 0–3 the best neighbour of an arm, 4 the local slope, 5–7 random."""
     height, width, _ = planes.shape
     w, slope_x, slope_y = planes[y, x, 0], planes[y, x, 1], planes[y, x, 2]
     if draw < 4:

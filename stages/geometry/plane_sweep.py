@@ -13,6 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+import stages.geometry.threading_layer  # noqa: F401 -- chooses the threads below
+
 F = np.float32
 INVALID = np.uint8(255)  # a score: the pixel falls outside of the source
 WORST = np.uint8(254)  # a cost: no correlation
@@ -53,7 +55,7 @@ def inverse_depth_planes(
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _warp(source, height, width, p, inverse, warped, inside):
-    """Sample `source` at the image of every pixel of view i on the plane 1/z = inverse; mark where it falls inside."""
+    """Sample `source` where view i's pixels fall on the plane 1/z = inverse; mark what is inside."""
     limit_x, limit_y = F(width - 1), F(height - 1)
     columns = warped.shape[1]
     u = np.empty(columns, np.float32)
@@ -132,7 +134,7 @@ def window_statistics(image, ones, radius, noise):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _score(reference, mean, scale, warped, warped_mean, warped_scale, inside, radius, scores):
-    """Quantised 1 − max(ZNCC, 0) per pixel: 0 is a perfect match, WORST none, INVALID outside of the source."""
+    """Quantised 1 − max(ZNCC, 0): 0 is a perfect match, WORST none, INVALID outside of the source."""
     height, width = reference.shape
     columns = np.empty(width + 2 * radius, np.float32)
     products = np.empty(width, np.float32)

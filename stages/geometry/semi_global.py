@@ -19,6 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
+import stages.geometry.threading_layer  # noqa: F401 -- chooses the threads below
+
 F = np.float32
 FAR = F(1 << 20)
 
@@ -43,7 +45,7 @@ class Penalties:
 
 
 def _line_starts(height: int, width: int, dy: int, dx: int) -> np.ndarray:
-    """First pixels (row, column) of all lines of one direction, shape (n, 2): those whose predecessor is outside."""
+    """First pixels (row, column) of all lines of one direction, (n, 2): their predecessors are outside."""
     rows, columns = np.indices((height, width)).reshape(2, -1)
     before_y, before_x = rows - dy, columns - dx
     first = (before_y < 0) | (before_y >= height) | (before_x < 0) | (before_x >= width)
@@ -52,7 +54,7 @@ def _line_starts(height: int, width: int, dy: int, dx: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _step(cost, before, lowest, small, large, now, total):
-    """One pixel of one path; `before` and `now` carry a guard cell at both ends. Returns the path's new minimum."""
+    """One pixel of a path; `before` and `now` carry a guard cell at both ends. Returns its minimum."""
     for d in range(cost.size):
         stay = min(before[d + 1], min(before[d], before[d + 2]) + small)
         now[d + 1] = F(cost[d]) + min(stay, lowest + large) - lowest
@@ -116,7 +118,7 @@ def aggregate(costs: np.ndarray, guide: np.ndarray, penalties: Penalties, paths:
 
 @njit(cache=True, nogil=True, parallel=True)
 def winner(total: np.ndarray) -> np.ndarray:
-    """Plane index of the smallest sum, refined by the parabola through its neighbours, shape (h, w), float32."""
+    """Plane of the smallest sum, refined by the parabola through its neighbours, (h, w), float32."""
     height, width, planes = total.shape
     index = np.empty((height, width), np.float32)
     for y in prange(height):

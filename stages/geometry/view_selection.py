@@ -1,4 +1,4 @@
-"""Which views to match a view with, and over which depths: from shared sparse points, or from the poses alone."""
+"""Which views to match a view with, over which depths: from shared sparse points, or the poses alone."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def pair_scores(cameras: list[Camera], points: SparsePoints, view: int, weight: 
 def select_sources(
     cameras: list[Camera], points: SparsePoints, view: int, count: int, weight: AngleWeight
 ) -> list[int]:
-    """The up to `count` best source views of `view`, best first; views sharing nothing with it are left out."""
+    """The up to `count` best sources of `view`, best first; views sharing nothing with it are left out."""
     scores = pair_scores(cameras, points, view, weight)
     order = np.argsort(-scores, kind="stable")[:count]
     return [int(other) for other in order if scores[other] > 0]

@@ -43,8 +43,9 @@ def read_map(path: Path) -> np.ndarray:
     start = sum(len(field) + 1 for field in fields[:3])
     if len(data) - start != 4 * width * height * channels:
         raise UserError(
-            f"{path} holds {len(data) - start} bytes after its header; expected {4 * width * height * channels} "
-            f"for {width}×{height}×{channels} float32. It was cut off: compute or copy it again."
+            f"{path} holds {len(data) - start} bytes after its header; expected "
+            f"{4 * width * height * channels} for {width}×{height}×{channels} float32. "
+            "It was cut off: compute or copy it again."
         )
     values = np.frombuffer(data, "<f4", offset=start).reshape(channels, height, width).astype(np.float32)
     return values[0] if channels == 1 else np.ascontiguousarray(np.moveaxis(values, 0, -1))

@@ -25,8 +25,8 @@ def compute(job: Job, workspace: Workspace) -> FusedPoints:
     """
     if not pycolmap.has_cuda:
         raise UserError(
-            "mvs.engine is cuda, but this pycolmap was built without CUDA; install pycolmap-cuda12 in its place, "
-            "or set mvs.engine=cpu."
+            "mvs.engine is cuda, but this pycolmap was built without CUDA; install pycolmap-cuda12 in its "
+            "place, or set mvs.engine=cpu."
         )
     folder = shutil.copytree(workspace.folder, job.scratch / "workspace")
     for name in ("depth_maps", "normal_maps", "consistency_graphs"):
@@ -35,7 +35,9 @@ def compute(job: Job, workspace: Workspace) -> FusedPoints:
     with job.progress("COLMAP PatchMatch"):
         pycolmap.patch_match_stereo(folder, options=patch_match_options(job.settings))
     with job.progress("COLMAP fusion"):
-        pycolmap.stereo_fusion(job.scratch / "fused.ply", folder, options=fusion_options(job.settings))
+        pycolmap.stereo_fusion(
+            job.scratch / "fused.ply", folder, options=fusion_options(job.settings), output_type="PLY"
+        )
     job.note(coverage=_hand_over(job, workspace, folder / "stereo"))
     return _read_fused(job.scratch / "fused.ply")
 

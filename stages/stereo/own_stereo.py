@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from typing import Any
 
-import numba
 import numpy as np
 
 from pipeline import Job
@@ -14,6 +13,7 @@ from stages.geometry.fusion import Agreement, FusedPoints
 from stages.geometry.inverse_depth import depth_from_planes
 from stages.geometry.patch_match import Refinement
 from stages.geometry.semi_global import Penalties
+from stages.geometry.threading_layer import use_threads
 from stages.geometry.view_selection import (
     AngleWeight,
     SparsePoints,
@@ -29,7 +29,7 @@ FEWEST_POINTS = 10  # a view that sees fewer takes its depth range from all poin
 
 def compute(job: Job, workspace: Workspace) -> FusedPoints:
     """Depth maps of all views, written; returns the fused cloud."""
-    numba.set_num_threads(max(1, min(job.threads, numba.config.NUMBA_NUM_THREADS)))
+    use_threads(job.threads)
     began = time.process_time()
     scene, lonely = plan_scene(job, workspace)
     if lonely:

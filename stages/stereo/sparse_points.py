@@ -25,8 +25,8 @@ def compute(job: Job, workspace: Workspace) -> FusedPoints:
             "Give a mesh with --mesh, or photos that overlap more."
         )
     job.warn(
-        f"The surface comes from {len(points.x_in_world)} sparse points alone: it is coarse, and fine relief, "
-        "normals and shading will be wrong where it departs from the object."
+        f"The surface comes from {len(points.x_in_world)} sparse points alone: it is coarse, and fine "
+        "relief, normals and shading will be wrong where it departs from the object."
     )
     for name, camera in zip(workspace.image_names, workspace.cameras, strict=True):
         nothing = np.zeros((*camera.shape, 3), np.float32)

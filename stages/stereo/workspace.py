@@ -56,7 +56,7 @@ class Workspace:
         if image.shape[:2] != self.cameras[view].shape:
             raise UserError(
                 f"{path} has {image.shape[1]}×{image.shape[0]} pixels, its camera {self.cameras[view].width}×"
-                f"{self.cameras[view].height}; expected an undistorted workspace whose images and cameras agree."
+                f"{self.cameras[view].height}; expected an undistorted workspace where the two agree."
             )
         return np.ascontiguousarray(image[..., ::-1])
 
