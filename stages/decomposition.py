@@ -31,7 +31,7 @@ class DecompositionSettings(Settings):
         "paper: assembled normal equations, conjugate gradients, Jacobi as the only preconditioner.",
     )
     lambda_: float = setting(
-        2.0,
+        1.0,
         "Weight of the albedo's smoothness (λ of Eq. 2). More takes shading out of the albedo, then paint: "
         "on a bust in four uniform colours 5 beats 2 a little, on a speckled one 1 erases speckles already. "
         "Provisional: to be replaced by the best of a grid on the scene of Fig. 3.",
@@ -40,7 +40,7 @@ class DecompositionSettings(Settings):
         le=1e6,
     )
     mu: float = setting(
-        2.0,
+        1.0,
         "Weight of the agreement between views (μ of Eq. 2). Provisional, as `lambda` is.",
         ge=0,
         le=1e6,
