@@ -1,25 +1,33 @@
-"""Dense stereo against rendered truth: ``python -m benchmarks.dense_truth WORKSPACE [TRUTH]``.
+"""Dense stereo against rendered truth.
 
-WORKSPACE is the finished workspace of a run on `sample_data` (its newest `undistort` and `mvs` are read),
-TRUTH the folder with ``mesh.ply`` and ``sparse/`` (default ``sample_data/truth``). The model is brought into
-the truth's frame by the similarity that fits the camera centres; depth is compared in the model's cameras.
+``python -m benchmarks.dense_truth WORKSPACE`` reads the newest `undistort` and `mvs` results of a run on
+`sample_data` and brings the model into the truth's frame by the similarity that fits the camera centres; so what
+structure from motion got wrong (a focal length too long by 0.3 % moves all surface by a footprint) counts too,
+and shows as bias. ``python -m benchmarks.dense_truth --true-cameras`` runs the stage itself on the true cameras:
+stereo alone.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import open3d as o3d
 
-from pipeline import UserError
+from pipeline import Job, UserError
+from stages.mvs import MVS
 from stages.scene.cameras import Camera, footprint, normals_in_world, rays_in_world
-from stages.scene.colmap_model import cameras_of, read_model, registered
+from stages.scene.colmap_model import cameras_of, pinhole_model, read_model, registered
 from stages.scene.depth_maps import read_map
 from stages.scene.meshes import read_mesh, to_open3d
+from stages.scene.photos import read_photo, write_png_srgb8
 
 
 @dataclass(frozen=True)
@@ -76,7 +84,7 @@ def compare(found: Path, mesh, camera: Camera, image_name: str, scale: float) ->
     both = (depth > 0) & (true_depth > 0)
     cosine = np.clip(np.sum(normals * true_normals, axis=-1)[both], -1, 1)
     return {
-        "depth": np.abs(depth - true_depth)[both] / footprint(camera, true_depth[both]),
+        "depth": (depth - true_depth)[both] / footprint(camera, true_depth[both]),
         "normal": np.rad2deg(np.arccos(cosine)),
         "surface": np.sum(true_depth > 0),
         "background": np.sum(true_depth == 0),
@@ -84,48 +92,106 @@ def compare(found: Path, mesh, camera: Camera, image_name: str, scale: float) ->
     }
 
 
-def evaluate(workspace: Path, truth: Path) -> dict[str, float]:
-    """All figures of a run against the truth."""
-    model = read_model(newest(workspace, "undistort") / "workspace" / "sparse")
-    cameras = dict(zip((image.name for image in registered(model)), cameras_of(model), strict=True))
-    true_centres = {
-        Path(image.name).stem: image.projection_center() for image in registered(read_model(truth / "sparse"))
-    }
-    names = [name for name in cameras if Path(name).stem in true_centres]
-    fit = similarity(
-        np.array([cameras[name].centre_in_world for name in names]),
-        np.array([true_centres[Path(name).stem] for name in names]),
-    )
+def evaluate(found: Path, cameras: dict[str, Camera], fit: Similarity, truth: Path) -> dict[str, float]:
+    """All figures of depth maps against the truth; `cameras` by image name, `fit` into the truth's frame."""
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(to_open3d(read_mesh(truth / "mesh.ply"))))
-    found = newest(workspace, "mvs") / "depth_maps"
-    views = [compare(found, scene, fit.camera(cameras[name]), name, fit.scale) for name in names]
-    depth = np.concatenate([view["depth"] for view in views])
-    normal = np.concatenate([view["normal"] for view in views])
+    views = [compare(found, scene, fit.camera(camera), name, fit.scale) for name, camera in cameras.items()]
+    signed = np.concatenate([view["depth"] for view in views])
+    depth, normal = np.abs(signed), np.concatenate([view["normal"] for view in views])
+    total = {name: float(sum(view[name] for view in views)) for name in ("surface", "background", "invented")}
     return {
-        "views": len(names),
+        "views": len(views),
         "depth_error_median_footprints": round(float(np.median(depth)), 3),
+        "depth_bias_median_footprints": round(float(np.median(signed)), 3),
+        "depth_error_about_bias_median_footprints": round(
+            float(np.median(np.abs(signed - np.median(signed)))), 3
+        ),
         "depth_error_p90_footprints": round(float(np.quantile(depth, 0.9)), 3),
         "depth_off_by_5_footprints": round(float(np.mean(depth > 5)), 4),
         "normal_error_median_deg": round(float(np.median(normal)), 2),
         "normal_error_p90_deg": round(float(np.quantile(normal, 0.9)), 2),
-        "coverage_of_surface": round(len(depth) / float(sum(view["surface"] for view in views)), 4),
-        "invented_share_of_background": round(
-            float(
-                sum(view["invented"] for view in views) / max(1, sum(view["background"] for view in views))
-            ),
-            5,
-        ),
+        "coverage_of_surface": round(len(depth) / total["surface"], 4),
+        "invented_share_of_background": round(total["invented"] / max(1.0, total["background"]), 5),
     }
+
+
+def of_a_run(workspace: Path, truth: Path) -> dict[str, float]:
+    """Figures of a finished run, aligned by its camera centres."""
+    model = read_model(newest(workspace, "undistort") / "workspace" / "sparse")
+    cameras = dict(zip((image.name for image in registered(model)), cameras_of(model), strict=True))
+    true_centres = {
+        camera.name: camera.centre_in_world for camera in cameras_of(read_model(truth / "sparse"))
+    }
+    cameras = {name: camera for name, camera in cameras.items() if camera.name in true_centres}
+    fit = similarity(
+        np.array([camera.centre_in_world for camera in cameras.values()]),
+        np.array([true_centres[camera.name] for camera in cameras.values()]),
+    )
+    return evaluate(newest(workspace, "mvs") / "depth_maps", cameras, fit, truth)
+
+
+class Quiet:
+    """Progress that is shown to nobody."""
+
+    def begin(self, label: str, total: int | None) -> None:
+        pass
+
+    def advance(self, steps: int = 1) -> None:
+        pass
+
+    def end(self) -> None:
+        pass
+
+
+@contextmanager
+def job_in(folder: Path, say: Callable[[str], None], **inputs: Path) -> Iterator[Job]:
+    """A job of the mvs stage with its defaults that writes into `folder`."""
+    (folder / "scratch").mkdir()
+    (folder / "depth_maps").mkdir()
+    outputs = {"depth_maps": folder / "depth_maps", "fused": folder / "fused.ply"}
+    settings = MVS.settings()
+    with ThreadPoolExecutor(2) as executor:
+        machine = dict(MVS.machine(settings))
+        yield Job(settings, inputs, outputs, folder / "scratch", 2, executor, Quiet(), say, machine)
+
+
+def of_true_cameras(truth: Path, photos: Path) -> dict[str, float]:
+    """Figures of the stage run on the true cameras (which bring no sparse points)."""
+    cameras = cameras_of(read_model(truth / "sparse"))
+    with tempfile.TemporaryDirectory() as name:
+        workspace = Path(name) / "workspace"
+        (workspace / "sparse").mkdir(parents=True)
+        pinhole_model(cameras).write(workspace / "sparse")
+        for camera in cameras:
+            photo = read_photo(next(photos.glob(f"{camera.name}.*")))
+            write_png_srgb8(workspace / "images" / f"{camera.name}.png", photo)
+        with job_in(Path(name), print, workspace=workspace) as job:
+            MVS.run(job)
+        identity = Similarity(1.0, np.eye(3), np.zeros(3))
+        by_name = {f"{camera.name}.png": camera for camera in cameras}
+        return evaluate(job.outputs["depth_maps"], by_name, identity, truth) | {
+            "cpu_seconds": job.facts["cpu_seconds"]
+        }
 
 
 def main() -> None:
     """Print the figures as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("workspace", type=Path)
-    parser.add_argument("truth", type=Path, nargs="?", default=Path("sample_data/truth"))
+    parser.add_argument("workspace", type=Path, nargs="?", help="a finished run on sample_data")
+    parser.add_argument(
+        "--true-cameras", action="store_true", help="run the stage on the true cameras instead"
+    )
+    parser.add_argument("--sample", type=Path, default=Path("sample_data"))
     arguments = parser.parse_args()
-    print(json.dumps(evaluate(arguments.workspace, arguments.truth), indent=1))
+    truth = arguments.sample / "truth"
+    if arguments.true_cameras:
+        figures = of_true_cameras(truth, arguments.sample / "photos")
+    elif arguments.workspace:
+        figures = of_a_run(arguments.workspace, truth)
+    else:
+        parser.error("name a workspace, or say --true-cameras")
+    print(json.dumps(figures, indent=1))
 
 
 if __name__ == "__main__":
