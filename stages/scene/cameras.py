@@ -91,7 +91,7 @@ def rays_in_world(camera: Camera) -> np.ndarray:
 
 
 def back_project(camera: Camera, depth: np.ndarray) -> np.ndarray:
-    """π⁻¹ of Eq. 8: world points behind all pixels, shape (height, width, 3); `depth` is z, (height, width)."""
+    """π⁻¹ of Eq. 8: world points behind all pixels, (height, width, 3); `depth` is z, (height, width)."""
     return camera.centre_in_world + rays_in_world(camera) * depth[..., None]
 
 

@@ -11,7 +11,7 @@ from pipeline import UserError
 
 
 def write_exr(path: Path, image: np.ndarray, *, half: bool = False) -> None:
-    """Write `image`, (h, w) as channel Y or (h, w, 3) as RGB, creating the folder; ZIP, float32 unless `half`."""
+    """Write `image`, (h, w) as channel Y or (h, w, 3) as RGB; ZIP, float32 unless `half`; makes the folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
     pixels = np.ascontiguousarray(image, np.float16 if half else np.float32)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -29,9 +29,13 @@ def read_exr(path: Path) -> np.ndarray:
     """
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = {name: np.asarray(channel.pixels, np.float32) for name, channel in file.channels().items()}
+            channels = {
+                name: np.asarray(channel.pixels, np.float32) for name, channel in file.channels().items()
+            }
     except Exception as error:  # the binding raises bare RuntimeErrors of many texts
-        raise UserError(f"{path} cannot be read as OpenEXR ({error}); export it again or remove it.") from error
+        raise UserError(
+            f"{path} cannot be read as OpenEXR ({error}); export it again or remove it."
+        ) from error
     if {"R", "G", "B"} <= channels.keys():
         return np.stack([channels[name] for name in "RGB"], axis=-1)
     colourless = [name for name in channels if name != "A"]
