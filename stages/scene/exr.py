@@ -11,7 +11,7 @@ from pipeline import UserError
 
 
 def write_exr(path: Path, image: np.ndarray, *, half: bool = False) -> None:
-    """Write `image`, (h, w) as channel Y or (h, w, 3) as RGB; ZIP, float32 unless `half`; makes the folder."""
+    """Write `image`, (h, w) as Y or (h, w, 3) as RGB; ZIP, float32 unless `half`; makes the folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
     pixels = np.ascontiguousarray(image, np.float16 if half else np.float32)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
