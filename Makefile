@@ -42,7 +42,8 @@ docs: $(VENV)/.ready ## write the generated documentation anew
 	$(VENV)/bin/python docs/generate.py
 
 benchmarks: $(VENV)/.ready ## accuracy of the sample's and the fountain's results (after make sample, make fountain)
-	$(VENV)/bin/python -m benchmarks.dense_truth
+	$(VENV)/bin/python -m benchmarks.dense_truth workspaces/sample
+	$(VENV)/bin/python -m benchmarks.dense_truth --true-cameras
 	$(VENV)/bin/python -m benchmarks.fountain_poses
 
 clean: ## remove the environment and all caches of tools; workspaces stay
