@@ -1,10 +1,10 @@
 """Dense stereo against rendered truth.
 
-``python -m benchmarks.dense_truth WORKSPACE`` reads the newest `undistort` and `mvs` results of a run on
-`sample_data` and brings the model into the truth's frame by the similarity that fits the camera centres; so
-what structure from motion got wrong (a focal length too long by 0.3 % moves all surface by a footprint)
-counts too, and shows as bias. ``python -m benchmarks.dense_truth --true-cameras`` runs the stage itself on
-the true cameras: stereo alone.
+``python -m benchmarks.dense_truth WORKSPACE`` reads the newest `undistort` and `mvs` results of a
+run on `sample_data` and brings the model into the truth's frame by the similarity that fits the
+camera centres; so what structure from motion got wrong (a focal length too long by 0.3 % moves all
+surface by a footprint) counts too, and shows as bias. ``python -m benchmarks.dense_truth
+--true-cameras`` runs the stage itself on the true cameras: stereo alone.
 """
 
 from __future__ import annotations
