@@ -2,7 +2,9 @@
 
 The element behind pixel p is a plane in inverse depth (`inverse_depth`). Its patch holds the pixels p + Δ
 on a regular grid, each weighted by closeness in space and in grey value to p, so that across a depth edge,
-or at a silhouette against an even sky, only p's own side speaks. All functions run inside compiled loops.
+or at a silhouette against an even sky, only p's own side speaks. All functions run inside the loops
+of `patch_match` and `geometric_consistency`, whose compiled form numba keeps until those files change: after
+editing this one, touch them.
 """
 
 from __future__ import annotations
