@@ -15,6 +15,7 @@ from pipeline.plan import Action, Decision
 from pipeline.record import Record
 
 COLOURS = {Action.REUSE: "green", Action.RUN: "yellow", Action.WAIT: "yellow", Action.LEAVE: "dim"}
+PIPE_WIDTH = 200  # columns of a table where no terminal says how many there are
 
 
 class Terminal:
@@ -80,7 +81,8 @@ class Terminal:
         if self._json_wanted:
             sys.stdout.write(json.dumps(value, indent=1, ensure_ascii=False) + "\n")
         elif table is not None:
-            Console(highlight=False, soft_wrap=not sys.stdout.isatty()).print(table)
+            width = None if sys.stdout.isatty() else PIPE_WIDTH
+            Console(highlight=False, width=width).print(table)
 
 
 def megabytes(size: int | None) -> str:

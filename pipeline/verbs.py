@@ -33,9 +33,10 @@ def status_verb(workspace: Path, terminal: Terminal) -> None:
     for row in rows:
         row["peak"] = megabytes(row["peak_bytes"])
         row["size"] = megabytes(row["bytes"])
+        row["when"] = (row["finished"] or "–")[:16].replace("T", " ")
         row["short"] = (row["key"] or "–")[:12]
         row["notes"] = len(row["warnings"])
-    columns = {"stage": "stage", "result": "short", "finished": "finished", "seconds": "seconds"}
+    columns = {"stage": "stage", "result": "short", "finished (UTC)": "when", "seconds": "seconds"}
     costs = {
         "CPU-s": "cpu_seconds",
         "peak": "peak",
