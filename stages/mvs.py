@@ -63,8 +63,8 @@ class MvsSettings(Settings):
     sgm_edge: float = setting(0.05, "Grey-value step (of 1) that halves the price of a jump.", gt=0, le=1)
     photometric_iterations: int = setting(
         4,
-        "Rounds of refinement by matching alone, each visiting every pixel once. Steep ground needs four: slopes "
-        "begin flat and spread.",
+        "Rounds of refinement by matching alone, each visiting every pixel once. Steep ground needs four: "
+        "slopes begin flat and spread.",
         ge=0,
         le=20,
     )
