@@ -36,6 +36,7 @@ FOLDERS_BELOW = {  # which folders of stages/ each folder may import
     "scene": {"scene"},
     "solvers": {"solvers", "scene"},
     "motion": {"motion", "scene"},
+    "stereo": {"stereo", "geometry", "scene"},
     "geometry": {"geometry", "solvers", "scene"},
     "photometry": {"photometry", "solvers", "scene"},
     "synthetic": {"synthetic", "scene", "geometry"},
