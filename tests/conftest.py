@@ -11,6 +11,9 @@ import pytest
 
 from pipeline import Job, Stage
 
+# As the command line does before numpy is imported: BLAS on more threads sums in another order.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 class Silence:
     """Progress that is shown to nobody."""
