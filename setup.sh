@@ -1,6 +1,6 @@
 #!/bin/sh
 # Makes .venv and installs unshade into it, with the extras named in $1 ("" or "test").
-# System libraries that open3d links to are installed when this runs as root on Debian, otherwise named.
+# System libraries that open3d and mitsuba link to are installed when this runs as root on Debian, otherwise named.
 set -eu
 extras="${1:-}"
 python="${PYTHON:-python3}"
@@ -13,7 +13,7 @@ missing=""
 [ -d .venv ] || "$python" -c 'import ensurepip, venv' 2>/dev/null || missing="python3-venv"
 if [ "$(uname)" = Linux ]; then
     for pair in libusb-1.0.so.0:libusb-1.0-0 libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
-                libudev.so.1:libudev1 libgomp.so.1:libgomp1; do
+                libudev.so.1:libudev1 libgomp.so.1:libgomp1 libatomic.so.1:libatomic1; do
         "$python" -c "import ctypes; ctypes.CDLL('${pair%%:*}')" 2>/dev/null || missing="$missing ${pair##*:}"
     done
 fi

@@ -121,7 +121,7 @@ def test_the_smoothed_energy_in_the_file_falls_at_every_step(decomposed):
             smoothed = row["smoothed"]
             assert smoothed["after_albedo"] <= smoothed["after_light"] <= smoothed["before"]
             assert row["energy"] == pytest.approx(
-                row["photo"] + 1.5 * row["smooth"] + 2.0 * row["multi_view"], rel=1e-12
+                row["photo"] + 1.5 * row["smooth"] + content["settings"]["mu"] * row["multi_view"], rel=1e-12
             )
 
 
