@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import open3d as o3d
 
-from pipeline import Job, UserError
+from pipeline import Job, Silence, UserError
 from stages.mvs import MVS
 from stages.scene.cameras import Camera, footprint, normals_in_world, rays_in_world
 from stages.scene.colmap_model import cameras_of, pinhole_model, read_model, registered
@@ -131,19 +131,6 @@ def of_a_run(workspace: Path, truth: Path) -> dict[str, float]:
     return evaluate(newest(workspace, "mvs") / "depth_maps", cameras, fit, truth)
 
 
-class Quiet:
-    """Progress that is shown to nobody."""
-
-    def begin(self, label: str, total: int | None) -> None:
-        pass
-
-    def advance(self, steps: int = 1) -> None:
-        pass
-
-    def end(self) -> None:
-        pass
-
-
 @contextmanager
 def job_in(folder: Path, say: Callable[[str], None], **inputs: Path) -> Iterator[Job]:
     """A job of the mvs stage with its defaults that writes into `folder`."""
@@ -153,7 +140,7 @@ def job_in(folder: Path, say: Callable[[str], None], **inputs: Path) -> Iterator
     settings = MVS.settings()
     with ThreadPoolExecutor(2) as executor:
         machine = dict(MVS.machine(settings))
-        yield Job(settings, inputs, outputs, folder / "scratch", 2, executor, Quiet(), say, machine)
+        yield Job(settings, inputs, outputs, folder / "scratch", 2, executor, Silence(), say, machine)
 
 
 def of_true_cameras(truth: Path, photos: Path) -> dict[str, float]:

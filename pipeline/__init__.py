@@ -1,8 +1,8 @@
 """A small, careful build tool that has never heard of a pixel: declares, plans, runs, caches, explains."""
 
 from pipeline.errors import UserError
-from pipeline.job import Job, Progress
+from pipeline.job import Job, Progress, Silence
 from pipeline.settings import Settings, setting
 from pipeline.stage import Artefact, Source, Stage
 
-__all__ = ["Artefact", "Job", "Progress", "Settings", "Source", "Stage", "UserError", "setting"]
+__all__ = ["Artefact", "Job", "Progress", "Settings", "Silence", "Source", "Stage", "UserError", "setting"]

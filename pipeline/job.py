@@ -25,6 +25,19 @@ class Progress(Protocol):
         """The piece of work is over."""
 
 
+class Silence:
+    """Progress that is shown to nobody: for benchmarks and tests that run one stage by hand."""
+
+    def begin(self, label: str, total: int | None) -> None:
+        """Nothing."""
+
+    def advance(self, steps: int = 1) -> None:
+        """Nothing."""
+
+    def end(self) -> None:
+        """Nothing."""
+
+
 @dataclass
 class Job:
     """One run of one stage: where its inputs lie, where its outputs go, and whom to tell.

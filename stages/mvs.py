@@ -141,7 +141,7 @@ def run(job: Job) -> None:
     from stages.stereo.workspace import open_workspace
 
     settings: MvsSettings = job.settings
-    engine = engine_of(settings)["engine"]
+    engine = job.machine["engine"]
     workspace = open_workspace(job.inputs["workspace"])
     if len(workspace.cameras) < 2:
         raise UserError(

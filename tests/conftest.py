@@ -9,23 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import Job, Stage
+from pipeline import Job, Silence, Stage
 
 # As the command line does before numpy is imported: BLAS on more threads sums in another order.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-
-class Silence:
-    """Progress that is shown to nobody."""
-
-    def begin(self, label: str, total: int | None) -> None:
-        pass
-
-    def advance(self, steps: int = 1) -> None:
-        pass
-
-    def end(self) -> None:
-        pass
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline import Artefact, Job, Settings, Source, Stage, UserError, setting
+from pipeline import Artefact, Job, Settings, Silence, Source, Stage, UserError, setting
 from pipeline.config import check_settings
 from pipeline.request import Request, Selection
 from pipeline.run import run
@@ -62,21 +62,12 @@ WORDS = Source("words", "folder of words", (".txt",))
 
 
 @dataclass
-class Witness:
+class Witness(Silence):
     """A listener that remembers: per run, what happened to each stage and what was said."""
 
     actions: dict[str, str] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
     said: list[str] = field(default_factory=list)
-
-    def begin(self, label, total):
-        pass
-
-    def advance(self, steps=1):
-        pass
-
-    def end(self):
-        pass
 
     def deciding(self, decision):
         self.actions[decision.stage.name] = decision.action.value
