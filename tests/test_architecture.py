@@ -33,6 +33,7 @@ SLOW_TO_IMPORT = {
     "PIL",
 }
 FOLDERS_BELOW = {  # which folders of stages/ each folder may import
+    "command": {"command", "scene"},
     "scene": {"scene"},
     "solvers": {"solvers", "scene"},
     "motion": {"motion", "scene"},
@@ -75,7 +76,10 @@ def test_the_pipeline_has_never_heard_of_a_pixel(path):
     assert not {name.split(".")[0] for name in imported(parsed(path))} & PIXEL_LIBRARIES
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "stages").glob("*.py")), ids=lambda path: path.name)
+QUICK_TO_IMPORT = [*sorted((ROOT / "stages").glob("*.py")), *sources("stages/command")]
+
+
+@pytest.mark.parametrize("path", QUICK_TO_IMPORT, ids=lambda path: str(path.relative_to(ROOT)))
 def test_declarations_import_at_once_so_that_a_plan_answers_at_once(path):
     assert not {name.split(".")[0] for name in imported_at_once(parsed(path))} & SLOW_TO_IMPORT
 

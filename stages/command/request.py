@@ -1,0 +1,121 @@
+"""From the words of the command line, and the configuration that they name, to a checked request."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import stages
+from pipeline import UserError
+from pipeline.config import Config, check_settings, override, read_config
+from pipeline.request import Request, Selection, check_flow
+from stages.command.words import Given, Run
+from stages.scene.datasets import dataset_folder
+
+SOURCE_OF_FLAG = {"images": "images", "colmap": "colmap", "mesh": "mesh_file", "masks": "masks"}
+DATASET_PHOTOS = "images"
+
+
+def request_of(command: Run) -> Request:
+    """Turn a command into a checked request.
+
+    Raises
+    ------
+    UserError
+        Anything about it that the user should put right.
+    """
+    config = config_of(command)
+    sources = sources_of(command, config)
+    flow = stages.dataflow(sources)
+    check_flow(flow, stages.SOURCES)
+    declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
+    return Request(
+        flow=flow,
+        settings=check_settings(declared, override(config.settings, command.assignments)),
+        sources=sources,
+        kinds=stages.SOURCES,
+        workspace=workspace_of(command, config, sources),
+        threads=threads_of(command),
+        selection=Selection(command.only, command.first, command.last, command.force),
+    )
+
+
+def config_of(command: Given) -> Config:
+    """The configuration file's content, or an empty configuration."""
+    if command.config is None:
+        return Config()
+    names = [stage.name for stage in stages.ALL_STAGES]
+    return read_config(command.config, [*SOURCE_OF_FLAG, "dataset"], names)
+
+
+def sources_of(command: Given, config: Config) -> dict[str, Path]:
+    """Every source that was given, on the command line before the configuration, and exists."""
+    sources = {}
+    if "dataset" in config.sources and command.images is None:
+        sources["images"] = dataset_folder(config.sources["dataset"]) / DATASET_PHOTOS
+    for flag, name in SOURCE_OF_FLAG.items():
+        given = getattr(command, flag)
+        if given is None and flag in config.sources:
+            given = beside(config, config.sources[flag])
+        if given is not None:
+            sources[name] = existing(flag, given)
+    if "colmap" in sources and "images" not in sources and (sources["colmap"] / "images").is_dir():
+        sources["images"] = sources["colmap"] / "images"
+    return sources
+
+
+def beside(config: Config, path: str) -> Path:
+    """A path that a configuration names, relative to its folder."""
+    return Path(os.path.normpath(config.folder / path))
+
+
+def existing(flag: str, path: Path) -> Path:
+    """The path, if it is there and of the right kind."""
+    expected = "file" if flag == "mesh" else "folder"
+    if not path.exists():
+        raise UserError(f"--{flag} {path} does not exist; expected a {expected}. Check the path.")
+    if path.is_dir() != (expected == "folder"):
+        raise UserError(f"--{flag} {path} is not a {expected}; expected a {expected}.")
+    return path
+
+
+def workspace_of(command: Given, config: Config, sources: dict[str, Path]) -> Path:
+    """The workspace that was asked for, or `workspaces/` and the name of the photo folder's project."""
+    if command.workspace is not None:
+        return command.workspace
+    if config.workspace is not None:
+        return beside(config, config.workspace)
+    photos = sources["images"].resolve()
+    return Path("workspaces", photos.parent.name if photos.name == "images" else photos.name)
+
+
+def existing_workspace(command: Given) -> Path:
+    """The workspace that a verb looks at.
+
+    Raises
+    ------
+    UserError
+        None was named, or it is not there.
+    """
+    config = config_of(command)
+    if command.workspace is None and config.workspace is None:
+        raise UserError("No workspace was named; expected a configuration, or --workspace DIR.")
+    workspace = workspace_of(command, config, {})
+    if not (workspace / "cache").is_dir():
+        raise UserError(f"{workspace} holds no results yet; `unshade run` makes them, or check the path.")
+    return workspace
+
+
+def threads_of(command: Given) -> int:
+    """Threads to use: what was asked for, else all that this process may use.
+
+    Raises
+    ------
+    UserError
+        Fewer than one was asked for.
+    """
+    if command.threads is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if command.threads < 1:
+        raise UserError(f"--threads is {command.threads}; expected 1 or more.")
+    return command.threads

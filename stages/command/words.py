@@ -1,0 +1,136 @@
+"""The words of the command line, as types: tyro makes the parser and the help of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+
+def optional(metavar: str, name: str | None = None) -> Any:
+    """How the help shows an option that need not be given."""
+    return arg(metavar=metavar, name=name, help_behavior_hint="")
+
+
+Folder = Annotated[Path | None, optional("DIR")]
+File = Annotated[Path | None, optional("FILE")]
+StageName = Annotated[str | None, optional("STAGE")]
+
+
+@dataclass(frozen=True)
+class Given:
+    """Where things are.
+
+    Attributes
+    ----------
+    config
+        YAML configuration; without it the defaults are good for a folder of photos.
+    workspace
+        Folder for the cache and the output; by default the configuration's, else `workspaces/NAME-OF-PHOTOS`.
+    images
+        Folder of photos.
+    colmap
+        Folder with a COLMAP model: its cameras are taken instead of running structure from motion.
+    mesh
+        Mesh in the frame of that model: taken instead of dense stereo and reconstruction.
+    masks
+        Folder of masks named like the photos, white = keep.
+    assignments
+        A setting, as in `--set decomposition.lambda=2`; repeatable.
+    threads
+        Processor threads; by default all. Never changes a result.
+    json
+        Answer in JSON on the output stream.
+    """
+
+    config: Annotated[Positional[Path | None], optional("[CONFIG]")] = None
+    workspace: Folder = None
+    images: Folder = None
+    colmap: Folder = None
+    mesh: File = None
+    masks: Folder = None
+    assignments: Annotated[UseAppendAction[tuple[str, ...]], optional("STAGE.SETTING=VALUE", "set")] = ()
+    threads: Annotated[int | None, optional("N")] = None
+    json: bool = False
+
+
+@dataclass(frozen=True)
+class Run(Given):
+    """Bring everything that is not up to date up to date.
+
+    Attributes
+    ----------
+    only
+        Run this stage alone; the ones before it must be up to date.
+    first
+        Run this stage and those after it; the ones before it must be up to date.
+    last
+        Stop after this stage.
+    force
+        Run the selected stages even where they are up to date.
+    """
+
+    only: StageName = None
+    first: Annotated[str | None, optional("STAGE", "from")] = None
+    last: Annotated[str | None, optional("STAGE", "to")] = None
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class Plan(Run):
+    """Per stage: reuse or run, and the reason in one sentence. Takes what `run` takes, runs nothing."""
+
+
+@dataclass(frozen=True)
+class Status(Given):
+    """What the workspace holds, and what it cost."""
+
+
+@dataclass(frozen=True)
+class Show(Given):
+    """The record of a stage's newest result.
+
+    Attributes
+    ----------
+    stage
+        Which stage.
+    key
+        Beginning of a result's key, for another than the newest.
+    """
+
+    stage: str = "decomposition"
+    key: Annotated[str | None, optional("KEY")] = None
+
+
+@dataclass(frozen=True)
+class Diff(Given):
+    """What differs between two results of a stage.
+
+    Attributes
+    ----------
+    stage
+        Which stage.
+    keys
+        Beginnings of two keys; by default the newest result and the one before.
+    """
+
+    stage: str = "decomposition"
+    keys: Annotated[tuple[str, str] | None, optional("KEY KEY")] = None
+
+
+@dataclass(frozen=True)
+class Clean(Given):
+    """Delete results that are no longer current.
+
+    Attributes
+    ----------
+    everything
+        Delete the current ones too; `output/` stays.
+    """
+
+    everything: bool = False
+
+
+Command = Run | Plan | Status | Show | Diff | Clean
