@@ -12,8 +12,9 @@ from tyro.conf import FlagCreatePairsOff
 
 from pipeline import UserError, verbs
 from pipeline.terminal import Terminal
+from stages.command.evaluation import evaluate_verb
 from stages.command.request import existing_workspace, request_of
-from stages.command.words import Clean, Command, Diff, Plan, Run, Show, Status
+from stages.command.words import Clean, Command, Diff, Evaluate, Plan, Run, Show, Status
 
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130
 ABOUT = "Per-view albedo from photos or a COLMAP workspace: the light and the shading apart."
@@ -59,6 +60,8 @@ def obey(command: Command, terminal: Terminal) -> None:
             verbs.diff_verb(existing_workspace(command), command.stage, command.keys or (), terminal)
         case Clean():
             verbs.clean_verb(existing_workspace(command), command.everything, terminal)
+        case Evaluate():
+            evaluate_verb(command, terminal)
 
 
 if __name__ == "__main__":

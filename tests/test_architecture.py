@@ -33,7 +33,8 @@ SLOW_TO_IMPORT = {
     "PIL",
 }
 FOLDERS_BELOW = {  # which folders of stages/ each folder may import
-    "command": {"command", "scene"},
+    "command": {"command", "evaluation", "scene"},
+    "evaluation": {"evaluation", "scene"},
     "scene": {"scene"},
     "solvers": {"solvers", "scene"},
     "motion": {"motion", "scene"},

@@ -12,7 +12,15 @@ from pipeline.request import Request, Selection, check_flow
 from stages.command.words import Given, Run
 from stages.scene.datasets import dataset_folder
 
-SOURCE_OF_FLAG = {"images": "images", "colmap": "colmap", "mesh": "mesh_file", "masks": "masks"}
+SOURCE_OF_FLAG = {
+    "images": "images",
+    "colmap": "colmap",
+    "mesh": "mesh_file",
+    "masks": "masks",
+    "object": "object",
+    "environment": "environment",
+}
+FILES = {"mesh", "object", "environment"}
 DATASET_PHOTOS = "images"
 
 
@@ -26,14 +34,16 @@ def request_of(command: Run) -> Request:
     """
     config = config_of(command)
     sources = sources_of(command, config)
-    flow = stages.dataflow(sources)
-    check_flow(flow, stages.SOURCES)
+    given = override(config.settings, command.assignments)
+    flow = stages.experiment(sources) if "render" in given else stages.dataflow(sources)
+    kinds = stages.kinds_of_sources(flow)
+    check_flow(flow, kinds)
     declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
     return Request(
         flow=flow,
-        settings=check_settings(declared, override(config.settings, command.assignments)),
+        settings=check_settings(declared, given),
         sources=sources,
-        kinds=stages.SOURCES,
+        kinds=kinds,
         workspace=workspace_of(command, config, sources),
         threads=threads_of(command),
         selection=Selection(command.only, command.first, command.last, command.force),
@@ -71,7 +81,7 @@ def beside(config: Config, path: str) -> Path:
 
 def existing(flag: str, path: Path) -> Path:
     """The path, if it is there and of the right kind."""
-    expected = "file" if flag == "mesh" else "folder"
+    expected = "file" if flag in FILES else "folder"
     if not path.exists():
         raise UserError(f"--{flag} {path} does not exist; expected a {expected}. Check the path.")
     if path.is_dir() != (expected == "folder"):
@@ -85,6 +95,8 @@ def workspace_of(command: Given, config: Config, sources: dict[str, Path]) -> Pa
         return command.workspace
     if config.workspace is not None:
         return beside(config, config.workspace)
+    if "images" not in sources:
+        return Path("workspaces", command.config.stem if command.config else "render")
     photos = sources["images"].resolve()
     return Path("workspaces", photos.parent.name if photos.name == "images" else photos.name)
 

@@ -37,6 +37,10 @@ class Given:
         Mesh in the frame of that model: taken instead of dense stereo and reconstruction.
     masks
         Folder of masks named like the photos, white = keep.
+    object
+        Mesh to render instead of the bust, where the configuration asks for a rendered scene.
+    environment
+        Picture of all directions (EXR, HDR) that lights a rendered scene.
     assignments
         A setting, as in `--set decomposition.lambda=2`; repeatable.
     threads
@@ -51,6 +55,8 @@ class Given:
     colmap: Folder = None
     mesh: File = None
     masks: Folder = None
+    object: File = None
+    environment: File = None
     assignments: Annotated[UseAppendAction[tuple[str, ...]], optional("STAGE.SETTING=VALUE", "set")] = ()
     threads: Annotated[int | None, optional("N")] = None
     json: bool = False
@@ -133,4 +139,29 @@ class Clean(Given):
     everything: bool = False
 
 
-Command = Run | Plan | Status | Show | Diff | Clean
+@dataclass(frozen=True)
+class Evaluate:
+    """Judge albedo maps against the truth: variance, si-RMSE, LMSE, PSNR-H, leak, agreement between views.
+
+    Attributes
+    ----------
+    prediction
+        Folder of albedo maps (EXR: linear; PNG, TIFF, JPEG: sRGB), or an output folder of unshade.
+    truth
+        Folder of true albedo maps of the same names, or one with albedo/, mask/, parts/, shading/.
+    masks
+        Folder of masks, white = judge; by default the prediction's mask/. The truth's masks hold in any case.
+    correspondences
+        Folder of correspondences, for the agreement between views.
+    json
+        Answer in JSON on the output stream.
+    """
+
+    prediction: Annotated[Positional[Path], arg(metavar="PREDICTION")]
+    truth: Annotated[Positional[Path], arg(metavar="TRUTH")]
+    masks: Folder = None
+    correspondences: Folder = None
+    json: bool = False
+
+
+Command = Run | Plan | Status | Show | Diff | Clean | Evaluate

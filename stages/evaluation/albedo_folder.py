@@ -1,0 +1,153 @@
+"""Folders of albedo maps as predictions and truths come in them; maps are known by name, never by order."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline import UserError
+from stages.scene.cameras import view_name
+from stages.scene.part_maps import read_part_map, read_part_names
+from stages.scene.photos import ENCODED, LINEAR, find_mask, read_mask, read_photo
+
+
+@dataclass(frozen=True)
+class AlbedoFolder:
+    """Albedo maps, and what may lie beside them.
+
+    Attributes
+    ----------
+    maps : Path
+        Folder of the maps.
+    files : dict of str to str
+        Map of every view, relative to `maps`, by view name.
+    masks, shading, parts : Path or None
+        Folders of masks, of true shading, of numbered parts.
+    part_names : tuple of str
+        Names to the numbers in `parts`.
+    """
+
+    maps: Path
+    files: dict[str, str]
+    masks: Path | None
+    shading: Path | None
+    parts: Path | None
+    part_names: tuple[str, ...]
+
+    def albedo(self, name: str) -> np.ndarray:
+        """Linear albedo, shape (h, w, 3), float32."""
+        return read_photo(self.maps / self.files[name])
+
+    def mask(self, name: str) -> np.ndarray | None:
+        """Where the map holds something, shape (h, w), bool; None where there are no masks at all.
+
+        Raises
+        ------
+        UserError
+            Other views have a mask, this one has none.
+        """
+        if self.masks is None:
+            return None
+        file = find_mask(self.masks, self.files[name])
+        if file is None:
+            raise UserError(f"There is no mask for view {name} in {self.masks}; expected {name}.png.")
+        return read_mask(file)
+
+    def part_map(self, name: str) -> np.ndarray | None:
+        """Number of the part per pixel, shape (h, w), uint8; None where the parts are not known."""
+        if self.parts is None:
+            return None
+        return read_part_map(existing_map(self.parts, f"{name}.png"), len(self.part_names))
+
+    def true_shading(self, name: str) -> np.ndarray | None:
+        """Linear shading, shape (h, w, 3), float32, 0 = unknown; None where none is known."""
+        return None if self.shading is None else read_photo(existing_map(self.shading, f"{name}.exr"))
+
+    def colour_space(self, names: list[str]) -> str:
+        """How the maps of these views were read, in words."""
+        kinds = Counter(Path(self.files[name]).suffix.lower() for name in names)
+        return ", ".join(
+            f"{count} {suffix[1:].upper()} {'taken as linear' if suffix in LINEAR else 'decoded from sRGB'}"
+            for suffix, count in sorted(kinds.items())
+        )
+
+
+def open_albedo_folder(folder: Path, masks: Path | None = None) -> AlbedoFolder:
+    """A flat folder of maps, or one that holds ``albedo/`` and perhaps ``mask/``, ``shading/``, ``parts/``.
+
+    Parameters
+    ----------
+    masks : Path, optional
+        Taken instead of ``mask/``.
+
+    Raises
+    ------
+    UserError
+        It is not there, holds no maps, or two for one name.
+    """
+    for place in (folder, masks):
+        if place is not None and not place.is_dir():
+            raise UserError(f"{place} is not a folder; expected one. Check the path.")
+    structured = (folder / "albedo").is_dir()
+    maps = folder / "albedo" if structured else folder
+    files = find_maps(maps)
+    if not files:
+        raise UserError(f"{maps} holds no albedo maps; expected EXR (linear), or PNG, TIFF, JPEG (sRGB).")
+
+    def beside(name: str) -> Path | None:
+        return folder / name if structured and (folder / name).is_dir() else None
+
+    parts = beside("parts")
+    return AlbedoFolder(
+        maps=maps,
+        files=files,
+        masks=beside("mask") if masks is None else masks,
+        shading=beside("shading"),
+        parts=parts,
+        part_names=() if parts is None else read_part_names(folder / "parts.json"),
+    )
+
+
+def find_maps(folder: Path) -> dict[str, str]:
+    """Maps below `folder` by view name, sorted: relative paths; a linear file goes before an encoded one.
+
+    Raises
+    ------
+    UserError
+        Two files are equally good for one name.
+    """
+    found: dict[str, str] = {}
+    for parent, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for file in sorted(files):
+            if file.startswith(".") or not file.lower().endswith(ENCODED + LINEAR):
+                continue
+            path = (Path(parent) / file).relative_to(folder).as_posix()
+            other = found.get(view_name(path))
+            if other is not None and _is_linear(other) == _is_linear(path):
+                raise UserError(f"{other} and {path} in {folder} are one view; remove one of them.")
+            if other is None or _is_linear(path):
+                found[view_name(path)] = path
+    return dict(sorted(found.items()))
+
+
+def _is_linear(file: str) -> bool:
+    return file.lower().endswith(LINEAR)
+
+
+def existing_map(folder: Path, file: str) -> Path:
+    """The file, if it is there.
+
+    Raises
+    ------
+    UserError
+        It is not.
+    """
+    path = folder / file
+    if not path.is_file():
+        raise UserError(f"{path} is missing; expected it beside the albedo map of that name.")
+    return path

@@ -1,0 +1,177 @@
+"""From two folders to a report: views paired by name, judged where both are known."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from pipeline import UserError
+from stages.evaluation.agreement import Correspondences
+from stages.evaluation.albedo_folder import AlbedoFolder, open_albedo_folder
+from stages.evaluation.judged_views import JudgedView, check_size, judge_view
+from stages.evaluation.scores import SCALING, Scores, finite_or_null, score_albedo
+from stages.scene.wording import listed
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was compared, and the scores.
+
+    Attributes
+    ----------
+    prediction_space, truth_space : str
+        How the maps were read.
+    coverage : float
+        Share of the truth's masks, in the views compared, that the prediction has; nan without masks there.
+    only_in_prediction, only_in_truth : tuple of str
+        Views that the other side lacks; they are not judged.
+    scores : Scores
+    notes : tuple of str
+        What else one should know.
+    """
+
+    prediction_space: str
+    truth_space: str
+    coverage: float
+    only_in_prediction: tuple[str, ...]
+    only_in_truth: tuple[str, ...]
+    scores: Scores
+    notes: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain JSON."""
+        return {
+            "colour_space": {"prediction": self.prediction_space, "truth": self.truth_space},
+            "scaling": SCALING,
+            "coverage": finite_or_null(self.coverage),
+            "only_in_prediction": list(self.only_in_prediction),
+            "only_in_truth": list(self.only_in_truth),
+            **self.scores.as_json(),
+            "remarks": [*self.notes, *self.scores.remarks()],
+        }
+
+
+def evaluate_folders(
+    prediction_folder: Path,
+    truth_folder: Path,
+    masks: Path | None = None,
+    correspondences: Path | None = None,
+    step: Callable[[], None] = lambda: None,
+) -> Report:
+    """Judge the albedo maps of one folder against those of another.
+
+    Parameters
+    ----------
+    prediction_folder, truth_folder : Path
+        As `open_albedo_folder` takes them.
+    masks : Path, optional
+        Where to judge, instead of the prediction's own masks; the truth's masks hold in any case.
+    correspondences : Path, optional
+        What the `correspondence` stage gave, for the agreement between views.
+    step : callable
+        Called after each view.
+
+    Raises
+    ------
+    UserError
+        Anything about the folders that the user should put right.
+    """
+    prediction = open_albedo_folder(prediction_folder, masks)
+    truth = open_albedo_folder(truth_folder)
+    names = common_names(prediction, truth)
+    views, own_masks, known, covered = [], {}, 0, 0
+    for name in names:
+        view, own, true_mask = _pair(name, prediction, truth)
+        views.append(view)
+        own_masks[name] = own
+        if true_mask is not None:
+            known, covered = known + int(true_mask.sum()), covered + int(view.judged.sum())
+        step()
+    links = None if correspondences is None else read_links(correspondences)
+    return Report(
+        prediction_space=prediction.colour_space(names),
+        truth_space=truth.colour_space(names),
+        coverage=covered / known if known else float("nan"),
+        only_in_prediction=tuple(name for name in prediction.files if name not in truth.files),
+        only_in_truth=tuple(name for name in truth.files if name not in prediction.files),
+        scores=score_albedo(
+            views, truth.part_names, None if links is None else Correspondences(links, own_masks)
+        ),
+        notes=_notes(prediction, truth, views),
+    )
+
+
+def common_names(prediction: AlbedoFolder, truth: AlbedoFolder) -> list[str]:
+    """Names of the views that both have.
+
+    Raises
+    ------
+    UserError
+        There are none.
+    """
+    names = [name for name in prediction.files if name in truth.files]
+    if not names:
+        raise UserError(
+            f"No map in {prediction.maps} ({listed(list(prediction.files), 3)}) has the name of one in "
+            f"{truth.maps} ({listed(list(truth.files), 3)}); expected the same names, whatever the extension."
+        )
+    return names
+
+
+def _pair(
+    name: str, prediction: AlbedoFolder, truth: AlbedoFolder
+) -> tuple[JudgedView, np.ndarray, np.ndarray | None]:
+    """One view to judge, the prediction's mask, and the truth's."""
+    albedo, true_albedo = prediction.albedo(name), truth.albedo(name)
+    check_size(name, "prediction", albedo, true_albedo)
+    own, true_mask = prediction.mask(name), truth.mask(name)
+    own = np.ones(albedo.shape[:2], bool) if own is None else own
+    check_size(name, "prediction's mask", own, true_albedo)
+    judged = own
+    if true_mask is not None:
+        check_size(name, "truth's mask", true_mask, true_albedo)
+        judged = own & true_mask
+    maps = (truth.part_map(name), truth.true_shading(name))
+    return judge_view(name, albedo, true_albedo, judged, *maps), own, true_mask
+
+
+def _notes(prediction: AlbedoFolder, truth: AlbedoFolder, views: list[JudgedView]) -> tuple[str, ...]:
+    notes = []
+    if prediction.masks is None:
+        where = "every pixel" if truth.masks is None else "every pixel of the truth's masks"
+        notes.append(f"the prediction has no masks: {where} is judged")
+    if truth.masks is None:
+        black = sum(int((view.truth[view.judged] == 0).all(axis=1).sum()) for view in views)
+        notes.append(
+            "the truth has no masks: coverage is not known"
+            + (f", and {black} judged pixels have no true albedo at all (background?)" if black else "")
+        )
+    if not truth.part_names:
+        notes.append("the truth names no parts of uniform albedo: no variance, no leak")
+    elif truth.shading is None:
+        notes.append("the truth has no shading: no leak")
+    return tuple(notes)
+
+
+def read_links(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
+    """What the `correspondence` stage wrote, by the names of the two views.
+
+    Raises
+    ------
+    UserError
+        The folder holds something else.
+    """
+    try:
+        rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))
+        return {(row["i"], row["j"]): sp.csr_array(sp.load_npz(folder / row["file"])) for row in rows}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UserError(
+            f"{folder} cannot be read as correspondences ({type(error).__name__}: {error}); expected "
+            "index.json and its matrices, as in cache/correspondence/KEY/correspondences."
+        ) from error

@@ -1,0 +1,147 @@
+"""What is judged of a view: prediction and truth on the pixels where both are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline import UserError
+
+CHANNELS = ("red", "green", "blue")
+
+# True albedo below this is printed but enters no ratio and no leak: light bounced from other parts outweighs
+# what such a surface reflects itself.
+ALBEDO_FLOOR = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedView:
+    """One view; everything is 0 where it is not judged. Made by `judge_view`.
+
+    Attributes
+    ----------
+    name : str
+        View name: what prediction and truth are matched by.
+    prediction, truth : ndarray, shape (h, w, 3), float32
+        Linear albedo, finite.
+    judged : ndarray, shape (h, w), bool
+        Pixels that count.
+    parts : ndarray, shape (h, w), uint8
+        k where the k-th part of uniform albedo is, from 1; 0 elsewhere (seams, textured parts, background).
+    shading : ndarray, shape (h, w, 3), float32
+        True shading, linear: image divided by true albedo; 0 where it is unknown.
+    """
+
+    name: str
+    prediction: np.ndarray
+    truth: np.ndarray
+    judged: np.ndarray
+    parts: np.ndarray
+    shading: np.ndarray
+
+
+def judge_view(
+    name: str,
+    prediction: np.ndarray,
+    truth: np.ndarray,
+    judged: np.ndarray,
+    parts: np.ndarray | None = None,
+    shading: np.ndarray | None = None,
+) -> JudgedView:
+    """Check a view's maps and clear what is not judged; shapes and meanings as in `JudgedView`.
+
+    Raises
+    ------
+    UserError
+        Sizes differ, or a judged value is not a finite number.
+    """
+    shape = truth.shape[:2]
+    parts = np.zeros(shape, np.uint8) if parts is None else parts
+    shading = np.zeros((*shape, 3), np.float32) if shading is None else shading
+    maps = {"prediction": prediction, "mask": judged, "map of parts": parts, "true shading": shading}
+    for what, array in maps.items():
+        check_size(name, what, array, truth)
+    for what, array in {"prediction": prediction, "true albedo": truth, "true shading": shading}.items():
+        bad = int(np.count_nonzero(~np.isfinite(array[judged])))
+        if bad:
+            raise UserError(
+                f"View {name}: {bad} judged values of the {what} are not finite numbers; expected linear "
+                "albedo. Repair them, or mask these pixels out."
+            )
+    inside = judged[..., None]
+    return JudgedView(
+        name,
+        np.where(inside, prediction, np.float32(0)),
+        np.where(inside, truth, np.float32(0)),
+        judged,
+        np.where(judged, parts, np.uint8(0)),
+        np.where(inside, shading, np.float32(0)),
+    )
+
+
+def check_size(name: str, what: str, array: np.ndarray, truth: np.ndarray) -> None:
+    """Whether a map of a view, shape (h, w[, 3]), has the size of the true albedo.
+
+    Raises
+    ------
+    UserError
+        It has not.
+    """
+    (height, width), (true_height, true_width) = array.shape[:2], truth.shape[:2]
+    if (height, width) != (true_height, true_width):
+        raise UserError(
+            f"View {name}: the {what} has {width} × {height} pixels, the true albedo {true_width} × "
+            f"{true_height}; expected the same size. Decompose at the truth's size (raycast.reduce=1), or "
+            "render the truth at the prediction's."
+        )
+
+
+def channel_values(views: Sequence[JudgedView], channel: int) -> tuple[np.ndarray, np.ndarray]:
+    """Prediction and truth of one channel on all judged pixels of all views together, (N,), float64."""
+    prediction = np.concatenate([view.prediction[view.judged, channel] for view in views])
+    truth = np.concatenate([view.truth[view.judged, channel] for view in views])
+    return prediction.astype(np.float64), truth.astype(np.float64)
+
+
+def part_values(views: Sequence[JudgedView], part: int, channel: int) -> tuple[np.ndarray, ...]:
+    """Prediction, truth and shading of one channel in one part of all views together, (N,), float64.
+
+    Parameters
+    ----------
+    part : int
+        Number of the part in the maps, from 1.
+    """
+    inside = [view.parts == part for view in views]
+    return tuple(
+        np.concatenate([maps[k][..., channel][inside[k]] for k in range(len(views))]).astype(np.float64)
+        for maps in (
+            [view.prediction for view in views],
+            [view.truth for view in views],
+            [view.shading for view in views],
+        )
+    )
+
+
+def true_value(part: str, channel: str, truth: np.ndarray) -> float:
+    """The albedo of a part that should be uniform, from its pixels, shape (N,).
+
+    Raises
+    ------
+    UserError
+        It is not uniform: its map holds seams or texture, and a variance there would say nothing.
+    """
+    value = float(np.median(truth))
+    spread = float(np.abs(truth - value).max())
+    if spread > 0.01 * max(value, ALBEDO_FLOOR):
+        raise UserError(
+            f"The true {channel} albedo of the part {part!r} is not uniform: it departs by {spread:.4f} from "
+            f"{value:.4f}. Expected one value; leave pixels on seams and textured parts out of parts/."
+        )
+    return value
+
+
+def above_floor(true_albedo: float) -> bool:
+    """Whether a true albedo is large enough to be compared; in float32, as it was stored."""
+    return bool(np.float32(true_albedo) >= np.float32(ALBEDO_FLOOR))
