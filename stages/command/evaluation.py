@@ -35,10 +35,12 @@ def evaluate_verb(command: Evaluate, terminal: Terminal) -> None:
 
 def table_of_report(report: Report) -> Table:
     """The facts, the numbers, and what is to be said about them, one below the other."""
-    page = Table.grid(padding=(0, 0, 1, 0), pad_edge=True)
+    page = Table.grid()
     page.add_row(without_header(table_of(fact_rows(report), {"": "what", " ": "value"})))
     columns = {"": "measure", "red": "red", "green": "green", "blue": "blue"}
+    page.add_row()
     page.add_row(table_of(score_rows(report.scores), columns))
+    page.add_row()
     remarks = [{"remark": sentence} for sentence in (*report.notes, *report.scores.remarks())]
     page.add_row(without_header(table_of(remarks, {"": "remark"})))
     return page
