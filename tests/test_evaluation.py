@@ -220,6 +220,19 @@ def test_leak_by_hand():
     assert (leak.pixels, leak.left_out) == (3, 2)
 
 
+def test_the_leak_of_all_parts_weighs_them_by_how_much_their_shading_varies():
+    """log₂ S = 0, 2 with slope 1 and 0, 0, 4, 4 with slope 0: (2·1·1 + 4·4·0)/(2·1 + 4·4) = 1/9.
+
+    The second part is twice as bright, which is no leak: each part is taken around its own means.
+    """
+    shading = np.repeat(np.float32([[1, 4, 1, 1, 16, 16]])[..., None], 3, axis=-1)
+    parts = np.array([[1, 1, 2, 2, 2, 2]], np.uint8)
+    view = grey("a", [[1, 4, 2, 2, 2, 2]], [[0.4, 0.4, 0.8, 0.8, 0.8, 0.8]], parts=parts, shading=shading)
+    leaks = part_leaks([view], ["one", "two"])
+    assert [leak.slope for leak in leaks if leak.channel == "red"] == pytest.approx([1, 0])
+    assert channel_leaks(leaks) == pytest.approx((1 / 9,) * 3)
+
+
 def test_leak_is_not_taken_where_the_truth_is_dark_or_the_shading_does_not_vary():
     by_cell = {(leak.part, leak.channel): leak for leak in part_leaks(truth_views(), PARTS)}
     assert "below 0.02" in by_cell["hair", "blue"].remark

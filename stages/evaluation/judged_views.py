@@ -24,13 +24,13 @@ class JudgedView:
     ----------
     name : str
         View name: what prediction and truth are matched by.
-    prediction, truth : ndarray, shape (h, w, 3), float32
+    prediction, truth : ndarray, shape (h, w, 3), float32 or float64
         Linear albedo, finite.
     judged : ndarray, shape (h, w), bool
         Pixels that count.
     parts : ndarray, shape (h, w), uint8
         k where the k-th part of uniform albedo is, from 1; 0 elsewhere (seams, textured parts, background).
-    shading : ndarray, shape (h, w, 3), float32
+    shading : ndarray, shape (h, w, 3), float32 or float64
         True shading, linear: image divided by true albedo; 0 where it is unknown.
     """
 
