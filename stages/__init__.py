@@ -16,9 +16,11 @@ from stages.adopt_model import ADOPT_MODEL
 from stages.correspondence import CORRESPONDENCE
 from stages.decomposition import DECOMPOSITION
 from stages.deliver import DELIVER
+from stages.known_geometry import KNOWN_GEOMETRY
 from stages.mesh import MESH
 from stages.mvs import MVS
 from stages.raycast import RAYCAST
+from stages.render import RENDER
 from stages.sfm import SFM
 from stages.undistort import UNDISTORT
 
@@ -38,6 +40,8 @@ SOURCES = (
     ),
     Source("mesh_file", "mesh in the frame of the COLMAP model, used instead of reconstructing one"),
     Source("masks", "folder of masks named like the photos, white = keep", IMAGE_SUFFIXES),
+    Source("object", "mesh to render instead of the bust, in a scene of known truth"),
+    Source("environment", "picture of all directions, EXR or HDR, that lights a rendered scene"),
 )
 
 DATAFLOW = (
@@ -51,7 +55,8 @@ DATAFLOW = (
     DELIVER,  #         what people open
 )
 ENTRY_POINTS = (ADOPT_MODEL, ADOPT_MESH)
-ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS)
+EXPERIMENT = (RENDER, KNOWN_GEOMETRY)  # instead of photos: scenes whose truth is known
+ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT)
 
 
 def dataflow(given: Collection[str]) -> tuple[Stage, ...]:
@@ -66,6 +71,10 @@ def dataflow(given: Collection[str]) -> tuple[Stage, ...]:
         raise UserError(
             "No photos were given; expected --images DIR, or `images` under `sources` in a configuration."
         )
+    if "object" in given or "environment" in given:
+        raise UserError(
+            "An object or an environment was given, but nothing is rendered; expected settings of `render`."
+        )
     if "mesh_file" in given and "colmap" not in given:
         raise UserError(
             "--mesh was given without --colmap: a mesh has a meaning only in the frame of its cameras. "
@@ -74,3 +83,25 @@ def dataflow(given: Collection[str]) -> tuple[Stage, ...]:
     model = ADOPT_MODEL if "colmap" in given else SFM
     surface = (ADOPT_MESH,) if "mesh_file" in given else (MVS, MESH)
     return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, DECOMPOSITION, DELIVER)
+
+
+def experiment(given: Collection[str]) -> tuple[Stage, ...]:
+    """The stages of a rendered scene, given the names of the sources at hand.
+
+    Raises
+    ------
+    UserError
+        There are photos as well.
+    """
+    if unwanted := sorted(set(given) - {"object", "environment"}):
+        raise UserError(
+            f"The settings of `render` ask for a rendered scene, but {', '.join(unwanted)} was given too; "
+            "give one of the two."
+        )
+    return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, DECOMPOSITION, DELIVER)
+
+
+def kinds_of_sources(flow: Collection[Stage]) -> tuple[Source, ...]:
+    """What the user may bring to a dataflow: a rendered scene makes its own photos."""
+    made = {artefact.name for stage in flow for artefact in stage.gives}
+    return tuple(source for source in SOURCES if source.name not in made)

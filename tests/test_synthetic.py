@@ -12,8 +12,9 @@ from stages.scene.cameras import Camera, pixel_centres, project
 from stages.scene.meshes import Surface
 from stages.synthetic.bust import PARTS, build_bust, solid_distance
 from stages.synthetic.isosurface import closed_surface
+from stages.synthetic.lights import Dome, Lamp, Light, dome_radiance
 from stages.synthetic.paint import TABLE_1, paint_by_part, paint_for_matching
-from stages.synthetic.render import Dome, Lamp, Light, Quality, Scene, dome_radiance
+from stages.synthetic.render import Quality, Scene
 from stages.synthetic.sample import exposure, halved, rounded, sample_cameras
 from stages.synthetic.sensor_noise import with_sensor_noise
 from stages.synthetic.solid_noise import nearest_cell, smooth_noise

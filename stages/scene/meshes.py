@@ -9,6 +9,7 @@ import numpy as np
 import open3d as o3d
 
 from pipeline import UserError
+from stages.scene.colour import linear_from_srgb
 
 
 @dataclass(frozen=True)
@@ -61,3 +62,17 @@ def to_open3d(surface: Surface) -> o3d.geometry.TriangleMesh:
 def from_open3d(mesh: o3d.geometry.TriangleMesh) -> Surface:
     """The same mesh from open3d."""
     return Surface(np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles, np.int32).copy())
+
+
+def read_vertex_colours(path: Path) -> np.ndarray:
+    """Vertex colours of a mesh as linear albedo, (v, 3) float32; files hold them as sRGB.
+
+    Raises
+    ------
+    UserError
+        The mesh has none.
+    """
+    colours = np.asarray(o3d.io.read_triangle_mesh(str(path)).vertex_colors)
+    if not len(colours):
+        raise UserError(f"{path} has no vertex colours; expected a PLY with red, green and blue per vertex.")
+    return linear_from_srgb(colours).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Albedo at surface points: one colour per part, as in the paper's Table 1, or a paint for matching."""
+"""Albedo at surface points: one colour per part (the paper's Table 1), stripes, or a paint for matching."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from stages.synthetic.solid_noise import nearest_cell, octaves, smooth_noise
 TABLE_1 = np.array(
     [(1.0, 0.0314, 0.0), (1.0, 0.5333, 0.3608), (0.0196, 0.0549, 1.0), (0.1216, 0.1216, 0.1216)]
 )
+
+STRIPE = np.array([0.80, 0.72, 0.30])
 
 # Three pigments per part, linear: ground, patches, speckles. All within [0.03, 0.85]: no channel so dark that
 # a ratio means nothing, none so bright that no real paint has it.
@@ -24,8 +26,19 @@ PIGMENTS = np.array(
 
 
 def paint_by_part(parts: np.ndarray, albedos: np.ndarray = TABLE_1) -> np.ndarray:
-    """One uniform albedo per part: (n,) part indices to (n, 3) float32, linear."""
-    return albedos[parts].astype(np.float32)
+    """One uniform albedo per part: (n,) part indices to (n, 3) float32, linear; colours come round again."""
+    return albedos[np.asarray(parts, np.int64) % len(albedos)].astype(np.float32)
+
+
+def with_stripes(
+    albedo: np.ndarray, x: np.ndarray, striped: np.ndarray, period: float, colour: np.ndarray = STRIPE
+) -> np.ndarray:
+    """Lay level stripes of a second colour over the vertices that are `striped`, (n,) bool; float32.
+
+    A period, in model units, holds one stripe of either colour, equally wide.
+    """
+    on = striped & (np.asarray(x)[:, 2] % period < period / 2)
+    return np.where(on[:, None], colour, albedo).astype(np.float32)
 
 
 def paint_for_matching(x: np.ndarray, parts: np.ndarray, finest: float) -> np.ndarray:
@@ -49,7 +62,7 @@ def paint_for_matching(x: np.ndarray, parts: np.ndarray, finest: float) -> np.nd
         Linear, within [0.02, 0.9].
     """
     x = np.asarray(x, np.float64)
-    pigments = PIGMENTS[parts]
+    pigments = PIGMENTS[np.asarray(parts, np.int64) % len(PIGMENTS)]
     warp = np.stack([smooth_noise(x, 24 * finest, 100 + k) - 0.5 for k in range(3)], axis=-1) * (16 * finest)
     blotch = octaves(x + warp, (40 * finest, 18 * finest, 8 * finest), 0.75, seed=1)
     mix = _step(blotch, 0.5, 0.06)[:, None]

@@ -6,38 +6,13 @@ box-filtered: a pixel is the mean radiance over its own square, and shares no sa
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from stages.scene.cameras import Camera
 from stages.scene.meshes import Surface
-
-
-@dataclass(frozen=True)
-class Dome:
-    """Light from infinitely far: radiance (linear RGB) from above and below, blended around the horizon."""
-
-    sky: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    ground: tuple[float, float, float] = (1.0, 1.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Lamp:
-    """A one-sided square emitter facing the point `towards`; `radiance` linear RGB, `side` in model units."""
-
-    centre: tuple[float, float, float]
-    towards: tuple[float, float, float]
-    side: float
-    radiance: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Light:
-    """All that shines on a scene."""
-
-    dome: Dome | None = field(default_factory=Dome)
-    lamps: tuple[Lamp, ...] = ()
+from stages.synthetic.lights import Dome, Environment, Lamp, Light, dome_picture
 
 
 @dataclass(frozen=True)
@@ -61,24 +36,41 @@ class Quality:
         return self.strata**2
 
 
+@dataclass(frozen=True, eq=False)
+class Gloss:
+    """A rough mirror mixed into the paint.
+
+    Attributes
+    ----------
+    share : ndarray, shape (V,), float
+        How much of the reflection is the mirror's, 0 to 1; the diffuse albedo becomes (1 − share) · paint.
+    roughness : float
+        α of the GGX distribution of its facets.
+    """
+
+    share: np.ndarray
+    roughness: float
+
+
 class Scene:
-    """A painted Lambertian mesh under a light, ready to be looked at.
+    """A painted mesh under a light, ready to be looked at.
 
     Parameters
     ----------
     surface : Surface
         Right hand outwards. Shaded flat: the surface that is rendered is the mesh itself.
-    albedo : ndarray, shape (V, 3)
-        Linear, interpolated within faces.
+    paint : ndarray, shape (V, 3)
+        Linear, interpolated within faces: the albedo, where there is no gloss.
     light : Light
+    gloss : Gloss, optional
     """
 
-    def __init__(self, surface: Surface, albedo: np.ndarray, light: Light):
+    def __init__(self, surface: Surface, paint: np.ndarray, light: Light, gloss: Gloss | None = None):
         mi = _mitsuba()
         sources = [_dome(mi, light.dome)] if light.dome is not None else []
         sources += [_lamp(mi, lamp) for lamp in light.lamps]
         self._scenes = [
-            mi.load_dict({"type": "scene", "figure": _painted_mesh(mi, surface, albedo), "source": source})
+            mi.load_dict({"type": "scene", "figure": _painted_mesh(mi, surface, paint, gloss), "s": source})
             for source in sources
         ]
 
@@ -106,12 +98,13 @@ def _mitsuba():
     return mitsuba
 
 
-def _painted_mesh(mi, surface: Surface, albedo: np.ndarray):
+def _painted_mesh(mi, surface: Surface, paint: np.ndarray, gloss: Gloss | None):
     properties = mi.Properties()
-    reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
-    properties["mesh_bsdf"] = mi.load_dict({"type": "diffuse", "reflectance": reflectance})
+    properties["mesh_bsdf"] = mi.load_dict(_material(gloss))
     mesh = mi.Mesh("figure", len(surface.vertices), len(surface.faces), props=properties)
-    mesh.add_attribute("vertex_color", 3, np.ascontiguousarray(albedo, np.float32).ravel())
+    mesh.add_attribute("vertex_color", 3, np.ascontiguousarray(paint, np.float32).ravel())
+    if gloss is not None:
+        mesh.add_attribute("vertex_gloss", 1, np.ascontiguousarray(gloss.share, np.float32).ravel())
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = np.ascontiguousarray(surface.vertices, np.float32).ravel()
     parameters["faces"] = np.ascontiguousarray(surface.faces, np.uint32).ravel()
@@ -119,22 +112,27 @@ def _painted_mesh(mi, surface: Surface, albedo: np.ndarray):
     return mesh
 
 
-def dome_radiance(dome: Dome, elevation: np.ndarray) -> np.ndarray:
-    """Radiance from elevation(s) in radians, (..., 3): the ground's below −20°, the sky's above +20°."""
-    t = np.clip(np.asarray(elevation)[..., None] / np.deg2rad(40) + 0.5, 0, 1)
-    blend = t * t * (3 - 2 * t)
-    return (1 - blend) * np.array(dome.ground) + blend * np.array(dome.sky)
+def _material(gloss: Gloss | None) -> dict:
+    diffuse = {"type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": "vertex_color"}}
+    if gloss is None:
+        return diffuse
+    mirror = {"type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": gloss.roughness}
+    share = {"type": "mesh_attribute", "name": "vertex_gloss"}
+    return {"type": "blendbsdf", "weight": share, "first": diffuse, "second": mirror}
 
 
-def _dome(mi, dome: Dome) -> dict:
-    if dome.sky == dome.ground:
-        return {"type": "constant", "radiance": {"type": "rgb", "value": list(dome.sky)}}
-    rows = 128
-    elevation = np.pi / 2 - (np.arange(rows) + 0.5) / rows * np.pi
-    rows_rgb = dome_radiance(dome, elevation).astype(np.float32)
-    bitmap = mi.Bitmap(np.ascontiguousarray(np.broadcast_to(rows_rgb[:, None], (rows, 2 * rows, 3))))
-    upright = mi.ScalarTransform4f().rotate([1, 0, 0], 90)  # Mitsuba's dome has y up, our world z
-    return {"type": "envmap", "bitmap": bitmap, "to_world": upright}
+def _dome(mi, dome: Dome | Environment) -> dict:
+    if isinstance(dome, Dome):
+        if dome.sky == dome.ground:
+            return {"type": "constant", "radiance": {"type": "rgb", "value": list(dome.sky)}}
+        dome = dome_picture(dome)
+    transform = mi.ScalarTransform4f
+    upright = transform().rotate([1, 0, 0], 90)  # Mitsuba's dome has y up, our world z
+    return {
+        "type": "envmap",
+        "bitmap": mi.Bitmap(np.ascontiguousarray(dome.radiance, np.float32)),
+        "to_world": transform().rotate([0, 0, 1], dome.turn_deg) @ upright,
+    }
 
 
 def _lamp(mi, lamp: Lamp) -> dict:

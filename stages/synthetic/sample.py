@@ -10,8 +10,9 @@ import open3d as o3d
 from stages.scene.cameras import Camera
 from stages.scene.meshes import Surface, to_open3d
 from stages.synthetic.bust import Bust, build_bust
+from stages.synthetic.lights import Dome, Lamp, Light
 from stages.synthetic.paint import paint_for_matching
-from stages.synthetic.render import Dome, Lamp, Light, Quality
+from stages.synthetic.render import Quality
 from stages.synthetic.views import arc_of_views
 
 DISTANCE = 3.0

@@ -25,19 +25,34 @@ class Truth:
         z at the pixel's centre, model units; 0 where nothing is hit.
     normals : ndarray, shape (h, w, 3), float32
         At the pixel's centre, unit, world axes; 0 where nothing is hit.
+    parts : ndarray, shape (h, w), uint8
+        1 + index of the part of uniform albedo that the whole pixel lies on; 0 on seams and elsewhere.
     """
 
     albedo: np.ndarray
     mask: np.ndarray
     depth: np.ndarray
     normals: np.ndarray
+    parts: np.ndarray
 
 
 class PaintedSurface:
-    """A mesh with an albedo per vertex, shape (V, 3), linear, interpolated within faces."""
+    """A mesh with an albedo per vertex, linear, interpolated within faces.
 
-    def __init__(self, surface: Surface, albedo: np.ndarray):
+    Parameters
+    ----------
+    surface : Surface
+    albedo : ndarray, shape (V, 3)
+    uniform : ndarray, shape (V,), uint8, optional
+        1 + index of the part of uniform albedo that a vertex belongs to; 0 for none.
+    """
+
+    def __init__(self, surface: Surface, albedo: np.ndarray, uniform: np.ndarray | None = None):
         self._faces, self._albedo = surface.faces, albedo
+        self._face_parts = np.zeros(len(surface.faces), np.uint8)
+        if uniform is not None:
+            corners = uniform[surface.faces]
+            self._face_parts = np.where((corners == corners[:, :1]).all(axis=1), corners[:, 0], 0)
         self._rays = RayCaster(surface)
 
     def truth(self, camera: Camera, samples_per_side: int = 4) -> Truth:
@@ -48,7 +63,10 @@ class PaintedSurface:
         mask = fine.mask.reshape(cells).all(axis=(1, 3))
         albedo = self._albedo_at(fine).reshape(*cells, 3).mean(axis=(1, 3)) * mask[..., None]
         centres = self._rays.see(camera)
-        return Truth(albedo.astype(np.float32), mask, centres.depth, centres.normals)
+        parts = np.zeros(fine.mask.shape, np.uint8)
+        parts[fine.mask] = self._face_parts[fine.triangles[fine.mask]]
+        parts = _whole_pixels(parts.reshape(cells))
+        return Truth(albedo.astype(np.float32), mask, centres.depth, centres.normals, parts)
 
     def _albedo_at(self, seen: Seen) -> np.ndarray:
         """Albedo of the surface behind each ray, shape (h, w, 3), float32; 0 where there is none."""
@@ -57,3 +75,9 @@ class PaintedSurface:
         u, v = seen.barycentric[seen.mask].T
         albedo[seen.mask] = np.einsum("nk,nkc->nc", np.stack([1 - u - v, u, v], axis=-1), corners)
         return albedo
+
+
+def _whole_pixels(parts: np.ndarray) -> np.ndarray:
+    """The part that all rays of a pixel agree on, else 0; (h, n, w, n) to (h, w)."""
+    lowest, highest = parts.min(axis=(1, 3)), parts.max(axis=(1, 3))
+    return np.where(lowest == highest, lowest, 0).astype(np.uint8)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from stages.scene.cameras import Camera
@@ -42,6 +44,26 @@ def arc_of_views(
         pose = look_at(target + distance * backward, target)
         cameras.append(Camera(f"{index:03d}", width, height, intrinsics, pose))
     return cameras
+
+
+def framed(cameras: list[Camera], points: np.ndarray, margin: float = 0.04) -> list[Camera]:
+    """The cameras with the longest common focal length at which all points, (n, 3), are in every picture.
+
+    A `margin`, as a share of the picture's width and height, stays free on all sides. Principal points must
+    lie in the middle.
+    """
+    focal_px = np.inf
+    for camera in cameras:
+        x, y, z = camera.rotation @ points.T + camera.cam_from_world[:, 3:]
+        for along, side in ((x, camera.width), (y, camera.height)):
+            focal_px = min(focal_px, side * (0.5 - margin) / float(np.max(np.abs(along) / z)))
+    return [replace(camera, intrinsics=_with_focal(camera.intrinsics, focal_px)) for camera in cameras]
+
+
+def _with_focal(intrinsics: np.ndarray, focal_px: float) -> np.ndarray:
+    changed = intrinsics.copy()
+    changed[0, 0] = changed[1, 1] = focal_px
+    return changed
 
 
 def look_at(centre: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -1,0 +1,13 @@
+"""Geometry that is only roughly known: details smoothed away, as in the paper's Fig. 2-b."""
+
+from __future__ import annotations
+
+from stages.scene.meshes import Surface, from_open3d, to_open3d
+
+
+def laplacian_smoothing(surface: Surface, steps: int) -> Surface:
+    """Move every vertex to the mean of its neighbours and itself, `steps` times; faces stay as they are."""
+    if steps == 0:
+        return surface
+    smoothed = to_open3d(surface).filter_smooth_simple(number_of_iterations=steps)
+    return Surface(from_open3d(smoothed).vertices, surface.faces)
