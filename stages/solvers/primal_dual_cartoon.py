@@ -1,12 +1,13 @@
-"""Cartoon of an image by TV-L1, Chambolle and Pock's primal-dual scheme, with a certificate of how far it came.
+"""Cartoon of an image by TV-L1: Chambolle and Pock's primal-dual scheme, certified by its duality gap.
 
 Le Guen, "Cartoon + Texture Image Decomposition by the TV-L1 Model", IPOL 2014, on a masked domain:
 
     ``min_u λ Σ_p |u(p) − g(p)| + Σ_p √((∂x u)² + (∂y u)²)``
 
-The total variation is **isotropic**, as in that article and its program; its values lie in [0, 255], its steps
-are τ = σ = 0.35, its limit 1000 iterations. Its program stops when the energy per pixel moves by less than
-0.001 in ten iterations; a duality gap, which bounds the distance to the least energy, is asked for here instead.
+The total variation is **isotropic**, as in that article and its program; its values lie in [0, 255], its
+steps are τ = σ = 0.35, its limit 1000 iterations. Its program stops when the energy per pixel moves by less
+than 0.001 in ten iterations, which a slow solver does too; here the duality gap decides, a bound on what is
+left to gain. τ ten times larger and σ ten times smaller reach the same goal in a third of the iterations.
 """
 
 from __future__ import annotations
@@ -36,17 +37,23 @@ class CartoonSettings:
     max_iterations : int
     gap_tolerance : float
         Relative gap, (primal − dual) / primal, at which the least energy counts as found.
-    step : float
-        τ and σ, equal; ``τσ·8 ≤ 1`` is what the scheme needs.
+        float32 comes down to about 1e-5.
+    primal_step, dual_step : float
+        τ and σ; ``8τσ ≤ 1`` is what the scheme needs.
     gap_every : int
-        Iterations between two looks at the gap, which costs about as much as two iterations.
+        Iterations between two looks at the gap; one costs as much as about ten iterations.
     """
 
     fidelity: float
     max_iterations: int = 1000
     gap_tolerance: float = 1e-3
-    step: float = 0.35
-    gap_every: int = 25
+    primal_step: float = 0.35
+    dual_step: float = 0.35
+    gap_every: int = 50
+
+    def __post_init__(self) -> None:
+        if 8 * self.primal_step * self.dual_step > 1:
+            raise ValueError(f"Steps {self.primal_step:g}, {self.dual_step:g}: expected 8τσ ≤ 1.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,14 +174,15 @@ def cartoon(image: np.ndarray, mask: np.ndarray, settings: CartoonSettings) -> C
     g = np.where(mask, image, image[mask].min()).astype(np.float32)
     height, width = g.shape
     u = g.copy()
-    # A row above and a column to the left (p), or below and to the right (ū), so that no loop asks for borders.
+    # p has one more row above and column to the left, ū below and to the right: no loop asks for borders.
     ahead = np.pad(g, ((0, 1), (0, 1)))
     p_x, p_y = np.zeros((height, width + 1), np.float32), np.zeros((height + 1, width), np.float32)
-    step, threshold = np.float32(settings.step), np.float32(settings.step * settings.fidelity)
+    tau, sigma = np.float32(settings.primal_step), np.float32(settings.dual_step)
+    threshold = np.float32(settings.primal_step * settings.fidelity)
     done, outcome = 0, None
     while outcome is None:
         count = min(settings.gap_every, settings.max_iterations - done)
-        _iterate(u, ahead, p_x, p_y, g, right, below, step, threshold, count)
+        _iterate(u, ahead, p_x, p_y, g, right, below, tau, sigma, threshold, count)
         done += count
         energy = primal_energy(u, g, right, below, settings.fidelity)
         gap = energy - dual_bound(p_x[:, 1:], p_y[1:], g, right, below, settings.fidelity)
@@ -188,22 +196,22 @@ def cartoon(image: np.ndarray, mask: np.ndarray, settings: CartoonSettings) -> C
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _iterate(u, ahead, p_x, p_y, g, right, below, step, threshold, count):
+def _iterate(u, ahead, p_x, p_y, g, right, below, tau, sigma, threshold, count):
     """`count` iterations in place, each one sweep: row y of p needs ū of rows y and y + 1 as they were, row y
     of u needs p of rows y − 1 and y as they become."""
     for _ in range(count):
         for y in range(u.shape[0]):
-            _dual_row(ahead[y], ahead[y + 1], p_x[y], p_y[y + 1], right[y], below[y], step)
-            _primal_row(u[y], ahead[y], p_x[y], p_y[y], p_y[y + 1], g[y], step, threshold)
+            _dual_row(ahead[y], ahead[y + 1], p_x[y], p_y[y + 1], right[y], below[y], sigma)
+            _primal_row(u[y], ahead[y], p_x[y], p_y[y], p_y[y + 1], g[y], tau, threshold)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _dual_row(here, under, p_x, p_y, right, below, step):
+def _dual_row(here, under, p_x, p_y, right, below, sigma):
     """p of one row, from ū of this row and the next."""
     one = np.float32(1)
     for x in range(right.size):
-        q_x = p_x[x + 1] + step * (here[x + 1] - here[x]) * right[x]
-        q_y = p_y[x] + step * (under[x] - here[x]) * below[x]
+        q_x = p_x[x + 1] + sigma * (here[x + 1] - here[x]) * right[x]
+        q_y = p_y[x] + sigma * (under[x] - here[x]) * below[x]
         length = np.sqrt(q_x * q_x + q_y * q_y)
         shorter = one / (length if length > one else one)
         p_x[x + 1] = q_x * shorter
@@ -211,12 +219,12 @@ def _dual_row(here, under, p_x, p_y, right, below, step):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _primal_row(u, ahead, p_x, above, under, g, step, threshold):
+def _primal_row(u, ahead, p_x, above, under, g, tau, threshold):
     """u and ū of one row, from p of this row and the one above."""
     two = np.float32(2)
     for x in range(u.size):
         flow = p_x[x + 1] - p_x[x] + under[x] - above[x]
-        offset = u[x] + step * flow - g[x]
+        offset = u[x] + tau * flow - g[x]
         clipped = offset if offset < threshold else threshold
         clipped = clipped if clipped > -threshold else -threshold
         moved = g[x] + (offset - clipped)
