@@ -1,4 +1,4 @@
-"""Render `sample_data` again from code: `python sample_data/make_sample.py [--strata 11] [--to FOLDER]`."""
+"""Render `sample_data` again from code: `python sample_data/make_sample.py [--samples 128] [--to FOLDER]`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def main() -> None:
     """Render, measure, write; a line per step, since it takes minutes."""
     arguments = _arguments()
     print("mesh and paint", flush=True)
-    scene = sample_scene(quality=Quality(strata=arguments.strata))
+    scene = sample_scene(quality=Quality(samples=arguments.samples))
     surface = PaintedSurface(scene.bust.surface, scene.albedo)
     truths = [surface.truth(camera) for camera in scene.cameras]
     mesh = compact_mesh(scene.bust.surface, faces=50_000)
@@ -55,7 +55,7 @@ def main() -> None:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--strata", type=int, default=11, help="a prime; strata² samples per pixel and light")
+    parser.add_argument("--samples", type=int, default=128, help="per pixel and light")
     parser.add_argument("--to", type=Path, default=Path(__file__).parent)
     return parser.parse_args()
 
@@ -127,7 +127,7 @@ def _figures(scene: SampleScene, mesh: Surface, truths: list[Truth], noise: floa
             "p99": round(float(np.quantile(deviation, 0.99)), 4),
             "max": round(float(deviation.max()), 3),
         },
-        "samples_per_pixel_and_light": scene.quality.samples_per_pixel,
+        "samples_per_pixel_and_light": scene.quality.samples,
         "reflections": scene.quality.reflections,
         "noise_over_mean": round(noise, 4),
         "exposure": scale,

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
     from stages.scene.cameras import Camera
     from stages.synthetic.lights import Light
-    from stages.synthetic.photograph import Photograph
+    from stages.synthetic.photograph import Noise
     from stages.synthetic.render import Gloss
     from stages.synthetic.subject import Subject
-    from stages.synthetic.truth import Truth
+    from stages.synthetic.truth import PaintedSurface, Truth
 
 KNOWN_ALBEDO = 0.02  # below it, image over albedo says nothing about the shading
 
@@ -86,7 +86,7 @@ def run(job: Job) -> None:
 
     from stages.scene.colmap_model import pinhole_model
     from stages.scene.meshes import write_mesh
-    from stages.synthetic.photograph import photograph
+    from stages.synthetic.photograph import NoiseTarget, mean_level, photograph
     from stages.synthetic.render import Quality, Scene
     from stages.synthetic.truth import PaintedSurface
 
@@ -96,32 +96,23 @@ def run(job: Job) -> None:
     gloss = _gloss(settings, subject)
     albedo = paint if gloss is None else paint * (1 - gloss.share[:, None]).astype(np.float32)
     cameras = _cameras(settings, subject)
-    truths = PaintedSurface(subject.surface, albedo, uniform)
+    truths = _write_truths(job, PaintedSurface(subject.surface, albedo, uniform), cameras)
     scene = Scene(subject.surface, paint, _light(job, subject), gloss)
-    quality = Quality(strata=7, reflections=settings.reflections)
-    shots = []
+    quality = Quality(samples=64, reflections=settings.reflections)
+    target = NoiseTarget(settings.noise, mean_level(scene, cameras, [t.mask for t in truths], quality))
+    noises = []
     with job.progress("renders", len(cameras)) as step:
-        for index, camera in enumerate(cameras):
-            truth = truths.truth(camera)
-            shot = photograph(scene, camera, truth.mask, quality, settings.noise, seed=1000 * index)
-            shots.append(_without_pixels(shot))
-            _write_view(job, camera, truth, _through_lens(settings, shot.image, truth.mask, index))
+        for index, (camera, truth) in enumerate(zip(cameras, truths, strict=True)):
+            image, noise = photograph(scene, camera, truth.mask, quality, target, seed=1000 * index)
+            noises.append(noise)
+            _write_image(job, camera, truth, _through_lens(settings, image, truth.mask, index))
             step()
     pinhole_model(cameras, extension=".exr").write(job.outputs["model"])
     write_mesh(job.outputs["true_mesh"], subject.surface)
     (job.outputs["truth"] / "parts.json").write_text(
         json.dumps({"parts": list(subject.part_names)}) + "\n", encoding="utf-8"
     )
-    _note(job, subject, shots)
-
-
-def _without_pixels(shot: Photograph) -> Photograph:
-    """What the record needs of a photograph: its image would fill the memory, view after view."""
-    from dataclasses import replace
-
-    import numpy as np
-
-    return replace(shot, image=np.empty((0, 0, 3), np.float32))
+    _note(job, subject, noises)
 
 
 def _require_mitsuba() -> None:
@@ -237,33 +228,47 @@ def _through_lens(settings: RenderSettings, image: np.ndarray, mask: np.ndarray,
     return image
 
 
-def _write_view(job: Job, camera: Camera, truth: Truth, image: np.ndarray) -> None:
-    import numpy as np
-
+def _write_truths(job: Job, surface: PaintedSurface, cameras: list[Camera]) -> list[Truth]:
+    """Save albedo, mask and parts of every view, and keep what the images will be held against."""
     from stages.scene.exr import write_exr
     from stages.scene.photos import write_mask, write_png8
 
-    name, folder = camera.name, job.outputs["truth"]
+    truths, folder = [], job.outputs["truth"]
+    with job.progress("truth", len(cameras)) as step:
+        for camera in cameras:
+            truth = surface.truth(camera)
+            truths.append(truth)
+            write_exr(folder / "albedo" / f"{camera.name}.exr", truth.albedo)
+            write_mask(folder / "mask" / f"{camera.name}.png", truth.mask)
+            write_mask(job.outputs["masks"] / f"{camera.name}.png", truth.mask)
+            write_png8(folder / "parts" / f"{camera.name}.png", truth.parts)
+            step()
+    return truths
+
+
+def _write_image(job: Job, camera: Camera, truth: Truth, image: np.ndarray) -> None:
+    """Save an image, and the true shading: image over albedo where the albedo is known well enough."""
+    import numpy as np
+
+    from stages.scene.exr import write_exr
+
     known = truth.albedo >= KNOWN_ALBEDO
     shading = np.where(known, image / np.where(known, truth.albedo, 1), 0).astype(np.float32)
-    write_exr(job.outputs["images"] / f"{name}.exr", image)
-    write_exr(folder / "albedo" / f"{name}.exr", truth.albedo)
-    write_exr(folder / "shading" / f"{name}.exr", shading)
-    write_mask(folder / "mask" / f"{name}.png", truth.mask)
-    write_png8(folder / "parts" / f"{name}.png", truth.parts)
+    write_exr(job.outputs["images"] / f"{camera.name}.exr", image)
+    write_exr(job.outputs["truth"] / "shading" / f"{camera.name}.exr", shading)
 
 
-def _note(job: Job, subject: Subject, shots: list[Photograph]) -> None:
+def _note(job: Job, subject: Subject, noises: list[Noise]) -> None:
     import numpy as np
 
     job.note(
         faces=len(subject.surface.faces),
         parts=list(subject.part_names),
-        noise=round(max(shot.noise for shot in shots), 4),
-        channel_noise=[round(float(v), 4) for v in np.max([shot.channel_noise for shot in shots], axis=0)],
-        samples_per_pixel=[shot.samples_per_pixel for shot in shots],
+        noise=round(max(noise.all for noise in noises), 4),
+        channel_noise=[round(float(v), 4) for v in np.max([noise.channels for noise in noises], axis=0)],
+        samples_per_pixel=[round(noise.samples_per_pixel) for noise in noises],
     )
-    if (worst := max(shot.noise for shot in shots)) > job.settings.noise:
+    if (worst := max(noise.all for noise in noises)) > job.settings.noise:
         job.warn(f"The noise stayed at {worst:.3f} of the mean; expected {job.settings.noise:g} at most.")
 
 
@@ -278,6 +283,7 @@ RENDER = Stage(
         Artefact("images", "rendered views, EXR, linear"),
         Artefact("model", "COLMAP sparse model: the exact cameras"),
         Artefact("true_mesh", "the surface that was rendered", file="true_mesh.ply"),
+        Artefact("masks", "pixels that lie wholly on the subject, white = keep"),
         Artefact("truth", "true albedo, shading, parts and masks per view", output="truth"),
     ),
     run=run,

@@ -21,7 +21,7 @@ from stages.synthetic.solid_noise import nearest_cell, smooth_noise
 from stages.synthetic.truth import PaintedSurface
 from stages.synthetic.views import arc_of_views
 
-DIRECT = Quality(strata=7, reflections=1)
+DIRECT = Quality(samples=49, reflections=1)
 LAMP = Lamp(centre=(-2.0, -2.5, 2.5), towards=(0.0, 0.0, 0.5), side=1.0, radiance=(30.0, 20.0, 10.0))
 
 
@@ -121,7 +121,7 @@ def test_mitsuba_sees_a_square_where_the_camera_projects_it():
     corners = [middle + half * (a * right + b * down) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     square = Surface(np.array(corners), np.array([[0, 2, 1], [0, 3, 2]], np.int32))
     scene = Scene(square, np.zeros((4, 3)), Light())
-    covered = 1 - scene.photograph(camera, Quality(strata=11, reflections=1), seed=0)[..., 0]
+    covered = 1 - scene.photograph(camera, Quality(samples=128, reflections=1), seed=0)[..., 0]
     xy, depth = project(camera, middle)
     assert covered.sum() == pytest.approx((2 * half * 208.0 / depth) ** 2, rel=1e-3)
     centroid = (covered[..., None] * pixel_centres(60, 80)).sum(axis=(0, 1)) / covered.sum()

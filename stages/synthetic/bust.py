@@ -7,7 +7,7 @@ paper's hardest place is the inside of a mouth, where little of the sky is seen 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -30,6 +30,7 @@ LOW, HIGH = np.array([-0.3917, -0.3923, -0.0931]), np.array([0.39, 0.39, 1.02])
 
 HEAD_CENTRE = np.array([0.0, 0.0, 0.745])
 HEAD_RADII = np.array([0.122, 0.148, 0.170])
+BROAD, NARROW = 0.360, 0.190  # radii of the slab: the sample's, and one that leaves the picture to the figure
 MOUTH_CENTRE = (0.0, -0.135, 0.652)
 
 
@@ -49,15 +50,18 @@ class Bust:
     parts: np.ndarray
 
 
-def build_bust(spacing: float) -> Bust:
-    """Mesh the bust on a grid of cells of side `spacing` (0.01: 50 k faces; 0.004: 320 k faces)."""
-    surface = closed_surface(solid_distance, LOW, HIGH, spacing)
+def build_bust(spacing: float, slab: float = BROAD) -> Bust:
+    """Mesh the bust on a grid of cells of side `spacing` (0.01: 50 k faces; 0.004: 320 k faces).
+
+    `slab` is the radius of the plate that the plinth stands on, model units.
+    """
+    surface = closed_surface(partial(solid_distance, slab=slab), LOW, HIGH, spacing)
     return Bust(surface, part_at(surface.vertices.astype(np.float32)))
 
 
-def solid_distance(x: np.ndarray) -> np.ndarray:
+def solid_distance(x: np.ndarray, slab: float = BROAD) -> np.ndarray:
     """Signed distance of the whole figure, shape (n,), at points (n, 3); negative inside."""
-    return part_distances(x).min(axis=0)
+    return part_distances(x, slab).min(axis=0)
 
 
 def part_at(x: np.ndarray) -> np.ndarray:
@@ -65,10 +69,12 @@ def part_at(x: np.ndarray) -> np.ndarray:
     return part_distances(x).argmin(axis=0).astype(np.uint8)
 
 
-def part_distances(x: np.ndarray) -> np.ndarray:
+def part_distances(x: np.ndarray, slab: float = BROAD) -> np.ndarray:
     """Signed distance of every part, shape (4, n), in the order of `PARTS`."""
     mouth = _mouth(x)
-    return np.stack([smooth_subtraction(_hair(x), mouth, 0.004), _skin(x, mouth), _shirt(x), _plinth(x)])
+    return np.stack(
+        [smooth_subtraction(_hair(x), mouth, 0.004), _skin(x, mouth), _shirt(x), _plinth(x, slab)]
+    )
 
 
 def _mirrored(x: np.ndarray) -> np.ndarray:
@@ -201,8 +207,8 @@ def _shirt(x: np.ndarray) -> np.ndarray:
     return np.maximum(body, x.dtype.type(0.215) - x[:, 2])
 
 
-def _plinth(x: np.ndarray) -> np.ndarray:
-    """A turned column with mouldings on a broad round slab."""
+def _plinth(x: np.ndarray, slab_radius: float) -> np.ndarray:
+    """A turned column with mouldings on a round slab."""
     column = upright_cylinder(x, -0.02, 0.225, 0.105, 0.008)
     column = column + x.dtype.type(0.004) * np.cos(x.dtype.type(16) * np.arctan2(x[:, 1], x[:, 0]))
     top = upright_cylinder(x, 0.195, 0.235, 0.135, 0.010)
@@ -210,5 +216,5 @@ def _plinth(x: np.ndarray) -> np.ndarray:
     ring = torus(x, (0.0, 0.0, 0.058), (0, 0, 1), 0.118, 0.014)
     column = smooth_union(smooth_union(column, top, 0.012), foot, 0.015)
     column = smooth_union(column, ring, 0.006)
-    slab = upright_cylinder(x, -0.060, 0.0, 0.360, 0.012)
+    slab = upright_cylinder(x, -0.060, 0.0, slab_radius, 0.012)
     return smooth_union(column, slab, 0.01)

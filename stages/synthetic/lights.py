@@ -54,7 +54,7 @@ SKY_DOME = Light(Dome(sky=(1.0, 1.0, 1.0), ground=(0.2, 0.2, 0.2)))
 
 # Azimuth (0 faces the figure, positive towards its left), elevation, shading when met head on.
 FOUR_LAMPS = ((-50.0, 35.0, 0.8), (40.0, 20.0, 0.5), (130.0, 45.0, 0.6), (-140.0, 15.0, 0.4))
-ONE_LAMP = ((-30.0, 40.0, 1.2),)
+ONE_LAMP = ((-15.0, 35.0, 1.2),)
 
 
 def lamps_around(

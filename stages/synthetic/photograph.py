@@ -2,46 +2,100 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stages.scene.cameras import Camera
-from stages.synthetic.render import Quality, Scene
+from stages.synthetic.render import Quality, Scene, Tile, tiles_of
+
+ROUNDS = 8
 
 
-@dataclass(frozen=True, eq=False)
-class Photograph:
-    """A rendered picture and what is known of its noise.
+@dataclass(frozen=True)
+class Noise:
+    """How far a picture's pixels lie from their true values, measured between independent passes.
 
     Attributes
     ----------
-    image : ndarray, shape (height, width, 3), float32
-        Linear.
-    noise : float
-        Standard deviation of a pixel's value over the mean value, both over the mask and all channels.
-    channel_noise : tuple of float
-        The same for each channel, over that channel's own mean.
-    samples_per_pixel : int
-        For each light source.
+    all : float
+        Root mean square over the mask and all channels, as a share of the scene's level.
+    channels : tuple of float
+        The same for each channel, over that channel's own mean in this picture.
+    samples_per_pixel : float
+        For each light source, on average over the picture.
     """
 
-    image: np.ndarray
-    noise: float
-    channel_noise: tuple[float, float, float]
-    samples_per_pixel: int
+    all: float
+    channels: tuple[float, float, float]
+    samples_per_pixel: float
+
+
+class _Passes:
+    """Sums over the passes of one picture; tiles may take different numbers of passes."""
+
+    def __init__(self, scene: Scene, camera: Camera, quality: Quality, seed: int):
+        self._scene, self._camera, self._quality, self._seed = scene, camera, quality, seed
+        self._sum = np.zeros((*camera.shape, 3))
+        self._squares = np.zeros((*camera.shape, 3))
+        self.count = np.zeros(camera.shape)
+
+    def add(self, tile: Tile, until: int) -> None:
+        """Render a tile until it has had `until` passes; pass k is seeded with ``seed + k``."""
+        done = int(self.count[tile.slices].flat[0])
+        for k in range(done, until):
+            image = self._scene.photograph(self._camera, self._quality, self._seed + k, tile)
+            self._sum[tile.slices] += image
+            self._squares[tile.slices] += image.astype(np.float64) ** 2
+        self.count[tile.slices] = max(done, until)
+
+    def mean(self) -> np.ndarray:
+        """Mean of the passes, shape (height, width, 3)."""
+        return self._sum / self.count[..., None]
+
+    def variance(self) -> np.ndarray:
+        """Of a single pass, unbiased, shape (height, width, 3)."""
+        count = self.count[..., None]
+        return np.maximum(self._squares - self._sum**2 / count, 0) / (count - 1)
+
+    def noise(self, mask: np.ndarray, level: float) -> Noise:
+        """Noise of the mean of the passes."""
+        mean, variance = self.mean()[mask], (self.variance() / self.count[..., None])[mask]
+        channels = tuple(_ratio(variance[:, c], float(mean[:, c].mean())) for c in range(3))
+        samples = float(self.count.mean()) * self._quality.samples
+        return Noise(_ratio(variance, level), channels, samples)
+
+
+@dataclass(frozen=True)
+class NoiseTarget:
+    """What noise is good enough.
+
+    Attributes
+    ----------
+    share : float
+        `Noise.all`, at most.
+    level : float
+        The value that it is a share of: the mean over all masked pixels and channels of all views, so that a
+        view from the dark side is not asked for more than the others.
+    """
+
+    share: float
+    level: float
+
+
+def mean_level(scene: Scene, cameras: list[Camera], masks: list[np.ndarray], quality: Quality) -> float:
+    """Mean value over the masks of all views, from a few samples per pixel."""
+    few = replace(quality, samples=4)
+    values = [
+        scene.photograph(camera, few, seed=0)[mask] for camera, mask in zip(cameras, masks, strict=True)
+    ]
+    return float(np.concatenate(values).mean())
 
 
 def photograph(
-    scene: Scene,
-    camera: Camera,
-    mask: np.ndarray,
-    quality: Quality,
-    noise: float,
-    seed: int,
-    most_passes: int = 64,
-) -> Photograph:
-    """Add independent passes until the scatter between them says that their mean is good enough.
+    scene: Scene, camera: Camera, mask: np.ndarray, quality: Quality, target: NoiseTarget, seed: int
+) -> tuple[np.ndarray, Noise]:
+    """Two passes over everything, then more where light is noisiest, until their mean is good enough.
 
     Parameters
     ----------
@@ -49,28 +103,43 @@ def photograph(
         Where the noise counts.
     quality : Quality
         Of one pass.
-    noise : float
-        Wanted standard deviation over the mean, at most; two passes at least are made.
+    target : NoiseTarget
     seed : int
-        Pass k is seeded with ``seed + k``.
+
+    Returns
+    -------
+    image : ndarray, shape (height, width, 3), float32
+        Linear.
+    noise : Noise
+        As measured; over what was wanted only where `ROUNDS` did not suffice.
     """
-    total = np.zeros((*camera.shape, 3))
-    squares = np.zeros((*camera.shape, 3))
-    for done in range(1, most_passes + 1):
-        image = scene.photograph(camera, quality, seed + done - 1).astype(np.float64)
-        total += image
-        squares += image * image
-        if done == 1:
-            continue
-        mean = (total / done)[mask]
-        variance = np.maximum(squares[mask] - done * mean**2, 0) / (done - 1) / done
-        measured = _ratio(variance, mean)
-        if measured <= noise:
+    passes = _Passes(scene, camera, quality, seed)
+    tiles = tiles_of(camera)
+    for tile in tiles:
+        passes.add(tile, until=2)
+    for _ in range(ROUNDS):
+        if passes.noise(mask, target.level).all <= target.share:
             break
-    channels = tuple(_ratio(variance[:, c], mean[:, c]) for c in range(3))
-    return Photograph((total / done).astype(np.float32), measured, channels, done * quality.samples_per_pixel)
+        for tile, until in zip(tiles, _passes_wanted(passes, tiles, mask, target), strict=True):
+            passes.add(tile, until)
+    return passes.mean().astype(np.float32), passes.noise(mask, target.level)
 
 
-def _ratio(variance: np.ndarray, mean: np.ndarray) -> float:
-    level = float(mean.mean()) if mean.size else 0.0
+def _passes_wanted(passes: _Passes, tiles: list[Tile], mask: np.ndarray, target: NoiseTarget) -> list[int]:
+    """Passes per tile that reach the noise at the least cost, by the variances seen so far.
+
+    Minimising Σ_t N_t n_t under ``Σ_t S_t / n_t = (share · level)² N`` gives n_t in proportion to
+    ``√(S_t / N_t)``, S_t the variance of one pass summed over the N_t pixels of tile t that count.
+    """
+    variance = passes.variance().sum(axis=-1) * mask
+    sums = np.array([variance[tile.slices].sum() for tile in tiles])
+    sizes = np.array([max(np.count_nonzero(mask[tile.slices]), 1) for tile in tiles])
+    allowed = (
+        (0.97 * target.share * target.level) ** 2 * 3 * np.count_nonzero(mask)
+    )  # a little less: estimates scatter
+    wanted = np.sqrt(sums / sizes) * np.sqrt(sums * sizes).sum() / allowed
+    return np.ceil(np.minimum(wanted, 4 * passes.count.max())).astype(int).tolist()
+
+
+def _ratio(variance: np.ndarray, level: float) -> float:
     return float(np.sqrt(variance.mean())) / level if level > 0 else 0.0

@@ -14,6 +14,8 @@ from stages.scene.cameras import Camera
 from stages.scene.meshes import Surface
 from stages.synthetic.lights import Dome, Environment, Lamp, Light, dome_picture
 
+BLOCK = 16  # pixels: the squares that Mitsuba's threads take in turn
+
 
 @dataclass(frozen=True)
 class Quality:
@@ -21,19 +23,14 @@ class Quality:
 
     Attributes
     ----------
-    strata : int
-        A prime; every pixel takes strata² samples for each light source (an orthogonal array of strength 2).
+    samples : int
+        Per pixel and light source, in strata (multi-jittered: rounded up to a product of two near factors).
     reflections : int
         How many times light may be reflected before it reaches the camera; 1 is direct light only.
     """
 
-    strata: int = 11
+    samples: int = 128
     reflections: int = 5
-
-    @property
-    def samples_per_pixel(self) -> int:
-        """Samples per pixel and light source."""
-        return self.strata**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +47,30 @@ class Gloss:
 
     share: np.ndarray
     roughness: float
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A rectangle of pixels, rendered alone: its corner and its size."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Its place in an image array."""
+        return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
+
+
+def tiles_of(camera: Camera, side: int = 64) -> list[Tile]:
+    """Tiles of at most `side` pixels that cover a camera's picture."""
+    return [
+        Tile(x, y, min(side, camera.width - x), min(side, camera.height - y))
+        for y in range(0, camera.height, side)
+        for x in range(0, camera.width, side)
+    ]
 
 
 class Scene:
@@ -74,16 +95,27 @@ class Scene:
             for source in sources
         ]
 
-    def photograph(self, camera: Camera, quality: Quality, seed: int) -> np.ndarray:
+    def photograph(self, camera: Camera, quality: Quality, seed: int, tile: Tile | None = None) -> np.ndarray:
         """Radiance towards the camera, linear, shape (height, width, 3), float32; the same for the same seed.
+
+        With a `tile`, its pixels only.
 
         One pass per light source, summed: light adds up, and no sample is spent on choosing a source.
         """
         mi = _mitsuba()
-        integrator = mi.load_dict({"type": "path", "max_depth": quality.reflections + 1, "rr_depth": 64})
-        sensor = mi.load_dict(_sensor(mi, camera, quality))
+        tile = tile or Tile(0, 0, camera.width, camera.height)
+        integrator = mi.load_dict(
+            {
+                "type": "path",
+                "max_depth": quality.reflections + 1,
+                "rr_depth": 64,
+                # Mitsuba seeds block by block, and would choose their size by the number of threads.
+                "block_size": BLOCK,
+            }
+        )
+        sensor = mi.load_dict(_sensor(mi, camera, quality, tile))
         passes = [
-            mi.render(scene, sensor=sensor, integrator=integrator, spp=quality.samples_per_pixel, seed=seed)
+            mi.render(scene, sensor=sensor, integrator=integrator, spp=quality.samples, seed=seed)
             for scene in self._scenes
         ]
         return np.sum([np.array(image, np.float32)[..., :3] for image in passes], axis=0)
@@ -144,7 +176,7 @@ def _lamp(mi, lamp: Lamp) -> dict:
     }
 
 
-def _sensor(mi, camera: Camera, quality: Quality) -> dict:
+def _sensor(mi, camera: Camera, quality: Quality, tile: Tile) -> dict:
     """Our camera in Mitsuba's words: x to the left, y up, z forward; principal point from the centre."""
     K = camera.intrinsics
     if abs(K[0, 0] - K[1, 1]) > 1e-9 * K[0, 0]:
@@ -165,9 +197,13 @@ def _sensor(mi, camera: Camera, quality: Quality) -> dict:
             "type": "hdrfilm",
             "width": camera.width,
             "height": camera.height,
+            "crop_offset_x": tile.x,
+            "crop_offset_y": tile.y,
+            "crop_width": tile.width,
+            "crop_height": tile.height,
             "rfilter": {"type": "box"},
             "pixel_format": "rgb",
             "component_format": "float32",
         },
-        "sampler": {"type": "orthogonal", "sample_count": quality.samples_per_pixel},
+        "sampler": {"type": "multijitter", "sample_count": quality.samples},
     }

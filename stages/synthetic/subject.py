@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.scene.meshes import Surface
-from stages.synthetic.bust import PARTS, build_bust
+from stages.synthetic.bust import NARROW, PARTS, build_bust
 
 Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # rows: the world's x, y, z from the mesh's x, y, z
 
@@ -41,7 +41,7 @@ class Subject:
 
 def bust_subject(spacing: float) -> Subject:
     """The bust in its four parts; see `build_bust` for `spacing`."""
-    bust = build_bust(spacing)
+    bust = build_bust(spacing, slab=NARROW)
     return Subject(bust.surface, bust.parts, PARTS)
 
 

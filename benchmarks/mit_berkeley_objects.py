@@ -1,0 +1,141 @@
+"""Objects of the MIT intrinsic images as Barron and Malik extended them, read by path and never copied.
+
+Photos and measured reflectance are in colour. Both enter as **gray** values, the mean of the three channels
+in linear light, as in the data set's own program (Grosse et al., ICCV 2009) where it estimates from several
+lamps.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.io import loadmat
+
+from pipeline import UserError
+from stages.scene.datasets import DATA_VARIABLE
+from stages.scene.resize import reduce_by_area
+
+FOLDER = Path("gt-mit-berkeley-intrinsic") / "MIT-Berkeley-Laboratory"
+LAMPS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class LampObject:
+    """One object under ten lamps, one viewpoint.
+
+    Attributes
+    ----------
+    name : str
+    mask : ndarray, shape (h, w), bool
+        Pixels of the object whose depth is known.
+    lamps : ndarray, shape (10, h, w), float32
+        Linear gray photos; as they are outside the mask.
+    reflectance : ndarray, shape (h, w), float32
+        Measured, gray; its scale is arbitrary.
+    normals : ndarray, shape (h, w, 3), float64
+        In camera axes (x right, y down, z forward), which are the world's here; 0 outside the mask.
+    """
+
+    name: str
+    mask: np.ndarray
+    lamps: np.ndarray
+    reflectance: np.ndarray
+    normals: np.ndarray
+
+
+def objects_folder() -> Path:
+    """Where the objects lie.
+
+    Raises
+    ------
+    UserError
+        There is no such data.
+    """
+    given = os.environ.get(DATA_VARIABLE)
+    folder = Path(given) / FOLDER if given else None
+    if folder is None or not folder.is_dir():
+        where = folder or f"$UNSHADE_DATA/{FOLDER.as_posix()} (UNSHADE_DATA is not set)"
+        raise UserError(
+            f"There is no folder {where}; expected the objects of the MIT-Berkeley intrinsic images "
+            "(SIRFS 1.5). They may be used for research only and are not fetched: put them there."
+        )
+    return folder
+
+
+def read_object(folder: Path, reduction: int) -> LampObject:
+    """Read an object, cut to its mask and reduced by area to 1/`reduction` of its width and height.
+
+    A reduced pixel counts if all of its area does. Normals are made at full size, averaged, and made unit
+    again.
+    """
+    valid = (_gray(folder / "mask.png") > 0) & (_gray(folder / "depth_valid.png") > 0)
+    height = loadmat(folder / "Z.mat")["depth"]
+    normals = normals_from_height(np.where(valid, height, 0.0), valid)
+    photos = [_gray(folder / f"light{k:02d}.png") for k in range(1, LAMPS + 1)]
+    maps = np.stack([valid.astype(np.float32), _gray(folder / "reflectance.png"), *photos], axis=-1)
+    small = _reduced(np.concatenate([maps, normals.astype(np.float32)], axis=-1), valid, reduction)
+    mask = small[..., 0] == 1
+    normals = np.where(mask[..., None], small[..., -3:].astype(np.float64), 0)
+    lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
+    return LampObject(
+        name=folder.name,
+        mask=mask,
+        lamps=np.ascontiguousarray(np.moveaxis(small[..., 2:-3], -1, 0)),
+        reflectance=small[..., 1],
+        normals=normals / np.where(lengths > 0, lengths, 1),
+    )
+
+
+def normals_from_height(height: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Unit normals of an orthographic height map, towards the viewer.
+
+    Parameters
+    ----------
+    height : ndarray, shape (h, w)
+        Towards the viewer, in pixels: Barron and Malik's Z, larger where the surface is nearer.
+    valid : ndarray, shape (h, w), bool
+
+    Returns
+    -------
+    ndarray, shape (h, w, 3), float64
+        ``n = −(∂x h, ∂y h, 1) / |·|`` in camera axes, x right, y down, z **forward**, so that n_z < 0 on
+        all that is seen; (0, 0, 0) where not valid. Slopes are means of the forward and the backward
+        difference where both neighbours are valid, the one that there is where one is, 0 where none is.
+    """
+    slopes = [_slope(height.T, valid.T).T, _slope(height, valid)]
+    normals = -np.stack([*slopes, np.ones(height.shape)], axis=-1)
+    return normals / np.linalg.norm(normals, axis=-1, keepdims=True) * valid[..., None]
+
+
+def _slope(height: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Derivative along the first axis, from valid neighbours only."""
+    both = valid[1:] & valid[:-1]
+    steps = np.where(both, np.diff(height, axis=0), 0.0)
+    total, count = np.zeros(height.shape), np.zeros(height.shape)
+    for rows in (np.s_[:-1], np.s_[1:]):
+        total[rows] += steps
+        count[rows] += both
+    return total / np.maximum(count, 1)
+
+
+def _gray(file: Path) -> np.ndarray:
+    """Mean of the channels, float32, of the largest value that the file can hold."""
+    image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise UserError(f"{file} cannot be read; expected a PNG of the MIT-Berkeley intrinsic images.")
+    largest = np.iinfo(image.dtype).max
+    values = image.astype(np.float32) / largest
+    return values if values.ndim == 2 else values.mean(axis=-1)
+
+
+def _reduced(maps: np.ndarray, mask: np.ndarray, reduction: int) -> np.ndarray:
+    """Cut to the mask's box, made a multiple of `reduction` by empty rows and columns, and averaged."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    cut = maps[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    missing = [(0, -size % reduction) for size in cut.shape[:2]]
+    cut = np.pad(cut, [*missing, (0, 0)])
+    return reduce_by_area(cut, (cut.shape[0] // reduction, cut.shape[1] // reduction))

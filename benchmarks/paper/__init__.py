@@ -1,0 +1,1 @@
+"""The paper's experiments on our bust: `python -m benchmarks.paper [--quick]`."""

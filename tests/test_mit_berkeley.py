@@ -1,0 +1,62 @@
+"""Normals of orthographic height maps against known ones; one real object where the data is there."""
+
+import numpy as np
+import pytest
+
+from benchmarks.mit_berkeley_objects import FOLDER, LAMPS, normals_from_height, objects_folder, read_object
+from pipeline import UserError
+
+
+def test_a_plane_has_its_one_normal_up_to_its_rim_and_around_holes():
+    """h = 0.75 x − 0.5 y: nearer to the right and to the top, so that it faces left, down, and the viewer."""
+    y, x = np.mgrid[:9, :7].astype(float)
+    valid = np.ones((9, 7), bool)
+    valid[0, :3] = valid[4, 3] = valid[8, 6] = False
+    height = np.where(valid, 0.75 * x - 0.5 * y, 1e6)
+    normals = normals_from_height(height, valid)
+    expected = np.array([-0.75, 0.5, -1]) / np.linalg.norm([0.75, 0.5, 1])
+    assert np.allclose(normals[valid], expected)
+    assert not normals[~valid].any()
+
+
+def test_a_sphere_faces_away_from_its_centre():
+    y, x = np.mgrid[-60:61, -60:61].astype(float)
+    radius = 55.0
+    valid = x**2 + y**2 < (0.8 * radius) ** 2
+    height = np.sqrt(np.where(valid, radius**2 - x**2 - y**2, 1))
+    expected = np.stack([x, y, -height], axis=-1) / radius  # towards the viewer: against z forward
+    cosine = (normals_from_height(height, valid) * expected).sum(axis=-1)[valid]
+    inside = x**2 + y**2 < (0.75 * radius) ** 2  # at the rim differences are one-sided
+    assert np.degrees(np.arccos(np.minimum(cosine, 1))).max() < 2.5
+    assert np.degrees(np.arccos(np.minimum(cosine[inside[valid]], 1))).max() < 0.1
+
+
+def test_a_pixel_without_neighbours_faces_the_viewer():
+    valid = np.zeros((3, 3), bool)
+    valid[1, 1] = True
+    assert normals_from_height(np.full((3, 3), 7.0), valid)[1, 1].tolist() == [0, 0, -1]
+
+
+def test_without_data_the_folder_to_fill_is_named(monkeypatch, tmp_path):
+    monkeypatch.setenv("UNSHADE_DATA", str(tmp_path))
+    with pytest.raises(UserError, match="MIT-Berkeley-Laboratory"):
+        objects_folder()
+    monkeypatch.delenv("UNSHADE_DATA")
+    with pytest.raises(UserError, match="UNSHADE_DATA is not set"):
+        objects_folder()
+
+
+def test_the_box_under_ten_lamps(data_folder):
+    """Eq. 2 whole on a real object, small: ten albedos nearer to the measured one than the photos are."""
+    if not (data_folder / FOLDER).is_dir():
+        pytest.skip("the MIT-Berkeley objects are not there")
+    from benchmarks.mit_berkeley import Problem, images_themselves
+
+    subject = read_object(data_folder / FOLDER / "box", 8)
+    assert subject.lamps.shape == (LAMPS, *subject.mask.shape)
+    assert np.allclose(np.linalg.norm(subject.normals[subject.mask], axis=-1), 1)
+    assert (subject.normals[subject.mask][:, 2] < 0).all()
+    problem = Problem.of(subject)
+    photos = next(row for row in images_themselves(problem) if row.method == "the photos, all ten")
+    paper = problem.score_descent("mode: paper", problem.decompose(2, 1, limit=10), 2, 1)
+    assert paper.si_rmse < photos.si_rmse
