@@ -2,10 +2,12 @@
 
 Ten lamps are ten views of one viewpoint: every pixel corresponds to itself in all 45 pairs, normals come from
 the given orthographic depth, `mode: paper`'s core does the rest. Rule for λ and μ: the pair of a stated grid
-with the least LMSE on the first object, kept for the others. Cartoon-texture gets its best λ per object besides,
-the mean of its ten cartoons, and a solver that comes near its goal. LMSE (windows of 20 px, step 10, at the
-reduced size) and si-RMSE with one scale for all estimates of an object, on gray linear values as in the data
-set's own program. Needs ``$UNSHADE_DATA/gt-mit-berkeley-intrinsic``.
+with the least LMSE on the first object, kept for the others. Cartoon-texture gets besides: its best λ per
+object, the mean of its ten cartoons, and a solver that comes near its goal.
+
+LMSE (windows of 20 px, step 10, at the reduced size) and si-RMSE with one scale for all estimates of an
+object, on gray linear values as in the data set's own program. Needs
+``$UNSHADE_DATA/gt-mit-berkeley-intrinsic``.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ import scipy.sparse as sp  # noqa: E402
 
 from benchmarks.mit_berkeley_objects import LAMPS, LampObject, objects_folder, read_object  # noqa: E402
 from pipeline import UserError  # noqa: E402
+from stages.decomposition import DecompositionSettings  # noqa: E402
 from stages.evaluation.judged_views import judge_view  # noqa: E402
 from stages.evaluation.scaled_error import lmse, si_rmse  # noqa: E402
 from stages.photometry.alternation import AlternationSettings, Descent, advance, start  # noqa: E402
@@ -37,6 +40,7 @@ from stages.photometry.energy import EnergyWeights  # noqa: E402
 from stages.photometry.stack import StackedViews, stack_pixels, stack_views, unstack_pixels  # noqa: E402
 from stages.solvers.primal_dual_cartoon import CartoonSettings  # noqa: E402
 
+PAPER = DecompositionSettings()  # δ, conjugate gradients and the stopping rule; λ and μ are chosen here
 OBJECTS = ("box", "dinosaur", "panther")  # the first is the one that λ and μ are chosen on
 
 
@@ -87,14 +91,21 @@ class Problem:
         masks = [subject.mask] * LAMPS
         itself = sp.eye_array(int(subject.mask.sum()), format="csr")
         links = dict.fromkeys(combinations(range(LAMPS), 2), itself)
+        views = stack_views(masks, [subject.normals] * LAMPS, links)
         values = stack_pixels(masks, list(subject.lamps))
-        return cls(
-            subject, stack_views(masks, [subject.normals] * LAMPS, links), values / np.percentile(values, 99)
-        )
+        return cls(subject, views, values / np.percentile(values, 99))
 
-    def decompose(self, lambda_: float, mu: float, limit: int = 50, tolerance: float = 1e-3) -> Descent:
+    def decompose(
+        self,
+        lambda_: float,
+        mu: float,
+        limit: int = PAPER.max_alternations,
+        tolerance: float = PAPER.energy_tolerance,
+    ) -> Descent:
         """`mode: paper` from its start to its end, with its own stopping rule unless told otherwise."""
-        settings = AlternationSettings(EnergyWeights(lambda_, mu, 1e-4), limit, tolerance, 1e-6, 1000)
+        settings = AlternationSettings(
+            EnergyWeights(lambda_, mu, PAPER.delta), limit, tolerance, PAPER.cg_tolerance, PAPER.cg_max_steps
+        )
         descent = start(self.views, self.image, settings.weights)
         while descent.outcome is None:
             descent = advance(self.views, self.image, descent, settings)
