@@ -103,4 +103,15 @@ def table_of(rows: list[dict[str, Any]], columns: dict[str, str]) -> Table:
 def _cell(value: Any) -> str:
     if value is None:
         return "–"
-    return f"{value:.1f}" if isinstance(value, float) else str(value)
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_cell, value)) or "–"
+    return number(value) if isinstance(value, float) else str(value)
+
+
+def number(value: float) -> str:
+    """A number for people: four significant digits, more where whole digits would be lost.
+
+    >>> number(0.0195), number(12.3456), number(123456.7), number(1e-12)
+    ('0.0195', '12.35', '123457', '1e-12')
+    """
+    return f"{value:.0f}" if 1000 <= abs(value) < 1e9 else f"{value:.4g}"
