@@ -65,15 +65,17 @@ def dataflow(given: Collection[str]) -> tuple[Stage, ...]:
     Raises
     ------
     UserError
-        There are no photos, or a mesh without the cameras whose frame it is in.
+        There are no photos, something to render though nothing is, or a mesh without the cameras whose
+        frame it is in.
     """
+    if "object" in given or "environment" in given:
+        raise UserError(
+            "An object or an environment was given, but nothing is rendered; expected settings of `render`, "
+            "as in --set render.views=13."
+        )
     if "images" not in given:
         raise UserError(
             "No photos were given; expected --images DIR, or `images` under `sources` in a configuration."
-        )
-    if "object" in given or "environment" in given:
-        raise UserError(
-            "An object or an environment was given, but nothing is rendered; expected settings of `render`."
         )
     if "mesh_file" in given and "colmap" not in given:
         raise UserError(

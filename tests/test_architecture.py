@@ -138,3 +138,6 @@ def test_every_dataflow_is_sound():
 
     for given in (["images"], ["images", "colmap"], ["images", "colmap", "mesh_file"], ["images", "masks"]):
         check_flow(stages.dataflow(given), stages.SOURCES)
+    for given in ([], ["object"], ["environment"], ["object", "environment"]):
+        flow = stages.experiment(given)
+        check_flow(flow, stages.kinds_of_sources(flow))
