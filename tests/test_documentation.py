@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 
 import stages
+from stages.command.request import request_of
+from stages.command.words import Plan
 
 ROOT = Path(__file__).parent.parent
 
@@ -39,3 +41,14 @@ def test_every_make_target_in_the_readme_exists():
         re.findall(r"\bmake ([a-z][a-z-]+)\b", (ROOT / "README.md").read_text(encoding="utf-8"))
     ):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE) or target in ("does", "alone"), target
+
+
+def test_the_scene_in_the_readme_is_one_that_can_be_rendered(tmp_path):
+    section = (ROOT / "README.md").read_text(encoding="utf-8").split("## Scenes of known truth")[1]
+    config = tmp_path / "striped.yaml"
+    config.write_text(section.split("```")[1], encoding="utf-8")
+    request = request_of(Plan(config=config))
+    assert [stage.name for stage in request.flow][:2] == ["render", "undistort"]
+    assert request.workspace == tmp_path / "workspaces/striped"
+    render = request.settings["render"]
+    assert request.settings["undistort"].max_size_px >= max(render.width_px, render.height_px)
