@@ -56,7 +56,7 @@ class RenderSettings(Settings):
     y_up: bool = setting(False, "Whether the object's own mesh has y upwards and faces +z.")
     object_parts: int = setting(4, "Parts that an object's own mesh is divided into.", ge=1, le=200)
     views: int = setting(13, "Views on an arc around the subject; the paper has 13.", ge=1, le=1000)
-    arc_deg: float = setting(144.0, "Azimuth from the first view to the last.", unit="°", ge=0, le=360)
+    arc_deg: float = setting(108.0, "Azimuth from the first view to the last.", unit="°", ge=0, le=360)
     elevations_deg: tuple[float, ...] = setting(
         (5.0, 20.0), "Elevations, taken in turn from view to view.", unit="°", min_length=1
     )

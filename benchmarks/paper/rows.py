@@ -21,7 +21,7 @@ class Row:
     render, known_geometry : dict
         Settings of these stages.
     lambda_factor : float
-        By what the λ of Fig. 3 is multiplied (the paper: "12 times smaller for Fig. 5 than for Figs. 3 and 4").
+        By what the λ of Fig. 3 is multiplied: the paper's is 12 times smaller for Fig. 5.
     hair_red : float or None
         The paper's variance in the part hair, red (Table 2), on its own bust.
     """

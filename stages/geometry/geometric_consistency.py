@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-import stages.geometry.threading_layer  # noqa: F401 -- chooses the threads below
+import stages.solvers.threading_layer  # noqa: F401 -- chooses the threads below
 from stages.geometry.patch_cost import reprojection_error
 from stages.geometry.patch_match import Sources
 

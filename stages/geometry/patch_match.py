@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-import stages.geometry.threading_layer  # noqa: F401 -- chooses the threads below
+import stages.solvers.threading_layer  # noqa: F401 -- chooses the threads below
 from stages.geometry.patch_cost import (
     DX,
     DY,

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-import stages.geometry.threading_layer  # noqa: F401 -- chooses the threads below
+import stages.solvers.threading_layer  # noqa: F401 -- chooses the threads below
 
 F = np.float32
 INVALID = np.uint8(255)  # a score: the pixel falls outside of the source

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-import stages.geometry.threading_layer  # noqa: F401 -- chooses the threads below
+import stages.solvers.threading_layer  # noqa: F401 -- chooses the threads below
 
 F = np.float32
 FAR = F(1 << 20)

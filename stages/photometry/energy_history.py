@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from stages.photometry.alternation import AlternationRecord, Descent
-from stages.photometry.energy import EnergyTerms
+from stages.photometry.energy import EnergyTerms, EnergyWeights
+from stages.photometry.fast_alternation import FastDescent
 
 LEGEND = {
     "energy": "Eq. 2 in the gauge (sum of |albedo| = sum of |image| in each channel)",
@@ -27,6 +28,25 @@ def descent_as_json(descent: Descent) -> dict[str, Any]:
         "start_energy": descent.start_energy,
         "alternations": [_record_as_json(k, record) for k, record in enumerate(descent.history, start=1)],
     }
+
+
+def rounds_as_json(descent: FastDescent, weights: EnergyWeights) -> list[dict[str, Any]]:
+    """The history of `solver: fast` for every channel: an entry per look at the energy."""
+    return [
+        {
+            "outcome": descent.outcome.name.lower(),
+            "outcome_text": descent.outcome.value,
+            "alternations": [
+                {
+                    "alternation": one.refits,
+                    "energy": one.terms[channel].total(weights),
+                    **_terms_as_json(one.terms[channel]),
+                }
+                for one in descent.rounds
+            ],
+        }
+        for channel in range(3)
+    ]
 
 
 def _record_as_json(number: int, record: AlternationRecord) -> dict[str, Any]:

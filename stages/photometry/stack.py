@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,8 +27,8 @@ class StackedViews:
         ν of Eq. 1.
     d_x, d_y, c : csr_array, shape (·, N), float64
         D_x, D_y and C of Eq. 17 without their empty rows.
-    equations : NormalEquations
-        Pattern of JᵀJ.
+    positions : ndarray, shape (N, 2), int32
+        Row and column of every pixel in its own view.
     """
 
     starts: np.ndarray
@@ -35,7 +36,12 @@ class StackedViews:
     d_x: sp.csr_array
     d_y: sp.csr_array
     c: sp.csr_array
-    equations: NormalEquations
+    positions: np.ndarray
+
+    @cached_property
+    def equations(self) -> NormalEquations:
+        """Pattern of JᵀJ, found when first asked for: only `solver: paper` assembles it."""
+        return NormalEquations.of([self.d_x, self.d_y, self.c])
 
     @property
     def view_count(self) -> int:
@@ -79,7 +85,7 @@ def stack_views(
         d_x=d_x,
         d_y=d_y,
         c=c,
-        equations=NormalEquations.of([d_x, d_y, c]),
+        positions=np.concatenate([np.argwhere(mask) for mask in masks]).astype(np.int32),
     )
 
 

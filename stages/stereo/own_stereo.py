@@ -13,7 +13,6 @@ from stages.geometry.fusion import Agreement, FusedPoints
 from stages.geometry.inverse_depth import depth_from_planes
 from stages.geometry.patch_match import Refinement
 from stages.geometry.semi_global import Penalties
-from stages.geometry.threading_layer import use_threads
 from stages.geometry.view_selection import (
     AngleWeight,
     SparsePoints,
@@ -22,6 +21,7 @@ from stages.geometry.view_selection import (
     select_sources,
 )
 from stages.scene.array_store import ArrayStore
+from stages.solvers.threading_layer import use_threads
 from stages.stereo.workspace import Workspace, write_depth_maps
 
 FEWEST_POINTS = 10  # a view that sees fewer takes its depth range from all points in front of it

@@ -50,34 +50,57 @@ class Light:
     lamps: tuple[Lamp, ...] = ()
 
 
+LAMP_DISTANCE = 4.0  # subject radii
 SKY_DOME = Light(Dome(sky=(1.0, 1.0, 1.0), ground=(0.2, 0.2, 0.2)))
 
-# Azimuth (0 faces the figure, positive towards its left), elevation, shading when met head on.
-FOUR_LAMPS = ((-50.0, 35.0, 0.8), (40.0, 20.0, 0.5), (130.0, 45.0, 0.6), (-140.0, 15.0, 0.4))
-ONE_LAMP = ((-15.0, 35.0, 1.2),)
+
+@dataclass(frozen=True)
+class Placed:
+    """Where an extended lamp stands around a subject.
+
+    Attributes
+    ----------
+    azimuth_deg, elevation_deg : float
+        Azimuth 0 is where the figure looks, positive towards its left.
+    side_radii : float
+        Its side; it stands four radii of the subject away.
+    shading : float
+        What a small white card in the subject's place, facing the lamp, would show.
+    """
+
+    azimuth_deg: float
+    elevation_deg: float
+    side_radii: float
+    shading: float
 
 
-def lamps_around(
-    places: tuple[tuple[float, float, float], ...], target: np.ndarray, radius: float
-) -> tuple[Lamp, ...]:
-    """Extended white lamps around a subject, four radii away and two radii wide.
+FOUR_LAMPS = (
+    Placed(-50, 35, 2, 0.8),
+    Placed(40, 20, 2, 0.5),
+    Placed(130, 45, 2, 0.6),
+    Placed(-140, 15, 2, 0.4),
+)
+ONE_LAMP = (Placed(-15, 35, 4, 1.2),)
+
+
+def lamps_around(places: tuple[Placed, ...], target: np.ndarray, radius: float) -> tuple[Lamp, ...]:
+    """White lamps around a subject.
 
     Parameters
     ----------
-    places : tuple of (azimuth_deg, elevation_deg, shading)
-        `shading` is what a small white card at `target` that faces the lamp would show.
+    places : tuple of Placed
     target : ndarray, shape (3,)
         Centre of the subject.
     radius : float
         Of the subject's bounding sphere, model units.
     """
-    distance, side = 4 * radius, 2 * radius
-    head_on = _shading_of_square(side / distance)
     lamps = []
-    for azimuth, elevation, shading in places:
-        a, e = np.deg2rad([azimuth, elevation])
-        centre = target + distance * np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
-        lamps.append(Lamp(tuple(centre), tuple(target), side, (shading / head_on,) * 3))
+    for place in places:
+        a, e = np.deg2rad([place.azimuth_deg, place.elevation_deg])
+        towards_lamp = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
+        centre = target + LAMP_DISTANCE * radius * towards_lamp
+        radiance = place.shading / _shading_of_square(place.side_radii / LAMP_DISTANCE)
+        lamps.append(Lamp(tuple(centre), tuple(target), place.side_radii * radius, (radiance,) * 3))
     return tuple(lamps)
 
 

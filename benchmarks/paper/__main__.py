@@ -1,0 +1,137 @@
+"""The paper's experiments, each a row: ``python -m benchmarks.paper [--quick | --tiny] [--to FOLDER]``.
+
+Renders the rows, chooses λ and μ on Fig. 3, decomposes, judges, and writes ``paper.md`` with its pictures.
+`--quick` stays at a quarter of the size; `--tiny` only shows that everything works. All renders and
+decompositions are kept in ``workspaces/paper…``: a second call answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
+
+from benchmarks.paper.judging import Judge  # noqa: E402
+from benchmarks.paper.laboratory import FULL, QUARTER, TINY, Laboratory, Size, Weights  # noqa: E402
+from benchmarks.paper.methods import Estimate, cartoon, image_itself, paper  # noqa: E402
+from benchmarks.paper.pictures import figure  # noqa: E402
+from benchmarks.paper.report import Experiment, Sweeps, write_report  # noqa: E402
+from benchmarks.paper.rows import ROWS, Row  # noqa: E402
+from benchmarks.paper.sweep import best, sweep_cartoon, sweep_paper  # noqa: E402
+from benchmarks.paper.tables import Judged  # noqa: E402
+from pipeline.terminal import Terminal  # noqa: E402
+from stages.scene.photos import write_png8  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a call does.
+
+    Attributes
+    ----------
+    sweep_size : Size
+        Where λ and μ are chosen.
+    sizes : tuple of Size
+        Where all rows are run with them, the last one being what the report is about.
+    rows : tuple of Row
+    workspace : Path
+    to : Path
+        Where the report goes.
+    """
+
+    sweep_size: Size
+    sizes: tuple[Size, ...]
+    rows: tuple[Row, ...]
+    workspace: Path
+    to: Path
+
+
+def main() -> None:
+    """Sweep, run, judge, write."""
+    plan = plan_of(arguments())
+    terminal = Terminal()
+    bench = Laboratory(plan.workspace / plan.sweep_size.name, plan.sweep_size, terminal)
+    sweeps = choose(bench, plan.rows[0])
+    experiments = []
+    for size in plan.sizes:
+        laboratory = Laboratory(plan.workspace / size.name, size, terminal)
+        experiments.append(experiment(laboratory, plan.rows, sweeps, plan.to))
+    report = write_report(plan.to, sweeps, experiments)
+    terminal.answer(json.loads((plan.to / "paper.json").read_text(encoding="utf-8")), None)
+    terminal.say(f"Read {report}")
+
+
+def arguments() -> argparse.Namespace:
+    """What was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--quick", action="store_true", help="a quarter of the size: minutes, not hours")
+    parser.add_argument("--tiny", action="store_true", help="does everything once, too small to mean much")
+    parser.add_argument("--rows", help="comma-separated, as in fig3,fig5; all by default")
+    parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "paper")
+    parser.add_argument("--to", type=Path, help="folder of the report; docs/paper for the full size")
+    return parser.parse_args()
+
+
+def plan_of(given: argparse.Namespace) -> Plan:
+    """Sizes, rows and folders of a call."""
+    names = given.rows.split(",") if given.rows else [row.name for row in ROWS]
+    rows = tuple(row for row in ROWS if row.name in names)
+    if not rows or rows[0].name != "fig3":
+        raise SystemExit(
+            f"--rows {given.rows}: expected names among {[r.name for r in ROWS]}, fig3 included."
+        )
+    workspace = given.workspace
+    if given.tiny:
+        return Plan(TINY, (TINY,), rows, workspace, given.to or workspace / "tiny-report")
+    if given.quick:
+        return Plan(QUARTER, (QUARTER,), rows, workspace, given.to or workspace / "quick-report")
+    return Plan(QUARTER, (QUARTER, FULL), rows, workspace, given.to or ROOT / "docs" / "paper")
+
+
+def choose(laboratory: Laboratory, row: Row) -> Sweeps:
+    """λ and μ of `mode: paper` on the scene of Fig. 3."""
+    judge = Judge.of(laboratory.prepare(row))
+    tried = sweep_paper(laboratory, row, judge)
+    return Sweeps(laboratory.size, tuple(tried), best(tried))
+
+
+def experiment(laboratory: Laboratory, rows: Sequence[Row], sweeps: Sweeps, to: Path) -> Experiment:
+    """All rows at one size; the pictures are written as they come."""
+    judged, cartoons, noises = [], (), {}
+    for row in rows:
+        prepared = laboratory.prepare(row)
+        judge = Judge.of(prepared)
+        noises[row.name] = prepared.facts["render"]
+        if not cartoons:
+            cartoons = tuple(sweep_cartoon(judge, laboratory.threads))
+        fidelity = best(cartoons).fidelity
+        estimates = methods(laboratory, row, judge, fidelity, sweeps.chosen.weights)
+        to.mkdir(parents=True, exist_ok=True)
+        write_png8(to / f"{row.name}-{laboratory.size.name}.png", figure(judge, estimates))
+        judged.append(Judged(row, tuple(replace(estimate, albedo={}) for estimate in estimates)))
+    return Experiment(laboratory.size, tuple(judged), cartoons, best(cartoons), noises)
+
+
+def methods(
+    laboratory: Laboratory, row: Row, judge: Judge, fidelity: float, weights: Weights
+) -> list[Estimate]:
+    """Every method's estimate of a row."""
+    estimates = [
+        image_itself(judge),
+        cartoon(judge, fidelity, laboratory.threads),
+        paper(laboratory, row, judge, weights),
+    ]
+    if laboratory.size.solved_well:
+        estimates.append(paper(laboratory, row, judge, weights, solved_well=True))
+    return estimates
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,131 @@
+"""Runs the program's own stages on a row of the paper; the workspace's cache is the experiment's memory."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import stages
+from benchmarks.paper.rows import Row
+from pipeline.config import check_settings
+from pipeline.request import Request, Selection
+from pipeline.run import Listener, run
+from pipeline.store import Store
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large the views are.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+    views : int
+    noise : float
+        Of the renders, share of the mean.
+    solved_well : bool
+        Whether the same energy is also solved far beyond the paper's stopping rule.
+    """
+
+    width_px: int
+    height_px: int
+    views: int = 13
+    noise: float = 0.02
+    solved_well: bool = True
+
+    @property
+    def name(self) -> str:
+        """As in 540×960."""
+        return f"{self.width_px}x{self.height_px}"
+
+    @property
+    def scale(self) -> float:
+        """Length of a pixel row against the paper's 540."""
+        return self.width_px / 540
+
+
+FULL = Size(540, 960)
+QUARTER = Size(135, 240)
+TINY = Size(54, 96, views=4, noise=0.1)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """λ and μ as they are at the paper's size, 540×960.
+
+    At another size the data term and the links count pixels, the smoothness counts lengths: for the same
+    balance λ shrinks with the side, and μ stays.
+    """
+
+    smoothness: float
+    agreement: float
+
+    def at(self, size: Size) -> dict[str, float]:
+        """As settings of the `decomposition` stage at a size."""
+        return {"lambda": round(self.smoothness * size.scale, 9), "mu": self.agreement}
+
+
+@dataclass(frozen=True)
+class Results:
+    """Where the artefacts of a run lie, by name, and what its stages recorded."""
+
+    paths: dict[str, Path]
+    facts: dict[str, dict[str, Any]]
+    cpu_seconds: dict[str, float]
+
+    def energy(self) -> dict[str, Any]:
+        """`energy.json`, parsed."""
+        return json.loads(self.paths["energy"].read_text(encoding="utf-8"))
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """A workspace, a size, and someone to tell."""
+
+    workspace: Path
+    size: Size
+    listener: Listener
+    threads: int = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+
+    def prepare(self, row: Row) -> Results:
+        """Render a row and all that the decomposition takes."""
+        return self._run(row, {}, last="correspondence")
+
+    def decompose(self, row: Row, weights: Weights, **settings: Any) -> Results:
+        """Decompose a row; λ's factor of the row is applied here."""
+        own = Weights(weights.smoothness * row.lambda_factor, weights.agreement)
+        return self._run(row, own.at(self.size) | settings, last="decomposition")
+
+    def _run(self, row: Row, decomposition: dict[str, Any], last: str) -> Results:
+        given = {
+            "render": {
+                "views": self.size.views,
+                "width_px": self.size.width_px,
+                "height_px": self.size.height_px,
+                "noise": self.size.noise,
+                **row.render,
+            },
+            "undistort": {"max_size_px": None},
+            "known_geometry": dict(row.known_geometry),
+            "decomposition": decomposition,
+        }
+        flow = stages.experiment(())
+        request = Request(
+            flow=flow,
+            settings=check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given),
+            sources={},
+            kinds=stages.kinds_of_sources(flow),
+            workspace=self.workspace,
+            threads=self.threads,
+            selection=Selection(last=last),
+        )
+        store, paths, facts, seconds = Store(self.workspace), {}, {}, {}
+        for done in run(request, self.listener):
+            record, stage = done.record, done.decision.stage
+            folder = store.entry(record.stage, record.key)
+            paths |= {artefact.name: folder / artefact.path for artefact in stage.gives}
+            facts[stage.name], seconds[stage.name] = record.facts, record.cpu_seconds
+        return Results(paths, facts, seconds)

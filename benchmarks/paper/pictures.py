@@ -1,0 +1,59 @@
+"""Figures 3 to 7: image, truth and every method's albedo of three views, and the light found, on a sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmarks.paper.judging import Judge, Maps
+from benchmarks.paper.methods import Estimate
+from stages.evaluation.judged_views import CHANNELS, channel_values, judge_view
+from stages.photometry.harmonics import shading_basis
+from stages.scene.contact_sheet import contact_sheet
+from stages.scene.photos import encode_srgb8
+
+
+def figure(judge: Judge, estimates: Sequence[Estimate], width_px: int = 220) -> np.ndarray:
+    """One row per view, one column per method, (h, w, 3) uint8 sRGB; albedo scaled to the truth."""
+    shown = [judge.names[k] for k in (0, len(judge.names) // 2, len(judge.names) - 1)]
+    truth = {name: judge.true_albedo(name) for name in judge.names}
+    exposure = 1 / np.percentile(np.concatenate([judge.images[n][judge.masks[n]] for n in judge.names]), 99.5)
+    scaled = [fitted(judge, estimate.albedo, truth) for estimate in estimates]
+    rows = {
+        name: [
+            encode_srgb8(judge.images[name] * exposure * judge.masks[name][..., None]),
+            encode_srgb8(truth[name] * judge.masks[name][..., None]),
+            *(encode_srgb8(albedo[name] * judge.masks[name][..., None]) for albedo in scaled),
+            *(light_on_a_sphere(estimate, name, width_px) for estimate in estimates if estimate.light),
+        ]
+        for name in shown
+    }
+    lights = [f"light, {estimate.method}" for estimate in estimates if estimate.light]
+    return contact_sheet(rows, ["photo", "truth", *(e.method for e in estimates), *lights], width_px)
+
+
+def fitted(judge: Judge, albedo: Maps, truth: Maps) -> Maps:
+    """The albedo times one factor per channel for all views: the least-squares fit to the truth."""
+    views = [judge_view(name, albedo[name], truth[name], judge.masks[name]) for name in judge.names]
+    scale = np.ones(3, np.float32)
+    for channel in range(3):
+        estimate, target = channel_values(views, channel)
+        scale[channel] = estimate @ target / max(float(estimate @ estimate), 1e-30)
+    return {name: albedo[name] * scale for name in judge.names}
+
+
+def light_on_a_sphere(estimate: Estimate, name: str, width_px: int) -> np.ndarray:
+    """The shading σ·ν of a white ball in a view's light, from the front (−y), z up; its brightest is 1."""
+    x, z = np.meshgrid(np.linspace(-1.05, 1.05, width_px), np.linspace(1.05, -1.05, width_px))
+    inside = x * x + z * z < 1
+    normals = np.stack([x, -np.sqrt(np.maximum(1 - x * x - z * z, 0)), z], axis=-1)[inside]
+    light = np.array([_of_view(estimate.light, name)[channel] for channel in CHANNELS])
+    ball = np.zeros((width_px, width_px, 3))
+    ball[inside] = np.maximum(shading_basis(normals) @ light.T, 0)
+    return encode_srgb8(ball / max(float(ball.max()), 1e-9))
+
+
+def _of_view(light: list[dict[str, Any]], name: str) -> dict[str, Any]:
+    return next(view for view in light if view["name"] == name)

@@ -1,0 +1,45 @@
+"""λ and μ by a rule: the pair of a stated grid with the least mean si-RMSE on the scene of Fig. 3."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from benchmarks.paper.judging import Judge
+from benchmarks.paper.laboratory import Laboratory, Weights
+from benchmarks.paper.methods import Estimate, cartoon, mean_error, paper
+from benchmarks.paper.rows import Row
+
+# At the paper's size. λ: from hardly any smoothing to the erasure of parts; μ: weak and strong agreement.
+SMOOTHNESS = (4.0, 12.0, 40.0, 120.0)
+AGREEMENT = (1.0, 5.0)
+FIDELITIES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2)
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """One point of a grid: what was set, and the estimate it gave."""
+
+    weights: Weights | None
+    fidelity: float | None
+    estimate: Estimate
+
+    @property
+    def error(self) -> float:
+        """What the choice goes by."""
+        return mean_error(self.estimate.scores)
+
+
+def sweep_paper(laboratory: Laboratory, row: Row, judge: Judge) -> list[Tried]:
+    """`mode: paper` over its grid."""
+    grid = [Weights(smoothness, agreement) for agreement in AGREEMENT for smoothness in SMOOTHNESS]
+    return [Tried(weights, None, paper(laboratory, row, judge, weights)) for weights in grid]
+
+
+def sweep_cartoon(judge: Judge, threads: int) -> list[Tried]:
+    """Cartoon-texture over its grid."""
+    return [Tried(None, fidelity, cartoon(judge, fidelity, threads)) for fidelity in FIDELITIES]
+
+
+def best(tried: list[Tried]) -> Tried:
+    """The one with the least error."""
+    return min(tried, key=lambda one: one.error)

@@ -1,0 +1,77 @@
+"""The problem of Eq. 2 at several sizes: pixels in groups of 2×2 within their view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.solvers.half_edges import HalfEdges, aggregated
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """Eq. 2 over some pixels, or over groups of them that share one albedo.
+
+    Attributes
+    ----------
+    starts : ndarray, shape (n + 1,), int64
+    positions : ndarray, shape (N, 2), int32
+        Row and column in the own view, at this level's size.
+    basis : ndarray, shape (N, K), float32
+    image : ndarray, shape (N, 3), float32
+    graph : HalfEdges
+        λ and μ are in its weights.
+    group : ndarray, shape (N of the finer level,), int64, or None
+        Where every pixel of the next finer level went; None at the finest.
+    """
+
+    starts: np.ndarray
+    positions: np.ndarray
+    basis: np.ndarray
+    image: np.ndarray
+    graph: HalfEdges
+    group: np.ndarray | None = None
+
+    @property
+    def view_of_pixel(self) -> np.ndarray:
+        """Number of the view that every pixel belongs to, shape (N,)."""
+        return np.repeat(np.arange(self.starts.size - 1), np.diff(self.starts))
+
+
+def coarser(level: Level) -> Level:
+    """The next level: groups of up to 2×2 pixels.
+
+    Sums are divided by four, so that steps that suit one level suit the next: the data term of a full group
+    stays, the smoothness weighs half, the agreement as much as before.
+    """
+    half = level.positions // 2
+    view = level.view_of_pixel
+    wide = int(half[:, 1].max()) + 1 if len(half) else 1
+    tall = int(half[:, 0].max()) + 1 if len(half) else 1
+    code = (view * tall + half[:, 0]) * wide + half[:, 1]
+    _, first, group = np.unique(code, return_index=True, return_inverse=True)
+    count = first.size
+    graph = aggregated(level.graph, group, count)
+    return Level(
+        starts=np.searchsorted(view[first], np.arange(level.starts.size)).astype(np.int64),
+        positions=half[first],
+        basis=_quarter_sums(group, level.basis, count),
+        image=_quarter_sums(group, level.image, count),
+        graph=HalfEdges(graph.first, graph.neighbour, graph.weight / np.float32(4)),
+        group=group,
+    )
+
+
+def pyramid(finest: Level, fewest: int) -> list[Level]:
+    """Levels from the coarsest to the finest; none has fewer than `fewest` pixels per view on average."""
+    levels = [finest]
+    while levels[0].image.shape[0] >= 4 * fewest * (finest.starts.size - 1):
+        levels.insert(0, coarser(levels[0]))
+    return levels
+
+
+def _quarter_sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Sums over the groups divided by four, (count, k) float32, of values (N, k)."""
+    columns = [np.bincount(group, values[:, k], count) / 4 for k in range(values.shape[1])]
+    return np.stack(columns, axis=1).astype(np.float32)
