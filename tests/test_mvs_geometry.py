@@ -21,7 +21,7 @@ from stages.geometry.patch_match import Refinement, refine
 from stages.geometry.plane_sweep import WORST, inverse_depth_planes, matching_costs, pixels_per_inverse_depth
 from stages.geometry.semi_global import Penalties, aggregate, winner
 from stages.geometry.sparse_surface import oriented_normals
-from stages.geometry.threading_layer import use_threads
+from stages.solvers.threading_layer import use_threads
 from stages.geometry.view_selection import (
     AngleWeight,
     SparsePoints,
