@@ -21,7 +21,7 @@ from stages.known_geometry import KNOWN_GEOMETRY, KnownGeometrySettings
 from stages.scene.cameras import Camera, project
 from stages.scene.colmap_model import cameras_of, read_model
 from stages.scene.exr import read_exr, write_exr
-from stages.scene.meshes import read_mesh, to_open3d, write_mesh
+from stages.scene.meshes import Surface, read_mesh, to_open3d, write_mesh
 from stages.scene.part_maps import read_part_map
 from stages.scene.photos import read_mask
 from stages.synthetic.bust import PARTS
@@ -354,6 +354,16 @@ def test_noise_and_blur_of_the_camera_are_knobs_beside_the_light(make_job, tmp_p
     assert np.abs(np.diff(soft, axis=0)).sum() < 0.8 * np.abs(np.diff(image, axis=0)).sum()
     for job in (noisy, blurred):
         np.testing.assert_array_equal(view(job, "albedo"), view(clean, "albedo"))
+
+
+def test_a_view_that_sees_nothing_whole_has_no_noise(make_job, tmp_path):
+    """A sheet seen edge on: an empty mask, and a record without NaN, which is not JSON."""
+    sheet = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1.0]])
+    write_mesh(tmp_path / "sheet.ply", Surface(sheet, np.array([[0, 1, 2], [0, 2, 3]], np.int32)))
+    job = rendered(make_job, tmp_path / "job", object=tmp_path / "sheet.ply", views=3, arc_deg=180.0)
+    assert [view(job, "mask", name).any() for name in NAMES] == [False, True, False]
+    assert 0 < job.facts["noise"] < 1
+    json.dumps(job.facts, allow_nan=False)
 
 
 @pytest.fixture

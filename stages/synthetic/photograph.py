@@ -59,10 +59,12 @@ class _Passes:
         return np.maximum(self._squares - self._sum**2 / count, 0) / (count - 1)
 
     def noise(self, mask: np.ndarray, level: float) -> Noise:
-        """Noise of the mean of the passes."""
+        """Noise of the mean of the passes; none where the mask is empty, as it is of a sheet seen edge on."""
+        samples = float(self.count.mean()) * self._quality.samples
+        if not mask.any():
+            return Noise(0.0, (0.0, 0.0, 0.0), samples)
         mean, variance = self.mean()[mask], (self.variance() / self.count[..., None])[mask]
         channels = tuple(_ratio(variance[:, c], float(mean[:, c].mean())) for c in range(3))
-        samples = float(self.count.mean()) * self._quality.samples
         return Noise(_ratio(variance, level), channels, samples)
 
 
