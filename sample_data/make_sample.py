@@ -1,4 +1,4 @@
-"""Render `sample_data` again from code: `python sample_data/make_sample.py [--samples 128] [--to FOLDER]`."""
+"""Render `sample_data` again from code: `python sample_data/make_sample.py [--samples 121] [--to FOLDER]`."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def main() -> None:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=int, default=128, help="per pixel and light")
+    parser.add_argument("--samples", type=int, default=121, help="per pixel and light")
     parser.add_argument("--to", type=Path, default=Path(__file__).parent)
     return parser.parse_args()
 

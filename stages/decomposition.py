@@ -29,8 +29,8 @@ class DecompositionSettings(Settings):
     )
     solver: Literal["paper", "fast"] = setting(
         "paper",
-        "paper: assembled normal equations, conjugate gradients, Jacobi as the only preconditioner. fast: the "
-        "same energy by a primal-dual scheme on the graph of pixels, lower and much sooner.",
+        "paper: assembled normal equations, conjugate gradients, Jacobi as the only preconditioner. fast: "
+        "the same energy by a primal-dual scheme on the graph of pixels, lower and sooner.",
     )
     lambda_: float = setting(
         1.0,
@@ -72,8 +72,8 @@ class DecompositionSettings(Settings):
     )
     fast_tolerance: float = setting(
         1e-4,
-        "Relative fall of the energy over a round (ten refits of the light, sixty iterations on the albedo) at "
-        "which `solver: fast` is done.",
+        "Relative fall of the energy over a round (ten refits of the light, sixty iterations on the albedo) "
+        "at which `solver: fast` is done.",
         ge=0,
         lt=1,
     )

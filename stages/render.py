@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from stages.synthetic.subject import Subject
     from stages.synthetic.truth import PaintedSurface, Truth
 
+STEEPEST_DEG = 85.0
 KNOWN_ALBEDO = 0.02  # below it, image over albedo says nothing about the shading
 
 
@@ -87,16 +88,21 @@ def run(job: Job) -> None:
     from stages.scene.colmap_model import pinhole_model
     from stages.scene.meshes import write_mesh
     from stages.synthetic.photograph import NoiseTarget, mean_level, photograph
-    from stages.synthetic.render import Quality, Scene
+    from stages.synthetic.render import Quality, Scene, use_threads
     from stages.synthetic.truth import PaintedSurface
 
     settings: RenderSettings = job.settings
     _require_mitsuba()
+    use_threads(job.threads)
     subject, paint, uniform = _painted_subject(job)
     gloss = _gloss(settings, subject)
     albedo = paint if gloss is None else paint * (1 - gloss.share[:, None]).astype(np.float32)
     cameras = _cameras(settings, subject)
     truths = _write_truths(job, PaintedSurface(subject.surface, albedo, uniform), cameras)
+    if not any(truth.mask.any() for truth in truths):
+        raise UserError(
+            f"The subject covers no whole pixel at {settings.width_px} × {settings.height_px}; render larger."
+        )
     scene = Scene(subject.surface, paint, _light(job, subject), gloss)
     quality = Quality(samples=64, reflections=settings.reflections)
     target = NoiseTarget(settings.noise, mean_level(scene, cameras, [t.mask for t in truths], quality))
@@ -192,7 +198,13 @@ def _light(job: Job, subject: Subject) -> Light:
                 "render.light is environment, but none was given; give --environment FILE (EXR or HDR, all "
                 "directions, twice as wide as high)."
             )
-        return Light(Environment(read_photo(job.inputs["environment"]), settings.turn_deg))
+        radiance = read_photo(job.inputs["environment"])
+        if radiance.shape[1] != 2 * radiance.shape[0]:
+            raise UserError(
+                f"{job.inputs['environment']} is {radiance.shape[1]} × {radiance.shape[0]} pixels; expected "
+                "a picture of all directions, twice as wide as high."
+            )
+        return Light(Environment(radiance, settings.turn_deg))
     places = FOUR_LAMPS if settings.light == "four_lamps" else ONE_LAMP
     return Light(None, lamps_around(places, subject.centre, subject.radius))
 
@@ -203,6 +215,12 @@ def _cameras(settings: RenderSettings, subject: Subject) -> list[Camera]:
 
     from stages.synthetic.views import arc_of_views, framed
 
+    steep = [angle for angle in settings.elevations_deg if abs(angle) > STEEPEST_DEG]
+    if steep:
+        raise UserError(
+            f"render.elevations_deg holds {steep[0]:g}; expected angles between −{STEEPEST_DEG:g} and "
+            f"{STEEPEST_DEG:g}, for straight up and down have no upright picture."
+        )
     half = settings.arc_deg / 2 if settings.views > 1 else 0.0
     azimuths = list(np.linspace(-half, half, settings.views))
     around = settings.elevations_deg

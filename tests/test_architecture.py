@@ -38,7 +38,7 @@ FOLDERS_BELOW = {  # which folders of stages/ each folder may import
     "scene": {"scene"},
     "solvers": {"solvers", "scene"},
     "motion": {"motion", "scene"},
-    "stereo": {"stereo", "geometry", "scene"},
+    "stereo": {"stereo", "geometry", "solvers", "scene"},
     "geometry": {"geometry", "solvers", "scene"},
     "photometry": {"photometry", "solvers", "scene"},
     "synthetic": {"synthetic", "scene", "geometry"},

@@ -21,7 +21,6 @@ from stages.geometry.patch_match import Refinement, refine
 from stages.geometry.plane_sweep import WORST, inverse_depth_planes, matching_costs, pixels_per_inverse_depth
 from stages.geometry.semi_global import Penalties, aggregate, winner
 from stages.geometry.sparse_surface import oriented_normals
-from stages.solvers.threading_layer import use_threads
 from stages.geometry.view_selection import (
     AngleWeight,
     SparsePoints,
@@ -31,6 +30,7 @@ from stages.geometry.view_selection import (
     select_sources,
 )
 from stages.scene.cameras import back_project, normals_in_world, project
+from stages.solvers.threading_layer import use_threads
 from tests import stereo_scene
 
 VIEWS = stereo_scene.cameras()

@@ -128,7 +128,7 @@ def finer(scene_files) -> list[Truth]:
 
 
 def test_pixels_of_a_part_show_that_part_and_nothing_else(scene_files, finer):
-    """Held against rays four times as dense: what 4² rays miss are slivers along edges, in few pixels."""
+    """Held against rays four times as dense, which see slivers that the stage's own rays may miss."""
     for name, dense in zip(NAMES, finer, strict=True):
         parts = read_part_map(scene_files / f"truth/parts/{name}.png", len(PARTS))
         mask = read_mask(scene_files / f"truth/mask/{name}.png")
@@ -140,8 +140,10 @@ def test_pixels_of_a_part_show_that_part_and_nothing_else(scene_files, finer):
             here = parts == part + 1
             assert here.sum() > 10
             np.testing.assert_allclose(albedo[here], np.tile(colour, (here.sum(), 1)), atol=1e-6)
-        assert (dense.parts != parts)[parts > 0].mean() < 0.06  # of so few, so large pixels
-        np.testing.assert_array_equal(parts[dense.parts > 0], dense.parts[dense.parts > 0])
+        assert (dense.parts != parts)[parts > 0].mean() < 0.01
+        both = (parts > 0) & (dense.parts > 0)
+        np.testing.assert_array_equal(parts[both], dense.parts[both])
+        assert both.sum() > 0.8 * (dense.parts > 0).sum()  # and hardly a good pixel is given away
 
 
 def test_image_is_albedo_times_an_independent_shading_up_to_the_measured_noise(config, scene_files, finer):
@@ -314,7 +316,7 @@ def test_gloss_takes_its_share_from_the_albedo_of_the_glossy_parts(make_job, tmp
     for part, name in enumerate(PARTS):
         shown = view(job, "albedo")[parts == part + 1]
         expected = TABLE_1[part] * (0.75 if name == "hair" else 1)
-        assert len(shown) > 3
+        assert len(shown) > 0
         np.testing.assert_allclose(shown, np.tile(expected, (len(shown), 1)), atol=1e-6)
     everywhere = rendered(make_job, tmp_path / "all", gloss=0.25, light="one_lamp", glossy_parts=())
     np.testing.assert_allclose(view(everywhere, "albedo"), 0.75 * view(plain, "albedo"), rtol=1e-5)

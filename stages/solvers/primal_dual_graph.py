@@ -27,9 +27,9 @@ class PrimalDual:
     ``y_pq ← clip(y_pq + (ρ̄_p − ρ̄_q)/(2r), ±w_pq)``, ``ρ ← prox(ρ − τ Kᵀy)``, ``ρ̄ ← 2 ρ − ρ_before``
     (Chambolle and Pock 2011, algorithm 1, with the diagonal steps of Pock and Chambolle 2011).
 
-    Both ends of an edge keep their own copy of its dual; the two are negatives of one another to the last bit,
-    since rounding is symmetric. So a pixel writes only what is its own: one pass per iteration, no two threads
-    meet, and the result does not depend on how many there are.
+    Both ends of an edge keep their own copy of its dual; the two are negatives of one another to the last
+    bit, since rounding is symmetric. So a pixel writes only what is its own: one pass per iteration, no two
+    threads meet, and the result does not depend on how many there are.
     """
 
     def __init__(self, graph: HalfEdges, albedo: np.ndarray, scale: float):

@@ -22,8 +22,9 @@ class Environment:
     Attributes
     ----------
     radiance : ndarray, shape (h, 2h, 3), float32
-        Linear RGB, equirectangular; the top row is straight up, the middle column looks along −y of the
-        world, and to the right of it lies −x, as one would see it standing inside.
+        Linear RGB, equirectangular; the top row is straight up and the bottom row straight down, the middle
+        column looks along −y of the world, and to the right of it lies −x, as one would see it standing
+        inside.
     turn_deg : float
         By how much it is turned about the world's z axis, counter-clockwise seen from above.
     """
@@ -123,6 +124,6 @@ def dome_radiance(dome: Dome, elevation: np.ndarray) -> np.ndarray:
 
 def dome_picture(dome: Dome, rows: int = 128) -> Environment:
     """A dome as an environment map."""
-    elevation = np.pi / 2 - (np.arange(rows) + 0.5) / rows * np.pi
+    elevation = np.linspace(np.pi / 2, -np.pi / 2, rows)
     radiance = dome_radiance(dome, elevation).astype(np.float32)
     return Environment(np.ascontiguousarray(np.broadcast_to(radiance[:, None], (rows, 2 * rows, 3))))

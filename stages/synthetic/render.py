@@ -24,12 +24,12 @@ class Quality:
     Attributes
     ----------
     samples : int
-        Per pixel and light source, in strata (multi-jittered: rounded up to a product of two near factors).
+        Per pixel and light source, in strata; a square, or the product of two near factors.
     reflections : int
         How many times light may be reflected before it reaches the camera; 1 is direct light only.
     """
 
-    samples: int = 128
+    samples: int = 121
     reflections: int = 5
 
 
@@ -119,6 +119,14 @@ class Scene:
             for scene in self._scenes
         ]
         return np.sum([np.array(image, np.float32)[..., :3] for image in passes], axis=0)
+
+
+def use_threads(count: int) -> None:
+    """Let Mitsuba use `count` threads, which does not change a picture."""
+    _mitsuba()
+    import drjit
+
+    drjit.set_thread_count(count)
 
 
 def _mitsuba():

@@ -21,7 +21,7 @@ LIGHT = Light(
     dome=Dome(sky=(0.80, 0.95, 1.15), ground=(0.35, 0.33, 0.30)),
     lamps=(Lamp(centre=(-2.2, -2.6, 2.8), towards=(0.0, 0.0, 0.5), side=1.2, radiance=(42.0, 37.0, 29.0)),),
 )
-QUALITY = Quality(samples=128, reflections=5)
+QUALITY = Quality(samples=121, reflections=5)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from stages.geometry.rays import RayCaster, Seen
 from stages.scene.cameras import Camera
@@ -65,7 +66,7 @@ class PaintedSurface:
         centres = self._rays.see(camera)
         parts = np.zeros(fine.mask.shape, np.uint8)
         parts[fine.mask] = self._face_parts[fine.triangles[fine.mask]]
-        parts = _whole_pixels(parts.reshape(cells))
+        parts = _whole_pixels(parts, n)
         return Truth(albedo.astype(np.float32), mask, centres.depth, centres.normals, parts)
 
     def _albedo_at(self, seen: Seen) -> np.ndarray:
@@ -77,7 +78,13 @@ class PaintedSurface:
         return albedo
 
 
-def _whole_pixels(parts: np.ndarray) -> np.ndarray:
-    """The part that all rays of a pixel agree on, else 0; (h, n, w, n) to (h, w)."""
-    lowest, highest = parts.min(axis=(1, 3)), parts.max(axis=(1, 3))
+def _whole_pixels(parts: np.ndarray, n: int) -> np.ndarray:
+    """The part that all rays of a pixel and those next to it agree on, else 0; (h · n, w · n) to (h, w).
+
+    The outermost rays lie half a step inside their pixel: the next ones, outside, vouch for the rest of it.
+    """
+    lowest, highest = minimum_filter(parts, 3), maximum_filter(parts, 3)
+    agreed = np.where(lowest == highest, parts, 0)
+    cells = (parts.shape[0] // n, n, parts.shape[1] // n, n)
+    lowest, highest = agreed.reshape(cells).min(axis=(1, 3)), agreed.reshape(cells).max(axis=(1, 3))
     return np.where(lowest == highest, lowest, 0).astype(np.uint8)
