@@ -4,7 +4,7 @@ UNSHADE := $(VENV)/bin/unshade
 PYTEST  := $(VENV)/bin/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help sample fountain test test-all check docs benchmarks clean
+.PHONY: help sample fountain paper paper-quick test test-all check docs benchmarks clean
 
 help: ## show this
 	@echo "Unshade: per-view albedo from photos or a COLMAP workspace."
@@ -26,6 +26,16 @@ sample: $(VENV)/.ready ## the whole program on the embedded sample, from photos 
 fountain: $(VENV)/.ready ## the real thing: 11 photos of a fountain (fetched, or from UNSHADE_DATA)
 	$(UNSHADE) run configs/fountain.yaml
 	@echo "Look at workspaces/fountain/output/contact_sheet.png"
+
+$(VENV)/.ready-synthetic: pyproject.toml setup.sh
+	sh setup.sh synthetic
+	@touch $@ $(VENV)/.ready
+
+paper: $(VENV)/.ready-synthetic ## the paper's experiments at its size, renders included (hours); writes docs/paper
+	$(VENV)/bin/python -m benchmarks.paper
+
+paper-quick: $(VENV)/.ready-synthetic ## the same at a quarter of the size
+	$(VENV)/bin/python -m benchmarks.paper --quick
 
 test: $(VENV)/.ready-test ## the fast tests
 	$(PYTEST) -m "not slow"

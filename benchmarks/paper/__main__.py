@@ -8,7 +8,6 @@ decompositions are kept in ``workspaces/paper…``: a second call answers at onc
 from __future__ import annotations
 
 import argparse
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -53,9 +52,9 @@ class Plan:
     to: Path
 
 
-def main() -> None:
-    """Sweep, run, judge, write."""
-    plan = plan_of(arguments())
+def main(argv: Sequence[str] | None = None) -> Path:
+    """Sweep, run, judge, write; returns the page."""
+    plan = plan_of(arguments(argv))
     terminal = Terminal()
     bench = Laboratory(plan.workspace / plan.sweep_size.name, plan.sweep_size, terminal)
     sweeps = choose(bench, plan.rows[0])
@@ -64,11 +63,11 @@ def main() -> None:
         laboratory = Laboratory(plan.workspace / size.name, size, terminal)
         experiments.append(experiment(laboratory, plan.rows, sweeps, plan.to))
     report = write_report(plan.to, sweeps, experiments)
-    terminal.answer(json.loads((plan.to / "paper.json").read_text(encoding="utf-8")), None)
     terminal.say(f"Read {report}")
+    return report
 
 
-def arguments() -> argparse.Namespace:
+def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """What was asked for."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--quick", action="store_true", help="a quarter of the size: minutes, not hours")
@@ -76,7 +75,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--rows", help="comma-separated, as in fig3,fig5; all by default")
     parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "paper")
     parser.add_argument("--to", type=Path, help="folder of the report; docs/paper for the full size")
-    return parser.parse_args()
+    return parser.parse_args(argv)
 
 
 def plan_of(given: argparse.Namespace) -> Plan:

@@ -28,6 +28,8 @@ class Size:
         Of the renders, share of the mean.
     solved_well : bool
         Whether the same energy is also solved far beyond the paper's stopping rule.
+    spacing : float
+        Grid of the bust's mesh, bust heights.
     """
 
     width_px: int
@@ -35,6 +37,7 @@ class Size:
     views: int = 13
     noise: float = 0.02
     solved_well: bool = True
+    spacing: float = 0.004
 
     @property
     def name(self) -> str:
@@ -49,7 +52,7 @@ class Size:
 
 FULL = Size(540, 960)
 QUARTER = Size(135, 240)
-TINY = Size(54, 96, views=4, noise=0.1)
+TINY = Size(36, 64, views=3, noise=0.3, spacing=0.012)
 
 
 @dataclass(frozen=True)
@@ -106,6 +109,7 @@ class Laboratory:
                 "width_px": self.size.width_px,
                 "height_px": self.size.height_px,
                 "noise": self.size.noise,
+                "spacing": self.size.spacing,
                 **row.render,
             },
             "undistort": {"max_size_px": None},
