@@ -1,8 +1,8 @@
 """The paper's experiments, each a row: ``python -m benchmarks.paper [--quick | --tiny] [--to FOLDER]``.
 
 Renders the rows, chooses λ and μ on Fig. 3, decomposes, judges, and writes ``paper.md`` with its pictures.
-`--quick` stays at a quarter of the size; `--tiny` only shows that everything works. All renders and
-decompositions are kept in ``workspaces/paper…``: a second call answers at once.
+`--quick` stays at a quarter of the size and chooses λ and μ at a tenth; `--tiny` only shows that everything
+works. All renders and decompositions are kept in ``workspaces/paper…``: a second call answers at once.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
 
 from benchmarks.paper.judging import Judge  # noqa: E402
-from benchmarks.paper.laboratory import FULL, QUARTER, TINY, Laboratory, Size, Weights  # noqa: E402
+from benchmarks.paper.laboratory import FULL, QUARTER, TENTH, TINY, Laboratory, Size, Weights  # noqa: E402
 from benchmarks.paper.methods import Estimate, cartoon, image_itself, paper  # noqa: E402
 from benchmarks.paper.pictures import figure  # noqa: E402
 from benchmarks.paper.report import Experiment, Sweeps, write_report  # noqa: E402
@@ -90,7 +90,7 @@ def plan_of(given: argparse.Namespace) -> Plan:
     if given.tiny:
         return Plan(TINY, (TINY,), rows, workspace, given.to or workspace / "tiny-report")
     if given.quick:
-        return Plan(QUARTER, (QUARTER,), rows, workspace, given.to or workspace / "quick-report")
+        return Plan(TENTH, (QUARTER,), rows, workspace, given.to or workspace / "quick-report")
     return Plan(QUARTER, (QUARTER, FULL), rows, workspace, given.to or ROOT / "docs" / "paper")
 
 
