@@ -67,7 +67,8 @@ class FastDescent:
     albedo : ndarray, shape (N, 3), float64
     light : ndarray, shape (n, 3, K), float64
     rounds : tuple of Round
-        The first is the state that the coarser levels left.
+        The first is the state that the coarser levels left, the last the solution: an earlier one again
+        where the energy has risen since.
     outcome : Outcome
     """
 
@@ -153,19 +154,21 @@ def _finish(
     settings = descent.settings
     descent.refit(1)
     rounds = [_look(views, images, descent, 1)]
-    best, kept = _total(rounds[0], settings.weights), (descent.albedo.copy(), descent.light)
+    best, kept = rounds[0], (descent.albedo.copy(), descent.light)
     outcome = Outcome.LIMIT_REACHED
     for k in range(1, settings.max_rounds + 1):
         descent.refit(settings.refits_per_round)
         rounds.append(_look(views, images, descent, 1 + k * settings.refits_per_round))
-        energy = _total(rounds[-1], settings.weights)
+        least, energy = (_total(one, settings.weights) for one in (best, rounds[-1]))
         step()
-        fall = (best - energy) / best if best > 0 else 0.0
-        if energy < best:
-            best, kept = energy, (descent.albedo.copy(), descent.light)
+        fall = (least - energy) / least if least > 0 else 0.0
+        if energy <= least:
+            best, kept = rounds[-1], (descent.albedo.copy(), descent.light)
         if abs(fall) <= settings.tolerance:
             outcome = Outcome.CONVERGED
             break
+    if rounds[-1] is not best:
+        rounds.append(best)
     return FastDescent(kept[0].astype(np.float64), kept[1], tuple(rounds), outcome)
 
 

@@ -47,10 +47,14 @@ def half_edges(operators: list[tuple[sp.csr_array, float]]) -> HalfEdges:
 
 
 def from_edges(size: int, tail: np.ndarray, head: np.ndarray, weight: np.ndarray) -> HalfEdges:
-    """Build the graph from its edges, (E,) each; weights of edges between the same two pixels add up."""
-    rows, columns = np.concatenate([tail, head]), np.concatenate([head, tail])
-    values = np.concatenate([weight, weight]).astype(np.float32)
-    matrix = sp.csr_array((values, (rows, columns)), shape=(size, size))  # adds up what meets
+    """Build the graph from its edges, (E,) each; weights of edges between the same two pixels add up.
+
+    They add up once, in whatever order, for both ends: the two weigh the same to the last bit. Edges that
+    weigh nothing are dropped.
+    """
+    ends = np.minimum(tail, head), np.maximum(tail, head)
+    once = sp.csr_array((weight.astype(np.float32), ends), shape=(size, size))  # adds up what meets
+    matrix = once + once.T
     matrix.sort_indices()
     return HalfEdges(
         matrix.indptr.astype(np.int64), matrix.indices.astype(np.int32), matrix.data.astype(np.float32)
