@@ -282,7 +282,10 @@ def test_the_albedo_step_gives_the_same_bits_on_one_thread_and_on_two():
 
 @pytest.fixture(scope="module")
 def unlinked() -> tuple[StackedViews, np.ndarray, np.ndarray, np.ndarray]:
-    """Three views, the second empty, the others of several blocks: views, image, albedo (N, 3), light."""
+    """Three views, the second empty, the others of several blocks: views, image, albedo (N, 3), light.
+
+    Some albedo is 0, some below.
+    """
     rng = np.random.default_rng(3)
     sides = (70, 90), (3, 3), (61, 83)
     masks = [rng.random(side) < 0.95 for side in sides]
@@ -291,6 +294,7 @@ def unlinked() -> tuple[StackedViews, np.ndarray, np.ndarray, np.ndarray]:
     views = stack_views(masks, [one / np.linalg.norm(one, axis=-1, keepdims=True) for one in normals], {})
     views = replace(views, basis=views.basis.astype(np.float32).astype(np.float64))
     image, albedo = rng.uniform(0.1, 1, (2, views.positions.shape[0], 3)).astype(np.float32)
+    albedo *= rng.choice(np.float32([-1, 0, 1]), albedo.shape, p=[0.1, 0.1, 0.8])
     light = np.tile([2.0] + 8 * [0.2], (3, 3, 1)) + 0.2 * rng.standard_normal((3, 3, 9))
     return views, image, albedo, light
 
