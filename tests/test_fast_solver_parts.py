@@ -89,7 +89,14 @@ def test_groups_have_the_variation_of_their_pixels(seed):
 
 def level_of(views: StackedViews, image: np.ndarray) -> Level:
     basis = views.basis.astype(np.float32)
-    return Level(views.starts, views.positions, basis, image.astype(np.float32), graph_of(views, WEIGHTS))
+    return Level(
+        views.starts,
+        views.positions,
+        basis,
+        image.astype(np.float32),
+        np.ones(len(image), np.float32),
+        graph_of(views, WEIGHTS),
+    )
 
 
 @given(SEEDS)

@@ -103,7 +103,7 @@ class _Descent:
             self._restore_gauge()
 
     def _restore_gauge(self) -> None:
-        current = np.abs(self.albedo).sum(axis=0, dtype=np.float64)
+        current = np.einsum("pc,p->c", np.abs(self.albedo), self.level.share, dtype=np.float64)
         factors = np.where((current > 0) & (self._wanted > 0), self._wanted / np.maximum(current, 1e-30), 1.0)
         self._solver.rescale(factors)
         self.light = self.light / factors[:, None]
@@ -130,7 +130,7 @@ def solve(
         Called after every round.
     """
     levels = pyramid(_finest(views, images, settings.weights), settings.fewest_pixels)
-    albedo = levels[0].image
+    albedo = levels[0].image / levels[0].share[:, None]
     light = np.ones((views.view_count, 3, views.basis.shape[1]))
     for level, finer in zip(levels[:-1], levels[1:], strict=True):
         use_threads(_threads_for(level, threads))
@@ -179,6 +179,7 @@ def _finest(views: StackedViews, images: list[np.ndarray], weights: EnergyWeight
         positions=views.positions,
         basis=views.basis.astype(np.float32),
         image=np.stack(images, axis=1).astype(np.float32),
+        share=np.ones(len(images[0]), np.float32),
         graph=half_edges([*operators, (views.c, weights.consistency)]),
     )
 

@@ -7,6 +7,7 @@ import numpy as np
 
 import stages.solvers.threading_layer  # noqa: F401
 
+CHUNK = 256  # pixels whose columns stay in the nearest cache, so that every product is a vector's
 BLOCK = 4096  # pixels summed by one thread; the order of the sums does not depend on the threads
 
 
@@ -56,15 +57,23 @@ def refit_light(
     size = basis.shape[1]
     grams = np.zeros((blocks.views.size, 3, size, size))
     sums = np.zeros((blocks.views.size, 3, size))
-    _sums(blocks.views, blocks.begins, blocks.ends, basis, image, albedo, light, delta, grams, sums)
-    fitted = np.zeros_like(light)
-    for view in range(light.shape[0]):
-        own = blocks.views == view
-        gram, right = grams[own].sum(axis=0), sums[own].sum(axis=0)
-        for channel in range(3):
-            whole = gram[channel] + np.triu(gram[channel], 1).T
-            fitted[view, channel] = np.linalg.pinv(whole, rcond=1e-14, hermitian=True) @ right[channel]
-    return fitted
+    _sums(
+        blocks.views,
+        blocks.begins,
+        blocks.ends,
+        basis,
+        image,
+        albedo,
+        light,
+        delta,
+        grams,
+        sums,
+    )
+    by_view = [np.flatnonzero(blocks.views == view) for view in range(light.shape[0])]
+    upper = np.stack([grams[own].sum(axis=0) for own in by_view])
+    right = np.stack([sums[own].sum(axis=0) for own in by_view])
+    gram = upper + np.triu(upper, 1).swapaxes(-1, -2)
+    return np.einsum("vckl,vcl->vck", np.linalg.pinv(gram, rcond=1e-14, hermitian=True), right)
 
 
 def shading_of(blocks: ViewBlocks, basis: np.ndarray, light: np.ndarray) -> np.ndarray:
@@ -86,21 +95,50 @@ def _shade(views, begins, ends, basis, light, shading):
                 shading[p, c] = total
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@numba.njit(parallel=True, cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _sums(views, begins, ends, basis, image, albedo, light, delta, grams, sums):
     """Upper triangles of the weighted Gram matrices and right-hand sides of every block."""
-    size = basis.shape[1]
     for block in numba.prange(views.size):
-        sigma, gram, right = light[views[block]], grams[block], sums[block]
-        for p in range(begins[block], ends[block]):
+        columns = np.empty((basis.shape[1], CHUNK))
+        shading, weight, target = np.empty((3, CHUNK))
+        for begin in range(begins[block], ends[block], CHUNK):
+            count = min(CHUNK, ends[block] - begin)
+            for i in range(count):
+                for k in range(basis.shape[1]):
+                    columns[k, i] = basis[begin + i, k]
             for c in range(3):
-                shading = 0.0
-                for k in range(size):
-                    shading += basis[p, k] * sigma[c, k]
-                rho = np.float64(albedo[p, c])
-                weight = rho / max(abs(image[p, c] - rho * shading), delta)
-                for k in range(size):
-                    scaled = weight * basis[p, k]
-                    right[c, k] += scaled * image[p, c]
-                    for j in range(k, size):
-                        gram[c, k, j] += scaled * rho * basis[p, j]
+                _shade_columns(columns, light[views[block], c], count, shading)
+                for i in range(count):
+                    rho, value = np.float64(albedo[begin + i, c]), np.float64(image[begin + i, c])
+                    pull = rho / max(abs(value - rho * shading[i]), delta)
+                    weight[i], target[i] = pull * rho, pull * value
+                _add_products(columns, weight, target, count, shading, grams[block, c], sums[block, c])
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _shade_columns(columns, light, count, shading):
+    """``Σ_k light_k columns_k`` of the first `count` pixels of a chunk."""
+    shading[:count] = 0.0
+    for k in range(columns.shape[0]):
+        for i in range(count):
+            shading[i] += light[k] * columns[k, i]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _add_products(columns, weight, target, count, scratch, gram, right):
+    """Add a chunk's weighted products of columns.
+
+    In float64: a wall has one normal, and its Gram matrix one direction that means something, which rounding
+    would drown among eight that do not.
+    """
+    for k in range(columns.shape[0]):
+        total = 0.0
+        for i in range(count):
+            total += target[i] * columns[k, i]
+            scratch[i] = weight[i] * columns[k, i]
+        right[k] += total
+        for j in range(k, columns.shape[0]):
+            total = 0.0
+            for i in range(count):
+                total += scratch[i] * columns[j, i]
+            gram[k, j] += total

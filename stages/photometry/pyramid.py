@@ -20,6 +20,8 @@ class Level:
         Row and column in the own view, at this level's size.
     basis : ndarray, shape (N, K), float32
     image : ndarray, shape (N, 3), float32
+    share : ndarray, shape (N,), float32
+        How full every group is: 1 where nothing is missing.
     graph : HalfEdges
         λ and μ are in its weights.
     group : ndarray, shape (N of the finer level,), int64, or None
@@ -30,6 +32,7 @@ class Level:
     positions: np.ndarray
     basis: np.ndarray
     image: np.ndarray
+    share: np.ndarray
     graph: HalfEdges
     group: np.ndarray | None = None
 
@@ -58,6 +61,7 @@ def coarser(level: Level) -> Level:
         positions=half[first],
         basis=_quarter_sums(group, level.basis, count),
         image=_quarter_sums(group, level.image, count),
+        share=_quarter_sums(group, level.share[:, None], count)[:, 0],
         graph=HalfEdges(graph.first, graph.neighbour, graph.weight / np.float32(4)),
         group=group,
     )
