@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -89,9 +90,6 @@ def run(job: Job) -> None:
     """
     import numpy as np
 
-    from stages.photometry.alternation import decompose_channels
-    from stages.photometry.energy_history import descent_as_json, rounds_as_json
-    from stages.photometry.fast_alternation import solve
     from stages.photometry.stack import stack_views
     from stages.scene.camera_file import read_cameras
 
@@ -103,20 +101,62 @@ def run(job: Job) -> None:
     scale = _bright_value(pixels)
     images = [np.ascontiguousarray(pixels[:, channel]) / scale for channel in range(3)]
     del pixels
-    if settings.solver == "fast":
-        fast = _fast(settings)
-        with job.progress("rounds", fast.max_rounds) as step:
-            descent = solve(views, images, fast, job.threads, step)
-        albedo, light = descent.albedo, descent.light
-        channels, outcomes = rounds_as_json(descent, fast.weights), [descent.outcome] * 3
-    else:
-        with job.progress("alternations", 3 * settings.max_alternations) as step:
-            descents = decompose_channels(views, images, _alternation(settings), job.executor, step)
-        albedo = np.stack([descent.state.albedo for descent in descents], axis=-1)
-        light = np.stack([descent.state.light for descent in descents], axis=1)
-        channels, outcomes = [descent_as_json(one) for one in descents], [one.outcome for one in descents]
-    _write_maps(job, cameras, masks, views, albedo * scale, light, scale)
-    _write_history(job, settings, channels, outcomes)
+    solve = _solve_fast if settings.solver == "fast" else _solve_as_the_paper
+    solved = solve(job, settings, views, images)
+    _write_maps(job, cameras, masks, views, solved, scale)
+    _write_history(job, settings, solved)
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What a solver gives.
+
+    Attributes
+    ----------
+    albedo : ndarray, shape (N, 3)
+        In the unit of the scaled images.
+    light : ndarray, shape (n, 3, 9)
+    histories : list of dict
+        Per channel, for `energy.json`.
+    outcomes : list of Outcome
+        Per channel.
+    """
+
+    albedo: np.ndarray
+    light: np.ndarray
+    histories: list[dict[str, Any]]
+    outcomes: list[Outcome]
+
+
+def _solve_fast(
+    job: Job, settings: DecompositionSettings, views: StackedViews, images: list[np.ndarray]
+) -> Solved:
+    from stages.photometry.energy_history import rounds_as_json
+    from stages.photometry.fast_alternation import solve
+
+    how = _fast(settings)
+    with job.progress("rounds", how.max_rounds) as step:
+        descent = solve(views, images, how, job.threads, step)
+    histories = rounds_as_json(descent, how.weights)
+    return Solved(descent.albedo, descent.light, histories, [descent.outcome] * len(images))
+
+
+def _solve_as_the_paper(
+    job: Job, settings: DecompositionSettings, views: StackedViews, images: list[np.ndarray]
+) -> Solved:
+    import numpy as np
+
+    from stages.photometry.alternation import decompose_channels
+    from stages.photometry.energy_history import descent_as_json
+
+    with job.progress("alternations", 3 * settings.max_alternations) as step:
+        descents = decompose_channels(views, images, _alternation(settings), job.executor, step)
+    return Solved(
+        albedo=np.stack([descent.state.albedo for descent in descents], axis=-1),
+        light=np.stack([descent.state.light for descent in descents], axis=1),
+        histories=[descent_as_json(descent) for descent in descents],
+        outcomes=[descent.outcome for descent in descents],
+    )
 
 
 def _fast(settings: DecompositionSettings) -> FastSettings:
@@ -195,8 +235,7 @@ def _write_maps(
     cameras: list[Camera],
     masks: list[np.ndarray],
     views: StackedViews,
-    albedo: np.ndarray,
-    light: np.ndarray,
+    solved: Solved,
     scale: float,
 ) -> None:
     """Albedo in the images' own units, shading σ·ν as it is, and the light."""
@@ -206,6 +245,7 @@ def _write_maps(
     from stages.scene.exr import write_exr
     from stages.scene.lighting_file import write_lighting
 
+    albedo, light = solved.albedo * scale, solved.light
     shading = np.stack([views.shading(light[:, k]) for k in range(3)], axis=-1)
     for name, stacked in (("albedo", albedo), ("shading", shading)):
         for camera, image in zip(cameras, unstack_pixels(masks, stacked), strict=True):
@@ -219,9 +259,7 @@ def _write_maps(
     )
 
 
-def _write_history(
-    job: Job, settings: DecompositionSettings, channels: list[dict[str, Any]], outcomes: list[Outcome]
-) -> None:
+def _write_history(job: Job, settings: DecompositionSettings, solved: Solved) -> None:
     """`energy.json`; what did not converge is said."""
     from stages.photometry.alternation import Outcome
     from stages.photometry.energy_history import LEGEND
@@ -229,16 +267,17 @@ def _write_history(
     content = {
         "legend": LEGEND,
         "settings": settings.model_dump(by_alias=True),
-        "channels": dict(zip(CHANNELS, channels, strict=True)),
+        "channels": dict(zip(CHANNELS, solved.histories, strict=True)),
     }
     job.outputs["energy"].write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    steps = [history["alternations"] for history in solved.histories]
     job.note(
-        energy=sum(channel["alternations"][-1]["energy"] for channel in channels),
-        alternations=[len(channel["alternations"]) for channel in channels],
-        cg_steps=[sum(one.get("cg_steps", 0) for one in channel["alternations"]) for channel in channels],
-        outcomes=[outcome.name.lower() for outcome in outcomes],
+        energy=sum(history[-1]["energy"] for history in steps),
+        alternations=[len(history) for history in steps],
+        cg_steps=[sum(one.get("cg_steps", 0) for one in history) for history in steps],
+        outcomes=[outcome.name.lower() for outcome in solved.outcomes],
     )
-    for name, outcome in zip(CHANNELS, outcomes, strict=True):
+    for name, outcome in zip(CHANNELS, solved.outcomes, strict=True):
         if outcome is not Outcome.CONVERGED:
             job.warn(f"The {name} channel: {outcome.value}.")
 

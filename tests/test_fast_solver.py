@@ -116,7 +116,7 @@ def test_scaling_the_images_scales_the_fast_albedo(on_sphere, scale):
     one, other = solution(views, images, few), solution(views, [scale * each for each in images], there)
     rms = np.sqrt(np.mean((other.albedo / scale - one.albedo) ** 2) / np.mean(one.albedo**2))
     assert rms < (1e-12 if scale == 0.25 else 1e-2)  # rounding, which three rounds amplify
-    assert total(other.rounds[-1].terms) == pytest.approx(scale * total(one.rounds[-1].terms), rel=1e-3)
+    assert total(other.rounds[-1].terms) == pytest.approx(scale * total(one.rounds[-1].terms), rel=1e-2)
 
 
 def test_the_number_of_threads_does_not_change_the_solution(on_sphere, monkeypatch):

@@ -98,7 +98,8 @@ def choose(laboratory: Laboratory, row: Row) -> Sweeps:
     """λ and μ of `mode: paper` on the scene of Fig. 3."""
     judge = Judge.of(laboratory.prepare(row))
     tried = sweep_paper(laboratory, row, judge)
-    return Sweeps(laboratory.size, tuple(tried), best(tried))
+    well = sweep_paper(laboratory, row, judge, solved_well=True)
+    return Sweeps(laboratory.size, tuple(tried), best(tried), tuple(well), best(well))
 
 
 def experiment(laboratory: Laboratory, rows: Sequence[Row], sweeps: Sweeps, to: Path) -> Experiment:

@@ -52,7 +52,7 @@ class Size:
 
 FULL = Size(540, 960)
 QUARTER, TENTH = Size(135, 240), Size(54, 96)
-TINY = Size(36, 64, views=3, noise=0.3, spacing=0.012)
+TINY = Size(27, 48, views=3, noise=0.3, spacing=0.02)
 
 
 @dataclass(frozen=True)

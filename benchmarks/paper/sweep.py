@@ -29,12 +29,12 @@ class Tried:
         return mean_error(self.estimate.scores)
 
 
-def sweep_paper(laboratory: Laboratory, row: Row, judge: Judge) -> list[Tried]:
+def sweep_paper(laboratory: Laboratory, row: Row, judge: Judge, solved_well: bool = False) -> list[Tried]:
     """`mode: paper`: every λ at the first μ, then the other μ at the best λ."""
 
     def tried(smoothness: float, agreement: float) -> Tried:
         weights = Weights(smoothness, agreement)
-        return Tried(weights, None, paper(laboratory, row, judge, weights))
+        return Tried(weights, None, paper(laboratory, row, judge, weights, solved_well))
 
     first = [tried(smoothness, FIRST_AGREEMENT) for smoothness in SMOOTHNESS]
     smoothness = best(first).weights.smoothness

@@ -108,7 +108,7 @@ def table_of_sweep(tried: Sequence[Tried], chosen: Tried) -> str:
             triple(one.estimate.scores.si_rmse),
             f"{variance_of(one.estimate.scores, 'hair', 'red'):.6f}",
             f"{variance_of(one.estimate.scores, 'face', 'red'):.6f}",
-            "chosen" if one is chosen else "",
+            "least" if one is chosen else "",
         ]
         for one in tried
     ]

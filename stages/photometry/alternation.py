@@ -193,6 +193,7 @@ def decompose_channels(
         One per channel, each with its outcome.
     """
     descents = [start(views, image, settings.weights) for image in images]
+    _ = views.equations  # found here once: the channels' threads would each find it
 
     def submit(channel: int) -> Future[Descent]:
         return executor.submit(advance, views, images[channel], descents[channel], settings)
