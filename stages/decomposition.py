@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 
 if TYPE_CHECKING:
     import numpy as np
-    import scipy.sparse as sp
 
     from stages.photometry.alternation import AlternationSettings, Outcome
     from stages.photometry.fast_alternation import FastSettings
@@ -92,12 +90,15 @@ def run(job: Job) -> None:
 
     from stages.photometry.stack import stack_views
     from stages.scene.camera_file import read_cameras
+    from stages.scene.link_files import read_links
 
     settings: DecompositionSettings = job.settings
     cameras = read_cameras(job.inputs["cameras"])
     masks, normals, pixels = _read_views(job, cameras)
-    views = stack_views(masks, normals, _read_links(job.inputs["correspondences"], cameras))
-    del normals
+    place = {camera.name: i for i, camera in enumerate(cameras)}
+    links = read_links(job.inputs["correspondences"])
+    views = stack_views(masks, normals, {(place[i], place[j]): c for (i, j), c in links.items()})
+    del normals, links
     scale = _bright_value(pixels)
     images = [np.ascontiguousarray(pixels[:, channel]) / scale for channel in range(3)]
     del pixels
@@ -207,14 +208,6 @@ def _read_views(job: Job, cameras: list[Camera]) -> tuple[list[np.ndarray], list
             pixels.append(values.astype(np.float64))
             step()
     return masks, normals, np.concatenate(pixels)
-
-
-def _read_links(folder: Path, cameras: list[Camera]) -> dict[tuple[int, int], sp.csr_array]:
-    import scipy.sparse as sp
-
-    place = {camera.name: i for i, camera in enumerate(cameras)}
-    rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))
-    return {(place[row["i"]], place[row["j"]]): sp.load_npz(folder / row["file"]) for row in rows}
 
 
 def _bright_value(pixels: np.ndarray) -> float:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from stages.synthetic.truth import PaintedSurface, Truth
 
 STEEPEST_DEG = 85.0
-KNOWN_ALBEDO = 0.02  # below it, image over albedo says nothing about the shading
 
 
 class RenderSettings(Settings):
@@ -52,7 +51,7 @@ class RenderSettings(Settings):
         0.15, "Roughness α of the mirror (GGX): 0.15 makes highlights of some degrees.", gt=0, le=1
     )
     spacing: float = setting(
-        0.004, "Grid of the bust's mesh; 0.004 gives 320 k faces.", unit="bust heights", ge=0.0015, le=0.05
+        0.004, "Grid of the bust's mesh; 0.004 gives 240 k faces.", unit="bust heights", ge=0.0015, le=0.05
     )
     y_up: bool = setting(False, "Whether the object's own mesh has y upwards and faces +z.")
     object_parts: int = setting(4, "Parts that an object's own mesh is divided into.", ge=1, le=200)
@@ -268,9 +267,10 @@ def _write_image(job: Job, camera: Camera, truth: Truth, image: np.ndarray) -> N
     """Save an image, and the true shading: image over albedo where the albedo is known well enough."""
     import numpy as np
 
+    from stages.evaluation.judged_views import ALBEDO_FLOOR
     from stages.scene.exr import write_exr
 
-    known = truth.albedo >= KNOWN_ALBEDO
+    known = truth.albedo >= ALBEDO_FLOOR
     shading = np.where(known, image / np.where(known, truth.albedo, 1), 0).astype(np.float32)
     write_exr(job.outputs["images"] / f"{camera.name}.exr", image)
     write_exr(job.outputs["truth"] / "shading" / f"{camera.name}.exr", shading)

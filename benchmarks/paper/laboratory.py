@@ -41,7 +41,7 @@ class Size:
 
     @property
     def name(self) -> str:
-        """As in 540×960."""
+        """As in 540x960."""
         return f"{self.width_px}x{self.height_px}"
 
     @property
@@ -77,7 +77,6 @@ class Results:
 
     paths: dict[str, Path]
     facts: dict[str, dict[str, Any]]
-    cpu_seconds: dict[str, float]
 
     def energy(self) -> dict[str, Any]:
         """`energy.json`, parsed."""
@@ -126,10 +125,10 @@ class Laboratory:
             threads=self.threads,
             selection=Selection(last=last),
         )
-        store, paths, facts, seconds = Store(self.workspace), {}, {}, {}
+        store, paths, facts = Store(self.workspace), {}, {}
         for done in run(request, self.listener):
             record, stage = done.record, done.decision.stage
             folder = store.entry(record.stage, record.key)
             paths |= {artefact.name: folder / artefact.path for artefact in stage.gives}
-            facts[stage.name], seconds[stage.name] = record.facts, record.cpu_seconds
-        return Results(paths, facts, seconds)
+            facts[stage.name] = record.facts
+        return Results(paths, facts)

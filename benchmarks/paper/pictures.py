@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.judging import Judge, Maps
+from benchmarks.paper.judging import Judge
 from benchmarks.paper.methods import Estimate
-from stages.evaluation.judged_views import CHANNELS, channel_values, judge_view
+from stages.evaluation.judged_views import CHANNELS
 from stages.photometry.harmonics import shading_basis
 from stages.scene.contact_sheet import contact_sheet
 from stages.scene.photos import encode_srgb8
@@ -18,14 +18,12 @@ from stages.scene.photos import encode_srgb8
 def figure(judge: Judge, estimates: Sequence[Estimate], width_px: int = 220) -> np.ndarray:
     """One row per view, one column per method, (h, w, 3) uint8 sRGB; albedo scaled to the truth."""
     shown = [judge.names[k] for k in (0, len(judge.names) // 2, len(judge.names) - 1)]
-    truth = {name: judge.true_albedo(name) for name in judge.names}
     exposure = 1 / np.percentile(np.concatenate([judge.images[n][judge.masks[n]] for n in judge.names]), 99.5)
-    scaled = [fitted(judge, estimate.albedo, truth) for estimate in estimates]
     rows = {
         name: [
             encode_srgb8(judge.images[name] * exposure * judge.masks[name][..., None]),
-            encode_srgb8(truth[name] * judge.masks[name][..., None]),
-            *(encode_srgb8(albedo[name] * judge.masks[name][..., None]) for albedo in scaled),
+            encode_srgb8(judge.true_albedo(name) * judge.masks[name][..., None]),
+            *(encode_srgb8(fitted(estimate, name) * judge.masks[name][..., None]) for estimate in estimates),
             *(light_on_a_sphere(estimate, name, width_px) for estimate in estimates if estimate.light),
         ]
         for name in shown
@@ -34,14 +32,9 @@ def figure(judge: Judge, estimates: Sequence[Estimate], width_px: int = 220) -> 
     return contact_sheet(rows, ["photo", "truth", *(e.method for e in estimates), *lights], width_px)
 
 
-def fitted(judge: Judge, albedo: Maps, truth: Maps) -> Maps:
-    """The albedo times one factor per channel for all views: the least-squares fit to the truth."""
-    views = [judge_view(name, albedo[name], truth[name], judge.masks[name]) for name in judge.names]
-    scale = np.ones(3, np.float32)
-    for channel in range(3):
-        estimate, target = channel_values(views, channel)
-        scale[channel] = estimate @ target / max(float(estimate @ estimate), 1e-30)
-    return {name: albedo[name] * scale for name in judge.names}
+def fitted(estimate: Estimate, name: str) -> np.ndarray:
+    """A view's albedo in the scale that si-RMSE was measured in: one factor per channel for all views."""
+    return estimate.albedo[name] * np.array(estimate.scores.si_rmse_scales, np.float32)
 
 
 def light_on_a_sphere(estimate: Estimate, name: str, width_px: int) -> np.ndarray:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from pipeline import UserError
 from stages.evaluation.agreement import Correspondences
 from stages.evaluation.albedo_folder import AlbedoFolder, open_albedo_folder
 from stages.evaluation.judged_views import JudgedView, check_size, judge_view
 from stages.evaluation.scores import SCALING, Scores, finite_or_null, score_albedo
+from stages.scene.link_files import read_links
 from stages.scene.wording import listed
 
 
@@ -157,21 +156,3 @@ def _notes(prediction: AlbedoFolder, truth: AlbedoFolder, views: list[JudgedView
     elif truth.shading is None:
         notes.append("the truth has no shading: no leak")
     return tuple(notes)
-
-
-def read_links(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
-    """What the `correspondence` stage wrote, by the names of the two views.
-
-    Raises
-    ------
-    UserError
-        The folder holds something else.
-    """
-    try:
-        rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))
-        return {(row["i"], row["j"]): sp.csr_array(sp.load_npz(folder / row["file"])) for row in rows}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UserError(
-            f"{folder} cannot be read as correspondences ({type(error).__name__}: {error}); expected "
-            "index.json and its matrices, as in cache/correspondence/KEY/correspondences."
-        ) from error

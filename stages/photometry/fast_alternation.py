@@ -132,12 +132,11 @@ def solve(
     levels = pyramid(_finest(views, images, settings.weights), settings.fewest_pixels)
     albedo = levels[0].image / levels[0].share[:, None]
     light = np.ones((views.view_count, 3, views.basis.shape[1]))
-    for level, finer in zip(levels[:-1], levels[1:], strict=True):
+    for level in levels[:-1]:
         use_threads(_threads_for(level, threads))
         descent = _Descent(level, albedo, light, settings)
         descent.refit(settings.coarse_refits)
         albedo, light = descent.albedo[level.group], descent.light
-        albedo = np.where(np.isfinite(albedo), albedo, finer.image)
     use_threads(_threads_for(levels[-1], threads))
     return _finish(views, images, _Descent(levels[-1], albedo, light, settings), step)
 
