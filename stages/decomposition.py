@@ -71,13 +71,19 @@ class DecompositionSettings(Settings):
     )
     fast_tolerance: float = setting(
         1e-4,
-        "Relative fall of the energy over a round (ten refits of the light, sixty iterations on the albedo) "
-        "at which `solver: fast` is done.",
+        "Relative fall of the energy over a round (sixty iterations) at which `solver: fast` is done.",
         ge=0,
         lt=1,
     )
+    fast_gap: float = setting(
+        0.02,
+        "And how far, relative to the energy, the albedo may then be from the best one under its light: a "
+        "bound from the dual problem, several times what is really missing.",
+        gt=0,
+        le=1,
+    )
     fast_max_rounds: int = setting(
-        100, "Rounds of `solver: fast` at most; some tens are usual.", unit="rounds", ge=1
+        100, "Rounds of `solver: fast` at most; some ten to twenty are usual.", unit="rounds", ge=1
     )
 
 
@@ -167,6 +173,7 @@ def _fast(settings: DecompositionSettings) -> FastSettings:
     return FastSettings(
         weights=EnergyWeights(settings.lambda_, settings.mu, settings.delta),
         tolerance=settings.fast_tolerance,
+        gap_tolerance=settings.fast_gap,
         max_rounds=settings.fast_max_rounds,
     )
 
@@ -277,7 +284,7 @@ def _write_history(job: Job, settings: DecompositionSettings, solved: Solved) ->
 
 DECOMPOSITION = Stage(
     name="decomposition",
-    version=1,
+    version=2,
     about="Albedo, shading and light of each view, from all views together.",
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),

@@ -41,8 +41,11 @@ def variation(graph: HalfEdges, albedo: np.ndarray) -> float:
     return float(np.sum(graph.weight * np.abs(albedo[owner] - albedo[graph.neighbour])) / 2)
 
 
-def exact_energy(graph: HalfEdges, image: np.ndarray, shading: np.ndarray) -> float:
-    """Least Σ|I − S ρ| + Σ w |ρ_p − ρ_q| of one channel: a linear program in (ρ, |I − S ρ|, |Dρ|)."""
+def exact_energy(graph: HalfEdges, image: np.ndarray, shading: np.ndarray, in_gauge: bool = False) -> float:
+    """Least Σ|I − S ρ| + Σ w |ρ_p − ρ_q| of one channel: a linear program in (ρ, |I − S ρ|, |Dρ|).
+
+    In the gauge, Σ ρ = Σ I and ρ ≥ 0.
+    """
     count = graph.size
     owner = np.repeat(np.arange(count), np.diff(graph.first))
     once = owner < graph.neighbour
@@ -54,11 +57,14 @@ def exact_energy(graph: HalfEdges, image: np.ndarray, shading: np.ndarray) -> fl
     above = sp.block_array(
         [[s, -each, None], [-s, -each, None], [d, None, -between], [-d, None, -between]], format="csc"
     )
-    bounds = [(None, None)] * count + [(0, None)] * (count + tail.size)
+    total = sp.csr_array(np.concatenate([np.ones(count), np.zeros(count + tail.size)])[None])
+    bounds = [(0 if in_gauge else None, None)] * count + [(0, None)] * (count + tail.size)
     found = linprog(
         np.concatenate([np.zeros(count), np.ones(count), weight]),
         A_ub=above,
         b_ub=np.concatenate([image, -image, np.zeros(2 * tail.size)]),
+        A_eq=total if in_gauge else None,
+        b_eq=[image.sum()] if in_gauge else None,
         bounds=bounds,
         method="highs",
     )

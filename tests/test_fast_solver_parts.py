@@ -12,13 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stages.photometry.energy import EnergyWeights
-from stages.photometry.light_refit import ViewBlocks, refit_light, shading_of
-from stages.photometry.light_step import light_step
 from stages.photometry.pyramid import Level, coarser, pyramid
 from stages.photometry.stack import StackedViews, stack_views
+from stages.solvers.gram_matrices import gram_matrices
 from stages.solvers.half_edges import aggregated, from_edges
-from stages.solvers.primal_dual_graph import PrimalDual
+from stages.solvers.primal_dual_graph import PrimalDual, Problem, Steps
+from stages.solvers.sliced_graph import sliced_graph
+from stages.solvers.slices import BLOCK, Slices
 from stages.solvers.threading_layer import use_threads
+from tests.fixed_light import albedo_of, fixed_light
 from tests.linked_graphs import exact_energy, graph_of, random_views, variation
 from tests.sphere_scene import sphere_scene
 
@@ -96,6 +98,7 @@ def level_of(views: StackedViews, image: np.ndarray) -> Level:
         image.astype(np.float32),
         np.ones(len(image), np.float32),
         graph_of(views, WEIGHTS),
+        np.zeros(views.view_count, np.int64),
     )
 
 
@@ -161,11 +164,11 @@ def random_shading(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarr
     return (size * rng.choice([-1.0, 1.0], shape, p=[0.2, 0.8])).astype(np.float32)
 
 
-def solved(graph, image, shading, scale=0.1, count=6000) -> np.ndarray:
+def solved(graph, image, shading, count=6000) -> np.ndarray:
     use_threads(ONE_THREAD)
-    solver = PrimalDual(graph, image, scale)
-    solver.iterate(image, shading, count)
-    return solver.albedo
+    solver = fixed_light(graph, image, shading)
+    solver.iterate(count)
+    return albedo_of(solver)
 
 
 @given(SEEDS, st.sampled_from([0.05, 0.3, 2.0]), st.sampled_from([0.0, 0.3, 2.0]))
@@ -200,26 +203,61 @@ def test_a_heavy_edge_makes_its_two_pixels_equal():
     """Between 0.2 and 0.8 under unequal light: the better lit pixel has its way. A light edge parts them."""
     image = np.array([[0.2], [0.8 * 0.5]], np.float32).repeat(3, axis=1)
     shading = np.array([[1.0], [0.5]], np.float32).repeat(3, axis=1)
-    heavy, light = (from_edges(2, np.array([0]), np.array([1]), np.array([w])) for w in (1e4, 0.3))
+    heavy, light = (from_edges(2, np.array([0]), np.array([1]), np.array([w])) for w in (5.0, 0.3))
     assert np.allclose(solved(heavy, image, shading), 0.2, atol=1e-6)
     assert np.allclose(solved(light, image, shading)[:, 0], [0.2, 0.8], atol=1e-6)
 
 
-def test_the_albedo_step_gives_the_same_bits_on_one_thread_and_on_two():
-    rng = np.random.default_rng(2)
-    graph = graph_of(random_views(rng, view_count=4, side=40), WEIGHTS)
-    image, shading = rng.random((2, graph.size, 3)).astype(np.float32)
-    found = []
-    for threads in (1, 2):
-        use_threads(threads)
-        solver = PrimalDual(graph, image, 0.03)
-        solver.iterate(image, shading, 40)
-        found.append(solver.albedo)
-    assert np.array_equal(*found)
-    assert not np.array_equal(found[0], image)
+# Slices, and the graph in them
 
 
-# The light
+@given(SEEDS)
+@FEW
+def test_slices_give_back_what_was_spread_and_hold_nothing_else(seed):
+    rng = np.random.default_rng(seed)
+    slices = Slices(np.concatenate([[0], np.cumsum(rng.integers(0, 30, size=4))]))
+    values = rng.uniform(1, 2, (slices.starts[-1], 3)).astype(np.float32)
+    spread = slices.spread(values)
+    assert spread.shape == (slices.count, 3, 8)
+    assert np.array_equal(slices.collect(spread), values)
+    assert np.count_nonzero(spread) == values.size
+    for view in range(4):
+        own = spread[slices.first[view] : slices.first[view + 1], 0].ravel()
+        assert np.array_equal(own[own > 0], values[slices.starts[view] : slices.starts[view + 1], 0])
+
+
+def test_blocks_cover_every_slice_once_and_no_block_two_views():
+    slices = Slices(np.array([0, 5, 5, 5 + 8 * BLOCK + 1, 5 + 8 * BLOCK + 30]))
+    blocks = slices.blocks
+    covered = [s for b, e in zip(blocks.begin, blocks.end, strict=True) for s in range(b, e)]
+    assert covered == list(range(slices.count))
+    assert blocks.view.tolist() == [0, 2, 2, 3]
+    counts = blocks.by_view((blocks.end - blocks.begin)[:, None].astype(float))
+    assert counts.ravel().tolist() == np.diff(slices.first).tolist()
+
+
+@given(SEEDS)
+@FEW
+def test_rows_of_eight_hold_every_half_edge_once(seed):
+    """Read back from the rows, the graph is the graph; what fills a row up weighs nothing."""
+    rng = np.random.default_rng(seed)
+    views = random_views(rng)
+    graph, slices = graph_of(views, WEIGHTS), Slices(views.starts)
+    rows = sliced_graph(graph, slices)
+    pixel_at = np.full(8 * slices.count, -1)
+    pixel_at[slices.places] = np.arange(graph.size)
+    found = np.zeros((graph.size, graph.size), np.float32)
+    for s in range(slices.count):
+        for at in range(8 * int(rows.first[s]), 8 * int(rows.first[s + 1])):
+            if rows.weight[at]:
+                own, other = 8 * s + at % 8, rows.neighbour[at] // 24 * 8 + rows.neighbour[at] % 24
+                found[pixel_at[own], pixel_at[other]] += rows.weight[at]
+    expected = sp.csr_array((graph.weight, graph.neighbour, graph.first), shape=found.shape).toarray()
+    assert np.array_equal(found, expected)
+    assert np.allclose(rows.total[slices.places], np.maximum(expected.sum(axis=1), 1e-6), rtol=1e-6)
+
+
+# Albedo and light together
 
 
 @pytest.fixture(scope="module")
@@ -241,45 +279,114 @@ def unlinked() -> tuple[StackedViews, np.ndarray, np.ndarray, np.ndarray]:
     return views, image, albedo, light
 
 
-def refitted(views, image, albedo, light, delta=1e-4) -> np.ndarray:
-    basis = views.basis.astype(np.float32)
-    return refit_light(ViewBlocks(views.starts), basis, image, albedo, light, delta)
+def problem_of(views: StackedViews, image: np.ndarray) -> Problem:
+    slices = Slices(views.starts)
+    return Problem(
+        slices=slices,
+        graph=sliced_graph(graph_of(views, WEIGHTS), slices),
+        image=slices.spread(image),
+        basis=slices.spread(views.basis),
+        share=slices.spread(np.ones((len(image), 1))),
+        gauge_of_view=np.zeros(views.view_count, np.int64),
+        wanted=np.abs(image).sum(axis=0, dtype=np.float64)[None],
+    )
 
 
-def test_eq_11_the_compiled_light_step_is_the_light_step(unlinked):
-    """Eq. 11 with Eq. 12's weights, in three channels; the empty view's light is 0 in both."""
+def descent(unlinked, steps: Steps = Steps()) -> PrimalDual:  # noqa: B008 (frozen)
     views, image, albedo, light = unlinked
-    found = refitted(views, image, albedo, light)
-    for c in range(3):
-        one = (np.ascontiguousarray(each[:, c], np.float64) for each in (image, albedo))
-        expected = light_step(views, *one, light[:, c], 1e-4)
-        assert np.allclose(found[:, c], expected, rtol=1e-6, atol=1e-7)
-    assert not found[1].any()
+    problem = problem_of(views, image)
+    return PrimalDual(problem, problem.slices.spread(albedo), light, steps)
 
 
 def test_eq_1_compiled_shading_is_light_times_basis(unlinked):
     """S = σ·ν of Eq. 1."""
     views, _, _, light = unlinked
-    found = shading_of(ViewBlocks(views.starts), views.basis.astype(np.float32), light)
+    solver = descent(unlinked)
+    found = solver.problem.slices.collect(solver.shading())
     for c in range(3):
         assert np.allclose(found[:, c], views.shading(light[:, c]), atol=1e-5)
 
 
-def test_the_light_has_the_same_bits_on_one_thread_and_on_two(unlinked):
-    views, _, _, light = unlinked
-    assert ViewBlocks(views.starts).views.size > 3
+def test_gram_matrices_are_sums_of_products_of_the_basis(unlinked):
+    """Σ ρ² ν νᵀ per view and channel; 0 for the empty view."""
+    views, _, albedo, _ = unlinked
+    solver = descent(unlinked)
+    found = gram_matrices(solver.problem.slices.blocks, solver.problem.basis, solver.albedo)
+    for view in range(3):
+        basis, rho = views.basis[views.view(view)], albedo[views.view(view)].astype(float)
+        expected = np.einsum("pc,pk,pl->ckl", rho**2, basis, basis)
+        assert np.allclose(found[view], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_iterations_keep_the_gauge_and_give_the_same_bits_on_one_thread_and_on_two(unlinked):
     found = []
     for threads in (1, 2):
         use_threads(threads)
-        shading = shading_of(ViewBlocks(views.starts), views.basis.astype(np.float32), light)
-        found.append((refitted(*unlinked), shading))
+        solver = descent(unlinked)
+        solver.iterate(40)
+        found.append((solver.albedo, solver.light))
+        weighed = np.abs(solver.albedo).sum(axis=(0, 2), dtype=float)
+        assert np.allclose(weighed, solver.problem.wanted, rtol=1e-5)
     assert np.array_equal(found[0][0], found[1][0])
     assert np.array_equal(found[0][1], found[1][1])
+    assert not np.array_equal(found[0][1], unlinked[3])
 
 
-def test_a_black_channel_has_finite_light(unlinked):
+def test_a_light_that_is_held_stays(unlinked):
+    views, image, albedo, light = unlinked
+    problem = problem_of(views, image)
+    solver = PrimalDual(problem, problem.slices.spread(albedo), light, Steps(), free_light=False)
+    solver.iterate(20)
+    assert np.array_equal(solver.light, light)
+
+
+def test_a_black_channel_and_an_empty_view_have_finite_light(unlinked):
     views, image, albedo, light = unlinked
     image, albedo = image * np.float32([1, 0, 1]), albedo * np.float32([1, 1, 0])
-    found = refitted(views, image, albedo, light)
-    assert np.isfinite(found).all()
-    assert np.abs(found[[0, 2], 0]).max() > 0
+    solver = descent((views, image, albedo, light))
+    solver.iterate(60)
+    assert np.isfinite(solver.light).all()
+    assert np.isfinite(solver.albedo).all()
+
+
+def test_a_finer_level_inherits_the_duals_of_its_groups():
+    """What pulls at a group is a quarter of what pulls at its pixels together."""
+    views = sphere_scene(3, 24, 20).stacked()
+    rng = np.random.default_rng(4)
+    fine = level_of(views, rng.uniform(0.2, 1, (views.positions.shape[0], 3)))
+    coarse = coarser(fine)
+    light = np.zeros((3, 3, 9))
+    light[:, :, 0] = 3.5
+    one = _held(coarse, coarse.image / coarse.share[:, None], light)
+    one.iterate(100)
+    pull = _pulls(one)
+    two = _held(fine, albedo_of(one)[coarse.group], light)
+    two.inherit(one, coarse.group)
+    sums = np.stack([np.bincount(coarse.group, each) for each in _pulls(two).T], axis=1)
+    assert np.abs(pull).max() > 0.1
+    assert np.allclose(sums / 4, pull, atol=1e-3)
+
+
+def _held(level: Level, albedo: np.ndarray, light: np.ndarray) -> PrimalDual:
+    slices = Slices(level.starts)
+    problem = Problem(
+        slices,
+        sliced_graph(level.graph, slices),
+        slices.spread(level.image),
+        slices.spread(level.basis),
+        slices.spread(level.share[:, None]),
+        level.gauge_of_view,
+        np.abs(level.image).sum(axis=0, dtype=np.float64)[None],
+    )
+    return PrimalDual(problem, slices.spread(albedo), light, Steps(), free_light=False)
+
+
+def _pulls(solver: PrimalDual) -> np.ndarray:
+    """Kᵀy of every pixel, (N, 3)."""
+    graph, slices = solver.problem.graph, solver.problem.slices
+    dual = solver.edge_dual.reshape(-1, 3, 8) / 16383
+    weighed = dual * graph.weight.reshape(-1, 1, 8)
+    owner = np.repeat(np.arange(slices.count), np.diff(graph.first.astype(np.int64)))
+    pulls = np.zeros((slices.count, 3, 8))
+    np.add.at(pulls, owner, weighed)
+    return slices.collect(pulls)

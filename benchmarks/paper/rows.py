@@ -34,7 +34,7 @@ class Row:
     hair_red: float | None = None
 
 
-STRIPED = {"paint": "stripes", "light": "one_lamp"}
+STRIPED = {"paint": "stripes", "stripe_period": 0.1, "light": "one_lamp"}
 GLOSSY = {**STRIPED, "gloss": 0.2}
 FINE_PAINT = 1 / 12
 

@@ -20,12 +20,13 @@ class Outcome(Enum):
 
     CONVERGED = "converged: the energy hardly changes any more"
     LIMIT_REACHED = (
-        "limit reached: the energy was still changing; allow more alternations, "
+        "limit reached: the energy was still changing; allow more alternations (or rounds), "
         "or accept a larger relative change of the energy"
     )
     STALLED = (
-        "stalled: the energy hardly changed, but the last linear system was left unsolved, so that this may "
-        "be the solver's standstill and not the model's; allow more conjugate-gradient steps"
+        "stalled: the energy hardly changed, but the albedo was not shown to be near its optimum under the "
+        "light it has, so that this may be the solver's standstill and not the model's; allow more "
+        "conjugate-gradient steps (solver: paper), or accept a wider gap (solver: fast)"
     )
 
 

@@ -16,6 +16,10 @@ LEGEND = {
         "alternation, after the light step, after the albedo step; all before the gauge is reapplied: it "
         "never rises"
     ),
+    "gap": (
+        "solver: fast: how far the energy, all channels together, may at most be above that of the best "
+        "albedo under the same light, relative to it"
+    ),
     "gauge_scale": "factor that then brought the albedo back into the gauge",
 }
 
@@ -38,7 +42,8 @@ def rounds_as_json(descent: FastDescent, weights: EnergyWeights) -> list[dict[st
             "outcome_text": descent.outcome.value,
             "alternations": [
                 {
-                    "alternation": one.refits,
+                    "alternation": one.iterations,
+                    "gap": one.gap,
                     "energy": one.terms[channel].total(weights),
                     **_terms_as_json(one.terms[channel]),
                 }

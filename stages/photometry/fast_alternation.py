@@ -6,17 +6,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from stages.photometry.alternation import Outcome
 from stages.photometry.energy import EnergyTerms, EnergyWeights, energy_terms
-from stages.photometry.light_refit import ViewBlocks, refit_light, shading_of
 from stages.photometry.pyramid import Level, pyramid
 from stages.photometry.stack import StackedViews
 from stages.solvers.half_edges import half_edges
-from stages.solvers.primal_dual_graph import PrimalDual
+from stages.solvers.primal_dual_graph import PrimalDual, Problem, Steps
+from stages.solvers.sliced_graph import sliced_graph
+from stages.solvers.slices import Slices
 from stages.solvers.threading_layer import use_threads
 
 PIXELS_PER_THREAD = 20_000
+UNIFORM = 1 / np.sqrt(4 * np.pi)  # ν of the first harmonic, the same for every normal
+STANDSTILL = 10  # rounds without progress, the gap still open, after which more would be waste
 
 
 @dataclass(frozen=True)
@@ -28,34 +33,47 @@ class FastSettings:
     weights : EnergyWeights
     tolerance : float
         Relative fall of the energy over a round at which the finest level is done.
+    gap_tolerance : float
+        How far the albedo may then be from its optimum under the light it has, relative energy.
     max_rounds : int
         Rounds of the finest level at most.
-    refits_per_round, iterations_per_refit : int
-        Light refits between two looks at the energy, and albedo iterations (even) between two refits.
-    coarse_refits : int
-        Refits on each coarser level.
-    step_scale : float
-        `scale` of `PrimalDual`, in units of the scaled image.
+    round_iterations : int
+        Iterations between two looks at the energy.
+    coarse_iterations : int
+        On the level above the finest; twice as many on every further one.
+    steps : Steps
+        Of an iteration, in units of the scaled image.
     fewest_pixels : int
         Per view at the coarsest level.
     """
 
     weights: EnergyWeights
     tolerance: float = 1e-4
+    gap_tolerance: float = 0.02
     max_rounds: int = 100
-    refits_per_round: int = 10
-    iterations_per_refit: int = 6
-    coarse_refits: int = 100
-    step_scale: float = 0.03
-    fewest_pixels: int = 500
+    round_iterations: int = 60
+    coarse_iterations: int = 120
+    steps: Steps = Steps()
+    fewest_pixels: int = 40
 
 
 @dataclass(frozen=True)
 class Round:
-    """What a round left: refits so far, and Eq. 2's terms per channel, in the gauge."""
+    """What a round left.
 
-    refits: int
+    Attributes
+    ----------
+    iterations : int
+        So far, on the finest level.
+    terms : tuple of EnergyTerms
+        Eq. 2's, per channel, in the gauge.
+    gap : float
+        How far the energy may at most be above that of the best albedo under this light, relative to it.
+    """
+
+    iterations: int
     terms: tuple[EnergyTerms, ...]
+    gap: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,37 +94,6 @@ class FastDescent:
     light: np.ndarray
     rounds: tuple[Round, ...]
     outcome: Outcome
-
-
-class _Descent:
-    """Albedo and light of one level on their way down."""
-
-    def __init__(self, level: Level, albedo: np.ndarray, light: np.ndarray, settings: FastSettings):
-        self.level, self.settings, self.light = level, settings, light
-        self._solver = PrimalDual(level.graph, albedo, settings.step_scale)
-        self._blocks = ViewBlocks(level.starts)
-        self._wanted = np.abs(level.image).sum(axis=0, dtype=np.float64)
-
-    @property
-    def albedo(self) -> np.ndarray:
-        return self._solver.albedo
-
-    def refit(self, times: int) -> None:
-        """Iterate on the albedo, refit the light, restore the gauge; `times` times."""
-        level = self.level
-        for _ in range(times):
-            shading = shading_of(self._blocks, level.basis, self.light)
-            self._solver.iterate(level.image, shading, self.settings.iterations_per_refit)
-            self.light = refit_light(
-                self._blocks, level.basis, level.image, self.albedo, self.light, self.settings.weights.delta
-            )
-            self._restore_gauge()
-
-    def _restore_gauge(self) -> None:
-        current = np.einsum("pc,p->c", np.abs(self.albedo), self.level.share, dtype=np.float64)
-        factors = np.where((current > 0) & (self._wanted > 0), self._wanted / np.maximum(current, 1e-30), 1.0)
-        self._solver.rescale(factors)
-        self.light = self.light / factors[:, None]
 
 
 def solve(
@@ -130,15 +117,52 @@ def solve(
         Called after every round.
     """
     levels = pyramid(_finest(views, images, settings.weights), settings.fewest_pixels)
-    albedo = levels[0].image / levels[0].share[:, None]
-    light = np.ones((views.view_count, 3, views.basis.shape[1]))
-    for level in levels[:-1]:
-        use_threads(_threads_for(level, threads))
-        descent = _Descent(level, albedo, light, settings)
-        descent.refit(settings.coarse_refits)
-        albedo, light = descent.albedo[level.group], descent.light
+    descent = _start(levels[0], settings)
+    for depth in range(len(levels) - 1, 0, -1):
+        coarse, fine = levels[-1 - depth], levels[-depth]
+        use_threads(_threads_for(coarse, threads))
+        descent.iterate(settings.coarse_iterations * 2 ** (depth - 1))
+        descent = _refined(descent, fine, coarse.group, settings)
     use_threads(_threads_for(levels[-1], threads))
-    return _finish(views, images, _Descent(levels[-1], albedo, light, settings), step)
+    return _finish(views, images, descent, settings, step)
+
+
+def _start(level: Level, settings: FastSettings) -> PrimalDual:
+    """The paper's start: the image is all albedo, and the shading as near to 1 as the basis allows."""
+    problem = _problem(level)
+    albedo = level.image / level.share[:, None]
+    light = np.zeros((level.starts.size - 1, 3, level.basis.shape[1]))
+    light[:, :, 0] = 1 / UNIFORM
+    return PrimalDual(problem, problem.slices.spread(albedo), light, settings.steps)
+
+
+def _refined(coarse: PrimalDual, level: Level, group: np.ndarray, settings: FastSettings) -> PrimalDual:
+    """The next level, begun where the one before stands."""
+    problem = _problem(level)
+    albedo = coarse.problem.slices.collect(coarse.albedo)[group]
+    descent = PrimalDual(problem, problem.slices.spread(albedo), coarse.light, settings.steps)
+    descent.inherit(coarse, group)
+    return descent
+
+
+def _problem(level: Level) -> Problem:
+    slices = Slices(level.starts)
+    return Problem(
+        slices=slices,
+        graph=sliced_graph(level.graph, slices),
+        image=slices.spread(level.image),
+        basis=slices.spread(level.basis),
+        share=slices.spread(level.share[:, None]),
+        gauge_of_view=level.gauge_of_view,
+        wanted=_brightness(level),
+    )
+
+
+def _brightness(level: Level) -> np.ndarray:
+    """Σ|I| of every gauge and channel, (G, 3)."""
+    gauge = level.gauge_of_view[level.view_of_pixel]
+    count = int(level.gauge_of_view.max(initial=-1)) + 1
+    return np.stack([np.bincount(gauge, np.abs(level.image[:, c]), count) for c in range(3)], axis=1)
 
 
 def _threads_for(level: Level, threads: int) -> int:
@@ -147,28 +171,45 @@ def _threads_for(level: Level, threads: int) -> int:
 
 
 def _finish(
-    views: StackedViews, images: list[np.ndarray], descent: _Descent, step: Callable[[], None]
+    views: StackedViews,
+    images: list[np.ndarray],
+    descent: PrimalDual,
+    settings: FastSettings,
+    step: Callable[[], None],
 ) -> FastDescent:
     """Rounds on the finest level until the energy settles; the best state seen is kept."""
-    settings = descent.settings
-    descent.refit(1)
-    rounds = [_look(views, images, descent, 1)]
-    best, kept = rounds[0], (descent.albedo.copy(), descent.light)
-    outcome = Outcome.LIMIT_REACHED
+    rounds = [_look(views, images, descent, 0)]
+    best, kept = rounds[0], _state(descent)
+    outcome, standing = Outcome.LIMIT_REACHED, 0
     for k in range(1, settings.max_rounds + 1):
-        descent.refit(settings.refits_per_round)
-        rounds.append(_look(views, images, descent, 1 + k * settings.refits_per_round))
+        descent.iterate(settings.round_iterations)
+        rounds.append(_look(views, images, descent, k * settings.round_iterations))
         least, energy = (_total(one, settings.weights) for one in (best, rounds[-1]))
         step()
-        fall = (least - energy) / least if least > 0 else 0.0
         if energy <= least:
-            best, kept = rounds[-1], (descent.albedo.copy(), descent.light)
-        if abs(fall) <= settings.tolerance:
+            best, kept = rounds[-1], _state(descent)
+        standing = standing + 1 if abs(least - energy) <= settings.tolerance * least else 0
+        if standing and rounds[-1].gap <= settings.gap_tolerance:
             outcome = Outcome.CONVERGED
+            break
+        if standing == STANDSTILL:
+            outcome = Outcome.STALLED
             break
     if rounds[-1] is not best:
         rounds.append(best)
     return FastDescent(kept[0].astype(np.float64), kept[1], tuple(rounds), outcome)
+
+
+def _linked_views(views: StackedViews) -> np.ndarray:
+    """Number every set of views that links join, shape (n,): each has a scale of its own."""
+    view_of_pixel = np.repeat(np.arange(views.view_count), np.diff(views.starts))
+    ends = view_of_pixel[views.c.indices.reshape(-1, 2)]
+    joined = sp.coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=2 * (views.view_count,))
+    return connected_components(joined, directed=False)[1].astype(np.int64)
+
+
+def _state(descent: PrimalDual) -> tuple[np.ndarray, np.ndarray]:
+    return descent.problem.slices.collect(descent.albedo), descent.light
 
 
 def _finest(views: StackedViews, images: list[np.ndarray], weights: EnergyWeights) -> Level:
@@ -180,20 +221,17 @@ def _finest(views: StackedViews, images: list[np.ndarray], weights: EnergyWeight
         image=np.stack(images, axis=1).astype(np.float32),
         share=np.ones(len(images[0]), np.float32),
         graph=half_edges([*operators, (views.c, weights.consistency)]),
+        gauge_of_view=_linked_views(views),
     )
 
 
-def _look(views: StackedViews, images: list[np.ndarray], descent: _Descent, refits: int) -> Round:
-    albedo = descent.albedo.astype(np.float64)
-    return Round(
-        refits,
-        tuple(
-            energy_terms(
-                views, image, np.ascontiguousarray(albedo[:, c]), np.ascontiguousarray(descent.light[:, c])
-            )
-            for c, image in enumerate(images)
-        ),
+def _look(views: StackedViews, images: list[np.ndarray], descent: PrimalDual, iterations: int) -> Round:
+    albedo, light = _state(descent)
+    terms = tuple(
+        energy_terms(views, image, albedo[:, c].astype(np.float64), np.ascontiguousarray(light[:, c]))
+        for c, image in enumerate(images)
     )
+    return Round(iterations, terms, descent.bounds().gap)
 
 
 def _total(one: Round, weights: EnergyWeights) -> float:

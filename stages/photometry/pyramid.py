@@ -24,6 +24,8 @@ class Level:
         How full every group is: 1 where nothing is missing.
     graph : HalfEdges
         λ and μ are in its weights.
+    gauge_of_view : ndarray, shape (n,), int64
+        The same number for views that links join.
     group : ndarray, shape (N of the finer level,), int64, or None
         Where every pixel of the next finer level went; None at the finest.
     """
@@ -34,6 +36,7 @@ class Level:
     image: np.ndarray
     share: np.ndarray
     graph: HalfEdges
+    gauge_of_view: np.ndarray
     group: np.ndarray | None = None
 
     @property
@@ -63,6 +66,7 @@ def coarser(level: Level) -> Level:
         image=_quarter_sums(group, level.image, count),
         share=_quarter_sums(group, level.share[:, None], count)[:, 0],
         graph=HalfEdges(graph.first, graph.neighbour, graph.weight / np.float32(4)),
+        gauge_of_view=level.gauge_of_view,
         group=group,
     )
 

@@ -1,0 +1,122 @@
+"""How far an albedo may be from the best one under the same light: a bound from the duals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+import stages.solvers.threading_layer  # noqa: F401
+from stages.solvers.lanes import clipped, gather, lane_sum, load, magnitude, spread, where_above
+from stages.solvers.sliced_graph import SlicedGraph
+from stages.solvers.slices import Blocks
+
+EIGHT, SLICE, ONE = np.uint64(8), np.uint64(24), np.uint64(1)
+UNIT = np.float32(16383)  # as in `primal_dual_graph`
+NOTHING = np.float32(1e-12)  # a pixel whose |shading| is below this says nothing about its albedo
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """What an albedo costs, and what the best one costs at least, per channel, (3,) each, float64."""
+
+    energy: np.ndarray
+    least: np.ndarray
+
+    @property
+    def gap(self) -> float:
+        """How far the energy, over all channels, may be above the least possible, relative to it."""
+        energy, least = float(self.energy.sum()), float(self.least.sum())
+        return (energy - least) / energy if energy > 0 else 0.0
+
+
+def bounds(
+    blocks: Blocks,
+    graph: SlicedGraph,
+    edge_dual: np.ndarray,
+    albedo: np.ndarray,
+    image: np.ndarray,
+    shading: np.ndarray,
+    share: np.ndarray,
+    multiplier: np.ndarray,
+    kept: np.ndarray,
+) -> Bounds:
+    """Energy and lower bound of ``min_ρ Σ_p |I_p − S_p ρ_p| + Σ_{pq} w_pq |ρ_p − ρ_q|``.
+
+    Parameters
+    ----------
+    blocks, graph, edge_dual, albedo, image, shading, share
+        As in `PrimalDual` and `Problem`.
+    multiplier : ndarray, shape (n, 3), float64
+        m, of every view's gauge: the minimum is over the albedos with ``Σ share |ρ| = wanted``. With m = 0 it
+        is over all.
+    kept : ndarray, shape (3,), float64
+        ``Σ m · wanted`` over the gauges.
+
+    Notes
+    -----
+    For duals within ±w, and albedos between the least and the greatest I/S, ``[a, b]``,
+    ``E ≥ Σ_p min_{a ≤ v ≤ b} (|I_p − S_p v| + (Kᵀy)_p v − m share_p |v|) + kept``,
+    whose minima are at a, at b, or at I/S. Without a gauge the best albedo lies in that range.
+    """
+    sums = np.zeros((blocks.view.size, 3, 2))
+    _bounds(
+        (blocks.view, blocks.begin, blocks.end),
+        (graph.first, graph.neighbour, graph.weight),
+        edge_dual,
+        albedo.ravel(),
+        (image.ravel(), shading.ravel(), share.ravel()),
+        multiplier.astype(np.float32),
+        _range_of_quotients(image, shading),
+        sums,
+    )
+    energy, least = sums.sum(axis=0).T
+    return Bounds(energy, least + kept)
+
+
+def _range_of_quotients(image: np.ndarray, shading: np.ndarray) -> np.ndarray:
+    """Least and greatest I/S of every channel, (3, 2), float32; (0, 0) for a channel without light."""
+    found = np.zeros((3, 2), np.float32)
+    for c in range(3):
+        lit = np.abs(shading[:, c]) >= NOTHING
+        quotients = image[:, c][lit] / shading[:, c][lit]
+        if quotients.size:
+            found[c] = quotients.min(), quotients.max()
+    return found
+
+
+@numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def _bounds(blocks, graph, dual, albedo, givens, multiplier, quotients, sums):
+    """Energy and bound, summed over the slices of a block."""
+    views, begins, ends = blocks
+    first, neighbour, weight = graph
+    image, shading, share = givens
+    half, pull_scale, unit = spread(np.float32(0.5)), spread(np.float32(1) / UNIT), spread(UNIT)
+    zero, nothing = spread(np.float32(0)), spread(NOTHING)
+    for block in numba.prange(begins.size):
+        for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
+            for c in range(3):
+                shift = np.uint64(c) * EIGHT
+                at = s * SLICE + shift
+                rho, light, value = load(albedo, at), load(shading, at), load(image, at)
+                energy, pull = magnitude(value - light * rho), zero
+                for row in range(first[s], first[s + ONE]):
+                    w = load(weight, row * EIGHT)
+                    difference = rho - gather(albedo, shift, neighbour, row * EIGHT)
+                    energy = energy + half * w * magnitude(difference)
+                    pull = pull + w * clipped(load(dual, row * SLICE + shift), unit)
+                pull, gain = pull_scale * pull, spread(multiplier[views[block], c]) * load(share, s * EIGHT)
+                low, high = spread(quotients[c, 0]), spread(quotients[c, 1])
+                fit = where_above(magnitude(light), nothing, value / light, low)
+                least = _cost(fit, value, light, pull, gain)
+                for end in (low, high):
+                    there = _cost(end, value, light, pull, gain)
+                    least = least - where_above(least, there, least - there, zero)
+                sums[block, c, 0] += lane_sum(energy)
+                sums[block, c, 1] += lane_sum(least)
+
+
+@numba.njit(inline="always")
+def _cost(albedo, value, light, pull, gain):
+    return magnitude(value - light * albedo) + pull * albedo - gain * magnitude(albedo)

@@ -1,0 +1,92 @@
+"""Pixels in slices of eight, so that compiled loops take eight of them at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from stages.solvers.lanes import COUNT
+
+BLOCK = 128  # slices that a thread takes at a time; the order of sums depends on it, and on nothing else
+
+
+@dataclass(frozen=True, eq=False)
+class Slices:
+    """Every view's pixels in slices of eight consecutive ones; a view's last slice is filled up.
+
+    Values of k kinds per pixel, (N, k), are held as (S, k, 8): kind by kind within a slice.
+
+    Attributes
+    ----------
+    starts : ndarray, shape (n + 1,), int64
+        View i owns the pixels ``starts[i]:starts[i + 1]``.
+    """
+
+    starts: np.ndarray
+
+    @cached_property
+    def first(self) -> np.ndarray:
+        """View i owns the slices ``first[i]:first[i + 1]``; shape (n + 1,), int64."""
+        return np.concatenate([[0], np.cumsum(-(-np.diff(self.starts) // COUNT))]).astype(np.int64)
+
+    @property
+    def count(self) -> int:
+        """S."""
+        return int(self.first[-1])
+
+    @cached_property
+    def places(self) -> np.ndarray:
+        """Where pixel p is: lane ``place % 8`` of slice ``place // 8``; shape (N,), int64."""
+        shifts = COUNT * self.first[:-1] - self.starts[:-1]
+        return np.arange(self.starts[-1]) + np.repeat(shifts, np.diff(self.starts))
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Values (N, k) as (S, k, 8), float32; 0 where no pixel is."""
+        padded = np.zeros((COUNT * self.count, values.shape[1]), np.float32)
+        padded[self.places] = values
+        by_slice = padded.reshape(self.count, COUNT, values.shape[1])
+        return np.ascontiguousarray(by_slice.swapaxes(1, 2))
+
+    def collect(self, sliced: np.ndarray) -> np.ndarray:
+        """Values (S, k, 8) as (N, k)."""
+        return sliced.swapaxes(1, 2).reshape(-1, sliced.shape[1])[self.places]
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """The slices in runs of at most `BLOCK`, none across two views: what a thread takes at a time."""
+        views, begins = [], []
+        for view in range(len(self.first) - 1):
+            own = np.arange(self.first[view], self.first[view + 1], BLOCK)
+            views.append(np.full(own.size, view))
+            begins.append(own)
+        view, begin = np.concatenate(views), np.concatenate(begins)
+        return Blocks(len(self.first) - 1, view, begin, np.minimum(begin + BLOCK, self.first[view + 1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Runs of slices.
+
+    Attributes
+    ----------
+    view_count : int
+    view, begin, end : ndarray, shape (B,), int64
+        Block b takes the slices ``begin[b]:end[b]``, of one view.
+    """
+
+    view_count: int
+    view: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+
+    @cached_property
+    def _membership(self) -> sp.csr_array:
+        ones, places = np.ones(self.view.size), (self.view, np.arange(self.view.size))
+        return sp.csr_array((ones, places), shape=(self.view_count, self.view.size))
+
+    def by_view(self, sums: np.ndarray) -> np.ndarray:
+        """Sums of every block, (B, …), added up for every view, (n, …)."""
+        return (self._membership @ sums.reshape(len(sums), -1)).reshape(self.view_count, *sums.shape[1:])

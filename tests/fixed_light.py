@@ -1,0 +1,32 @@
+"""The albedo step alone: `PrimalDual` with the light held and nothing asked of the albedo's scale."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.solvers.half_edges import HalfEdges
+from stages.solvers.primal_dual_graph import PrimalDual, Problem, Steps
+from stages.solvers.sliced_graph import sliced_graph
+from stages.solvers.slices import Slices
+
+STEPS = Steps(scale=0.1)
+
+
+def fixed_light(graph: HalfEdges, image: np.ndarray, shading: np.ndarray, steps: Steps = STEPS) -> PrimalDual:
+    """Start at ρ = I for a given shading, (N, 3) each: three harmonics stand in for the three channels'."""
+    slices = Slices(np.array([0, graph.size]))
+    problem = Problem(
+        slices=slices,
+        graph=sliced_graph(graph, slices),
+        image=slices.spread(image),
+        basis=slices.spread(shading),
+        share=slices.spread(np.ones((graph.size, 1))),
+        gauge_of_view=np.zeros(1, np.int64),
+        wanted=np.abs(image).sum(axis=0, dtype=np.float64)[None],
+    )
+    return PrimalDual(problem, slices.spread(image), np.eye(3)[None], steps, free_light=False)
+
+
+def albedo_of(solver: PrimalDual) -> np.ndarray:
+    """ρ, (N, 3), float32."""
+    return solver.problem.slices.collect(solver.albedo)
