@@ -1,8 +1,8 @@
 """Eight numbers at a time: the vectors that compiled loops over pixels work on.
 
 The compiler does not turn loops over a graph of pixels into vector instructions by itself; with these it
-has no choice. Inside ``numba.njit`` functions a `Lanes` value adds, subtracts, multiplies and divides lane by lane
-like a number.
+has no choice. Inside ``numba.njit`` functions a `Lanes` value adds, subtracts, multiplies and divides lane
+by lane like a number.
 """
 
 from __future__ import annotations
