@@ -51,11 +51,16 @@ check: $(VENV)/.ready-test ## format, lint, generated documentation up to date
 docs: $(VENV)/.ready ## write the generated documentation anew
 	$(VENV)/bin/python docs/generate.py
 
-benchmarks: $(VENV)/.ready ## accuracy: sample and fountain (after make sample, make fountain), MIT-Berkeley objects
+$(VENV)/.ready-benchmarks: pyproject.toml setup.sh
+	sh setup.sh benchmarks
+	@touch $@ $(VENV)/.ready
+
+benchmarks: $(VENV)/.ready-benchmarks ## accuracy (after make sample, make fountain; MIT-Berkeley objects), solvers against rivals
 	$(VENV)/bin/python -m benchmarks.dense_truth workspaces/sample
 	$(VENV)/bin/python -m benchmarks.dense_truth --true-cameras
 	$(VENV)/bin/python -m benchmarks.fountain_poses
 	$(VENV)/bin/python -m benchmarks.mit_berkeley --quick
+	$(VENV)/bin/python -m benchmarks.solver --quick
 
 clean: ## remove the environment and all caches of tools; workspaces stay
 	rm -rf $(VENV) build *.egg-info .pytest_cache .ruff_cache .hypothesis

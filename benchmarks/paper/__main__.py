@@ -16,7 +16,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
 
 from benchmarks.paper.judging import Judge  # noqa: E402
-from benchmarks.paper.laboratory import FULL, QUARTER, TENTH, TINY, Laboratory, Size, Weights  # noqa: E402
+from benchmarks.paper.laboratory import FULL, QUARTER, TENTH, TINY, Laboratory, Size  # noqa: E402
 from benchmarks.paper.methods import Estimate, cartoon, image_itself, paper  # noqa: E402
 from benchmarks.paper.pictures import figure  # noqa: E402
 from benchmarks.paper.report import Experiment, Sweeps, write_report  # noqa: E402
@@ -112,7 +112,7 @@ def experiment(laboratory: Laboratory, rows: Sequence[Row], sweeps: Sweeps, to: 
         if not cartoons:
             cartoons = tuple(sweep_cartoon(judge, laboratory.threads))
         fidelity = best(cartoons).fidelity
-        estimates = methods(laboratory, row, judge, fidelity, sweeps.chosen.weights)
+        estimates = methods(laboratory, row, judge, fidelity, sweeps)
         to.mkdir(parents=True, exist_ok=True)
         write_png8(to / f"{row.name}-{laboratory.size.name}.png", figure(judge, estimates))
         judged.append(Judged(row, tuple(replace(estimate, albedo={}) for estimate in estimates)))
@@ -120,16 +120,13 @@ def experiment(laboratory: Laboratory, rows: Sequence[Row], sweeps: Sweeps, to: 
 
 
 def methods(
-    laboratory: Laboratory, row: Row, judge: Judge, fidelity: float, weights: Weights
+    laboratory: Laboratory, row: Row, judge: Judge, fidelity: float, sweeps: Sweeps
 ) -> list[Estimate]:
     """Every method's estimate of a row."""
-    estimates = [
-        image_itself(judge),
-        cartoon(judge, fidelity, laboratory.threads),
-        paper(laboratory, row, judge, weights),
-    ]
-    if laboratory.size.solved_well:
-        estimates.append(paper(laboratory, row, judge, weights, solved_well=True))
+    estimates = [image_itself(judge), cartoon(judge, fidelity, laboratory.threads)]
+    if laboratory.size.paper_scheme:
+        estimates.append(paper(laboratory, row, judge, sweeps.chosen.weights))
+    estimates.append(paper(laboratory, row, judge, sweeps.best_solved_well.weights, solved_well=True))
     return estimates
 
 

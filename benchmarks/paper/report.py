@@ -29,15 +29,16 @@ fig7)."""
 
 RULE = """λ of `mode: paper` is the one of the grid below with the least si-RMSE (mean of the channels) on
 Fig. 3 at μ = 1, then μ the best at that λ; both are kept for all rows but where the paper itself divides λ by
-12 (Figs. 5 to 7). The variance cannot
-choose: an albedo that is constant everywhere, which a large λ gives, has none. λ is stated as it is at
+12 (Figs. 5 to 7). The paper's scheme, stopped by its own rule, and the same energy solved well have each
+their own, by the same rule. The variance cannot choose: an albedo that is constant everywhere, which a large
+λ gives, has none. λ is stated as it is at
 540×960; at a size s times as large it is s times as much, since the data term counts pixels and the
 smoothness lengths; μ stays. Cartoon-texture: the best of its own grid by the same rule, at each size."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sweeps:
-    """How λ and μ of `mode: paper` were chosen; and what they would be, were its energy solved well."""
+    """How λ and μ were chosen: for the paper's scheme as it stops, and for its energy solved well."""
 
     size: Size
     tried: tuple[Tried, ...]

@@ -6,7 +6,7 @@ from typing import Any
 
 from stages.photometry.alternation import AlternationRecord, Descent
 from stages.photometry.energy import EnergyTerms, EnergyWeights
-from stages.photometry.fast_alternation import FastDescent
+from stages.photometry.fast_alternation import FastDescent, Round
 
 LEGEND = {
     "energy": "Eq. 2 in the gauge (sum of |albedo| = sum of |image| in each channel)",
@@ -41,17 +41,20 @@ def rounds_as_json(descent: FastDescent, weights: EnergyWeights) -> list[dict[st
             "outcome": descent.outcome.name.lower(),
             "outcome_text": descent.outcome.value,
             "alternations": [
+                *(_round_as_json(one, channel) for one in descent.rounds[:-1]),
                 {
-                    "alternation": one.iterations,
-                    "gap": one.gap,
-                    "energy": one.terms[channel].total(weights),
-                    **_terms_as_json(one.terms[channel]),
-                }
-                for one in descent.rounds
+                    **_round_as_json(descent.rounds[-1], channel),
+                    "energy": terms.total(weights),
+                    **_terms_as_json(terms),
+                },
             ],
         }
-        for channel in range(3)
+        for channel, terms in enumerate(descent.terms)
     ]
+
+
+def _round_as_json(one: Round, channel: int) -> dict[str, Any]:
+    return {"alternation": one.iterations, "energy": one.energy[channel], "gap": one.gap}
 
 
 def _record_as_json(number: int, record: AlternationRecord) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""`solver: fast`: Eq. 2 by a primal-dual scheme on the graph of pixels, the light refitted all along."""
+"""`solver: fast`: Eq. 2 by a primal-dual scheme on the graph of pixels, from coarse to fine."""
 
 from __future__ import annotations
 
@@ -6,17 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from stages.photometry.alternation import Outcome
 from stages.photometry.energy import EnergyTerms, EnergyWeights, energy_terms
 from stages.photometry.pyramid import Level, pyramid
+from stages.photometry.saddle import finest_level, problem_of
 from stages.photometry.stack import StackedViews
-from stages.solvers.half_edges import half_edges
-from stages.solvers.primal_dual_graph import PrimalDual, Problem, Steps
-from stages.solvers.sliced_graph import sliced_graph
-from stages.solvers.slices import Slices
+from stages.solvers.primal_dual_graph import PrimalDual, Steps
 from stages.solvers.threading_layer import use_threads
 
 PIXELS_PER_THREAD = 20_000
@@ -65,14 +61,14 @@ class Round:
     ----------
     iterations : int
         So far, on the finest level.
-    terms : tuple of EnergyTerms
-        Eq. 2's, per channel, in the gauge.
+    energy : tuple of float
+        Eq. 2 per channel, in the gauge; summed in float32 within every eight pixels.
     gap : float
         How far the energy may at most be above that of the best albedo under this light, relative to it.
     """
 
     iterations: int
-    terms: tuple[EnergyTerms, ...]
+    energy: tuple[float, ...]
     gap: float
 
 
@@ -84,6 +80,8 @@ class FastDescent:
     ----------
     albedo : ndarray, shape (N, 3), float64
     light : ndarray, shape (n, 3, K), float64
+    terms : tuple of EnergyTerms
+        Eq. 2's, per channel, in the gauge.
     rounds : tuple of Round
         The first is the state that the coarser levels left, the last the solution: an earlier one again
         where the energy has risen since.
@@ -92,6 +90,7 @@ class FastDescent:
 
     albedo: np.ndarray
     light: np.ndarray
+    terms: tuple[EnergyTerms, ...]
     rounds: tuple[Round, ...]
     outcome: Outcome
 
@@ -116,7 +115,7 @@ def solve(
     step : callable
         Called after every round.
     """
-    levels = pyramid(_finest(views, images, settings.weights), settings.fewest_pixels)
+    levels = pyramid(finest_level(views, images, settings.weights), settings.fewest_pixels)
     descent = _start(levels[0], settings)
     for depth in range(len(levels) - 1, 0, -1):
         coarse, fine = levels[-1 - depth], levels[-depth]
@@ -129,7 +128,7 @@ def solve(
 
 def _start(level: Level, settings: FastSettings) -> PrimalDual:
     """The paper's start: the image is all albedo, and the shading as near to 1 as the basis allows."""
-    problem = _problem(level)
+    problem = problem_of(level)
     albedo = level.image / level.share[:, None]
     light = np.zeros((level.starts.size - 1, 3, level.basis.shape[1]))
     light[:, :, 0] = 1 / UNIFORM
@@ -138,31 +137,11 @@ def _start(level: Level, settings: FastSettings) -> PrimalDual:
 
 def _refined(coarse: PrimalDual, level: Level, group: np.ndarray, settings: FastSettings) -> PrimalDual:
     """The next level, begun where the one before stands."""
-    problem = _problem(level)
+    problem = problem_of(level)
     albedo = coarse.problem.slices.collect(coarse.albedo)[group]
     descent = PrimalDual(problem, problem.slices.spread(albedo), coarse.light, settings.steps)
     descent.inherit(coarse, group)
     return descent
-
-
-def _problem(level: Level) -> Problem:
-    slices = Slices(level.starts)
-    return Problem(
-        slices=slices,
-        graph=sliced_graph(level.graph, slices),
-        image=slices.spread(level.image),
-        basis=slices.spread(level.basis),
-        share=slices.spread(level.share[:, None]),
-        gauge_of_view=level.gauge_of_view,
-        wanted=_brightness(level),
-    )
-
-
-def _brightness(level: Level) -> np.ndarray:
-    """Σ|I| of every gauge and channel, (G, 3)."""
-    gauge = level.gauge_of_view[level.view_of_pixel]
-    count = int(level.gauge_of_view.max(initial=-1)) + 1
-    return np.stack([np.bincount(gauge, np.abs(level.image[:, c]), count) for c in range(3)], axis=1)
 
 
 def _threads_for(level: Level, threads: int) -> int:
@@ -178,13 +157,13 @@ def _finish(
     step: Callable[[], None],
 ) -> FastDescent:
     """Rounds on the finest level until the energy settles; the best state seen is kept."""
-    rounds = [_look(views, images, descent, 0)]
+    rounds = [_look(descent, 0)]
     best, kept = rounds[0], _state(descent)
     outcome, standing = Outcome.LIMIT_REACHED, 0
     for k in range(1, settings.max_rounds + 1):
         descent.iterate(settings.round_iterations)
-        rounds.append(_look(views, images, descent, k * settings.round_iterations))
-        least, energy = (_total(one, settings.weights) for one in (best, rounds[-1]))
+        rounds.append(_look(descent, k * settings.round_iterations))
+        least, energy = sum(best.energy), sum(rounds[-1].energy)
         step()
         if energy <= least:
             best, kept = rounds[-1], _state(descent)
@@ -197,42 +176,24 @@ def _finish(
             break
     if rounds[-1] is not best:
         rounds.append(best)
-    return FastDescent(kept[0].astype(np.float64), kept[1], tuple(rounds), outcome)
-
-
-def _linked_views(views: StackedViews) -> np.ndarray:
-    """Number every set of views that links join, shape (n,): each has a scale of its own."""
-    view_of_pixel = np.repeat(np.arange(views.view_count), np.diff(views.starts))
-    ends = view_of_pixel[views.c.indices.reshape(-1, 2)]
-    joined = sp.coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=2 * (views.view_count,))
-    return connected_components(joined, directed=False)[1].astype(np.int64)
+    albedo, light = kept[0].astype(np.float64), kept[1]
+    return FastDescent(albedo, light, _terms(views, images, albedo, light), tuple(rounds), outcome)
 
 
 def _state(descent: PrimalDual) -> tuple[np.ndarray, np.ndarray]:
     return descent.problem.slices.collect(descent.albedo), descent.light
 
 
-def _finest(views: StackedViews, images: list[np.ndarray], weights: EnergyWeights) -> Level:
-    operators = [(views.d_x, weights.smoothness), (views.d_y, weights.smoothness)]
-    return Level(
-        starts=views.starts,
-        positions=views.positions,
-        basis=views.basis.astype(np.float32),
-        image=np.stack(images, axis=1).astype(np.float32),
-        share=np.ones(len(images[0]), np.float32),
-        graph=half_edges([*operators, (views.c, weights.consistency)]),
-        gauge_of_view=_linked_views(views),
-    )
+def _look(descent: PrimalDual, iterations: int) -> Round:
+    bounds = descent.bounds()
+    return Round(iterations, tuple(bounds.energy.tolist()), bounds.gap)
 
 
-def _look(views: StackedViews, images: list[np.ndarray], descent: PrimalDual, iterations: int) -> Round:
-    albedo, light = _state(descent)
-    terms = tuple(
-        energy_terms(views, image, albedo[:, c].astype(np.float64), np.ascontiguousarray(light[:, c]))
+def _terms(
+    views: StackedViews, images: list[np.ndarray], albedo: np.ndarray, light: np.ndarray
+) -> tuple[EnergyTerms, ...]:
+    """Eq. 2's, per channel."""
+    return tuple(
+        energy_terms(views, image, np.ascontiguousarray(albedo[:, c]), np.ascontiguousarray(light[:, c]))
         for c, image in enumerate(images)
     )
-    return Round(iterations, terms, descent.bounds().gap)
-
-
-def _total(one: Round, weights: EnergyWeights) -> float:
-    return sum(terms.total(weights) for terms in one.terms)

@@ -1,0 +1,1 @@
+"""Energy against time of the decomposition's solvers: `python -m benchmarks.solver [--quick]`."""

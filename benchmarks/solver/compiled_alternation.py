@@ -1,0 +1,69 @@
+"""The paper's alternation with a compiled solver inside: the rival that shares our graph and our threads."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, ThreadPoolExecutor
+
+import numpy as np
+
+from benchmarks.solver.clock import Clock, Look, OutOfTime, Trace
+from benchmarks.solver.compiled_pcg import reweighted_descent
+from benchmarks.solver.problems import RaceProblem
+from stages.photometry.energy import energy_terms, gauge_scale
+from stages.photometry.fast_alternation import PIXELS_PER_THREAD
+from stages.photometry.light_step import light_step
+from stages.solvers.half_edges import half_edges
+from stages.solvers.threading_layer import use_threads
+
+NAME = "compiled PCG"
+STEPS = 20
+
+
+def race(problem: RaceProblem, budget_s: float, threads: int) -> Trace:
+    """Alternate until the time is up."""
+    use_threads(threads_for(problem.pixels, threads))
+    clock, views, weights = Clock(budget_s), problem.views, problem.weights
+    smoothness = [(views.d_x, weights.smoothness), (views.d_y, weights.smoothness)]
+    graph = half_edges([*smoothness, (views.c, weights.consistency)])
+    image = np.stack(problem.images, axis=1).astype(np.float32)
+    albedo, light = image.copy(), np.ones((views.view_count, 3, views.basis.shape[1]))
+    looks = []
+    with ThreadPoolExecutor(threads) as executor:
+        while True:
+            looks.append(Look(clock.seconds, _energy(problem, albedo, light, clock)))
+            try:
+                clock.check()
+            except OutOfTime:
+                return Trace(NAME, tuple(looks))
+            light = _light(problem, albedo, light, executor)
+            shading = np.stack([views.shading(light[:, c]) for c in range(3)], axis=1).astype(np.float32)
+            albedo = reweighted_descent(graph, image, shading, albedo, weights.delta, STEPS)
+            scales = np.array([gauge_scale(image[:, c], albedo[:, c]) for c in range(3)])
+            albedo, light = albedo * scales.astype(np.float32), light / scales[:, None]
+
+
+def threads_for(pixels: int, threads: int) -> int:
+    """As many as ours would use: a small problem's barriers cost more than they bring."""
+    return min(threads, 1 + pixels // PIXELS_PER_THREAD)
+
+
+def _light(problem: RaceProblem, albedo: np.ndarray, light: np.ndarray, executor: Executor) -> np.ndarray:
+    def of_channel(c: int) -> np.ndarray:
+        now = np.ascontiguousarray(light[:, c])
+        own = albedo[:, c].astype(np.float64)
+        return light_step(problem.views, problem.images[c], own, now, problem.weights.delta)
+
+    return np.stack(list(executor.map(of_channel, range(3))), axis=1)
+
+
+def _energy(problem: RaceProblem, albedo: np.ndarray, light: np.ndarray, clock: Clock) -> float:
+    with clock.held():
+        return sum(
+            energy_terms(
+                problem.views,
+                image,
+                albedo[:, c].astype(np.float64),
+                np.ascontiguousarray(light[:, c]),
+            ).total(problem.weights)
+            for c, image in enumerate(problem.images)
+        )

@@ -1,0 +1,116 @@
+"""Seconds and peak memory of our solver: ``python -m benchmarks.solver.growth PIXELS THREADS ROUNDS``.
+
+Every size runs in a process of its own, since a process's peak memory never falls.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
+
+import numpy as np  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+CHANNELS = 3
+CLOSE = 1.01  # of the least energy of the own run
+
+
+@dataclass(frozen=True)
+class Grown:
+    """One size.
+
+    Attributes
+    ----------
+    pixels : int
+    seconds : float
+        Until the solver stops, by its own rule if the rounds suffice.
+    close_s : float
+        Until its energy is within 1 % of the one that it stops at.
+    iterations : int
+        On the finest level.
+    outcome : str
+    peak_bytes : int
+        Growth of the process's peak resident memory from before the problem was made: what all solvers share
+        (normals' basis, differences, links, images) and what ours adds.
+    given_bytes : int
+        Of that, until the problem was there.
+    """
+
+    pixels: int
+    seconds: float
+    close_s: float
+    iterations: int
+    outcome: str
+    peak_bytes: int
+    given_bytes: int
+
+    @property
+    def peak_per_value(self) -> float:
+        """Bytes per pixel and channel."""
+        return self.peak_bytes / self.pixels / CHANNELS
+
+
+def grow(sizes: Sequence[int], threads: int, most_rounds: int) -> tuple[Grown, ...]:
+    """Measure every size, in so many rounds at most."""
+    return tuple(_elsewhere(size, threads, most_rounds) for size in sizes)
+
+
+def slope(sizes: Sequence[float], values: Sequence[float]) -> float:
+    """Of log values on log sizes, at least two: 1 where twice as many pixels take twice as much."""
+    return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
+
+
+def _elsewhere(*numbers: int) -> Grown:
+    command = [sys.executable, "-m", "benchmarks.solver.growth", *map(str, numbers)]
+    answer = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    return Grown(**json.loads(answer))
+
+
+def measure(pixels: int, threads: int, most_rounds: int) -> Grown:
+    """Measure one size, in this process."""
+    from benchmarks.solver.corrugated_plane import corrugated_plane
+    from benchmarks.solver.ours import endless, timed
+    from stages.photometry.fast_alternation import FastSettings
+
+    tiny = corrugated_plane(2000)
+    timed(tiny, threads, endless(tiny, 2))  # compiled code and libraries are loaded
+    before = peak_bytes()
+    problem = corrugated_plane(pixels)
+    given = peak_bytes() - before
+    solved = timed(problem, threads, FastSettings(problem.weights, max_rounds=most_rounds))
+    trace = solved.trace()
+    return Grown(
+        pixels=problem.pixels,
+        seconds=solved.total_s,
+        close_s=trace.seconds_to(CLOSE * trace.least),
+        iterations=solved.iterations,
+        outcome=solved.descent.outcome.name.lower(),
+        peak_bytes=peak_bytes() - before,
+        given_bytes=given,
+    )
+
+
+def peak_bytes() -> int:
+    """Largest resident memory of this process so far.
+
+    ``VmHWM`` where there is one: ``ru_maxrss`` survives an exec, so that a child would start with its
+    parent's.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        line = next(one for one in status.read_text().splitlines() if one.startswith("VmHWM"))
+        return 1024 * int(line.split()[1])
+    unit = 1 if sys.platform == "darwin" else 1024
+    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+if __name__ == "__main__":
+    print(json.dumps(asdict(measure(*map(int, sys.argv[1:])))))

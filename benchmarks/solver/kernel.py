@@ -1,0 +1,121 @@
+"""How near the inner loop comes to what the machine can copy."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from benchmarks.solver.problems import RaceProblem
+from stages.photometry.fast_alternation import UNIFORM, FastSettings
+from stages.photometry.saddle import finest_level, problem_of
+from stages.solvers.primal_dual_graph import PrimalDual
+from stages.solvers.threading_layer import use_threads
+
+COPIED_BYTES = 512 * 2**20  # far more than any cache holds
+REPEATS = 3
+
+
+@dataclass(frozen=True)
+class KernelSpeed:
+    """What an iteration on the finest level takes.
+
+    Attributes
+    ----------
+    threads : int
+    pixels : int
+    iteration_s : float
+        The light's part included.
+    iteration_bytes : int
+        Compulsory: every array that an iteration reads or writes counts once for each, gathers once.
+    copied_bytes_per_s : float
+        Of a large array, bytes read plus bytes written, with as many threads.
+    """
+
+    threads: int
+    pixels: int
+    iteration_s: float
+    iteration_bytes: int
+    copied_bytes_per_s: float
+
+    @property
+    def bytes_per_s(self) -> float:
+        """Of the iteration."""
+        return self.iteration_bytes / self.iteration_s
+
+    @property
+    def share(self) -> float:
+        """Of what the machine copies."""
+        return self.bytes_per_s / self.copied_bytes_per_s
+
+
+def kernel_speed(problem: RaceProblem, threads: int, seconds: float) -> KernelSpeed:
+    """Time iterations for about so many seconds; the best of a few tries, for both sides."""
+    settings = FastSettings(problem.weights)
+    saddle = problem_of(finest_level(problem.views, problem.images, problem.weights))
+    light = np.zeros((problem.views.view_count, 3, problem.views.basis.shape[1]))
+    light[:, :, 0] = 1 / UNIFORM
+    descent = PrimalDual(saddle, saddle.image, light, settings.steps)
+    use_threads(threads)
+    return KernelSpeed(
+        threads=threads,
+        pixels=problem.pixels,
+        iteration_s=_iteration_s(descent, settings.steps.refresh, seconds / REPEATS),
+        iteration_bytes=compulsory_bytes(descent),
+        copied_bytes_per_s=_copied_bytes_per_s(),
+    )
+
+
+def compulsory_bytes(descent: PrimalDual) -> int:
+    """Bytes of an iteration of `PrimalDual`, were every cache perfect."""
+    problem = descent.problem
+    written_back = [descent.edge_dual, descent._data_dual, descent.albedo]
+    read = [
+        problem.graph.first,
+        problem.graph.neighbour,
+        problem.graph.weight,
+        problem.graph.total,
+        problem.image,
+        problem.basis,
+        problem.share,
+        descent._ahead,
+    ]
+    written = [descent._ahead_next]
+    return sum(2 * a.nbytes for a in written_back) + sum(a.nbytes for a in (*read, *written))
+
+
+def _iteration_s(descent: PrimalDual, at_once: int, seconds: float) -> float:
+    """Per iteration; as many at once as lie between two looks at the light, whose cost is thus included."""
+
+    def once() -> None:
+        descent.iterate(at_once)
+
+    return _best(once, seconds) / at_once
+
+
+def _copied_bytes_per_s() -> float:
+    source = np.ones(COPIED_BYTES // 4, np.float32)
+    target = np.empty_like(source)
+    return 2 * COPIED_BYTES / _best(lambda: _copy(source, target), 0.2)
+
+
+def _best(once: Callable[[], None], seconds: float) -> float:
+    """Least time of one call, among tries of that length; one call beforehand compiles."""
+    once()
+    best = np.inf
+    for _ in range(REPEATS):
+        began, calls = time.perf_counter(), 0
+        while calls == 0 or time.perf_counter() - began < seconds:
+            once()
+            calls += 1
+        best = min(best, (time.perf_counter() - began) / calls)
+    return best
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _copy(source, target):
+    for i in numba.prange(source.size):
+        target[i] = source[i]

@@ -1,0 +1,77 @@
+"""`solver: fast` in the race: as it is, but for its stopping rule."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from benchmarks.solver.clock import Look, Trace
+from benchmarks.solver.problems import RaceProblem
+from stages.photometry.fast_alternation import FastDescent, FastSettings, solve
+
+NAME = "ours"
+NEVER = -1.0  # a tolerance that nothing meets
+
+
+@dataclass(frozen=True, eq=False)
+class TimedDescent:
+    """What `solve` gave, and when each of its rounds had been done; its looks at the energy are counted.
+
+    Attributes
+    ----------
+    descent : FastDescent
+    seconds : tuple of float
+        Graph and pyramid included.
+    total_s : float
+        When it returned.
+    """
+
+    descent: FastDescent
+    seconds: tuple[float, ...]
+    total_s: float
+
+    @property
+    def iterations(self) -> int:
+        """On the finest level."""
+        return max(one.iterations for one in self.descent.rounds)
+
+    @property
+    def round_s(self) -> float:
+        """Mean seconds of a round after the first; 0 if there was no other."""
+        return (self.seconds[-1] - self.seconds[0]) / max(len(self.seconds) - 1, 1)
+
+    @property
+    def start_s(self) -> float:
+        """When the first round began: graph and coarser levels done, the energy looked at."""
+        return max(self.seconds[0] - self.round_s, 0.0)
+
+    def trace(self) -> Trace:
+        """Energies of all channels together, against time."""
+        seconds = (self.start_s, *self.seconds)
+        rounds = self.descent.rounds[: len(seconds)]  # a further one repeats the best
+        energies = [sum(one.energy) for one in rounds]
+        return Trace(NAME, tuple(Look(s, e) for s, e in zip(seconds, energies, strict=True)))
+
+
+def race(problem: RaceProblem, budget_s: float, threads: int, most_rounds: int) -> Trace:
+    """As many rounds as the time allows, which a rehearsal of two rounds tells."""
+    rehearsal = timed(problem, threads, endless(problem, 2))
+    rounds = int((budget_s - rehearsal.start_s) / rehearsal.round_s)
+    return timed(problem, threads, endless(problem, min(max(rounds, 2), most_rounds))).trace()
+
+
+def endless(problem: RaceProblem, rounds: int) -> FastSettings:
+    """The default settings, but that only the number of rounds ends it."""
+    return FastSettings(problem.weights, tolerance=NEVER, max_rounds=rounds)
+
+
+def timed(problem: RaceProblem, threads: int, settings: FastSettings) -> TimedDescent:
+    """Solve, and keep the time."""
+    seconds: list[float] = []
+    began = time.perf_counter()
+
+    def note() -> None:
+        seconds.append(time.perf_counter() - began)
+
+    descent = solve(problem.views, problem.images, settings, threads, note)
+    return TimedDescent(descent, tuple(seconds), time.perf_counter() - began)

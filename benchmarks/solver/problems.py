@@ -1,0 +1,75 @@
+"""A problem that solvers race on, and how one is opened from the results of the flow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from stages.photometry.energy import EnergyWeights
+from stages.photometry.stack import StackedViews, stack_pixels, stack_views
+from stages.scene.camera_file import read_cameras
+from stages.scene.exr import read_exr
+from stages.scene.link_files import read_links
+from stages.scene.photos import read_mask
+from stages.scene.resize import reduce_by_area
+
+DELTA = 1e-4  # the paper's δ
+
+
+@dataclass(frozen=True, eq=False)
+class RaceProblem:
+    """Eq. 2, ready to be minimised.
+
+    Attributes
+    ----------
+    name : str
+        Also of its files.
+    about : str
+        One phrase.
+    views : StackedViews
+    images : list of 3 ndarray, shape (N,), float64
+        Scaled: 99th percentile = 1.
+    weights : EnergyWeights
+    """
+
+    name: str
+    about: str
+    views: StackedViews
+    images: list[np.ndarray]
+    weights: EnergyWeights
+
+    @property
+    def pixels(self) -> int:
+        """N."""
+        return int(self.views.starts[-1])
+
+    def fresh_views(self) -> StackedViews:
+        """The views without what an earlier method has found out about them: everyone pays for it anew."""
+        return replace(self.views)
+
+
+def weights_of(smoothness: float, agreement: float) -> EnergyWeights:
+    """λ and μ, with the paper's δ."""
+    return EnergyWeights(smoothness, agreement, DELTA)
+
+
+def views_and_images(paths: Mapping[str, Path]) -> tuple[StackedViews, list[np.ndarray]]:
+    """What the `decomposition` stage would open, from artefacts by name."""
+    cameras = read_cameras(paths["cameras"])
+    masks = [read_mask(paths["mask"] / f"{camera.name}.png") for camera in cameras]
+    normals = [read_exr(paths["normal"] / f"{camera.name}.exr") for camera in cameras]
+    linear = [
+        reduce_by_area(read_exr(paths["linear"] / f"{camera.name}.exr"), camera.shape) for camera in cameras
+    ]
+    place = {camera.name: i for i, camera in enumerate(cameras)}
+    links = {(place[i], place[j]): c for (i, j), c in read_links(paths["correspondences"]).items()}
+    return stack_views(masks, normals, links), channels_of(stack_pixels(masks, linear))
+
+
+def channels_of(pixels: np.ndarray) -> list[np.ndarray]:
+    """Three images (N,) from values (N, 3), scaled as the `decomposition` stage does."""
+    scale = np.percentile(pixels, 99)
+    return [np.ascontiguousarray(pixels[:, channel]) / scale for channel in range(3)]

@@ -1,0 +1,78 @@
+"""All methods on one problem, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from benchmarks.solver import compiled_alternation, ours, reweighting
+from benchmarks.solver.clock import Trace
+from benchmarks.solver.comparison import Comparison, compare
+from benchmarks.solver.corrugated_plane import corrugated_plane
+from benchmarks.solver.inner_solvers import INNER_SOLVERS
+from benchmarks.solver.problems import RaceProblem
+
+TINY_PIXELS, TINY_BUDGET_S = 2000, 0.02
+
+
+@dataclass(frozen=True)
+class Rules:
+    """The same for every method.
+
+    Attributes
+    ----------
+    budget_s : float
+        Time that counts.
+    threads : int
+    most_rounds : int
+        Of ours, however short they are.
+    """
+
+    budget_s: float
+    threads: int
+    most_rounds: int = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Race:
+    """A problem and what became of it; the first trace is ours."""
+
+    problem: RaceProblem
+    traces: tuple[Trace, ...]
+
+    @property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """Every method against ours."""
+        return compare(self.traces, self.traces[0])
+
+
+def left_out() -> list[str]:
+    """A sentence for every rival whose package is not there."""
+    return [
+        f"{inner.name} is left out: its package is not installed (`pip install 'unshade[benchmarks]'`)."
+        for inner in INNER_SOLVERS
+        if not inner.available
+    ]
+
+
+def hold(problem: RaceProblem, rules: Rules, say: Callable[[str], None]) -> Race:
+    """Let every method that is there have its time."""
+    traces = []
+    for trace in _traces(problem, rules):
+        say(f"{problem.name}: {trace.method}: {trace.least:.6g} after {trace.looks[-1].seconds:.1f} s")
+        traces.append(trace)
+    return Race(problem, tuple(traces))
+
+
+def warm_up(threads: int) -> None:
+    """Compile and import everything, on a problem too small to take time."""
+    for _ in _traces(corrugated_plane(TINY_PIXELS), Rules(TINY_BUDGET_S, threads)):
+        pass
+
+
+def _traces(problem: RaceProblem, rules: Rules) -> Iterator[Trace]:
+    yield ours.race(problem, rules.budget_s, rules.threads, rules.most_rounds)
+    yield compiled_alternation.race(problem, rules.budget_s, rules.threads)
+    for inner in INNER_SOLVERS:
+        if inner.available:
+            yield reweighting.race(problem, inner, rules.budget_s, rules.threads)

@@ -1,0 +1,58 @@
+"""Eq. 2 of stacked views as what the fast solver takes in: levels, and the saddle problem of each."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from stages.photometry.energy import EnergyWeights
+from stages.photometry.pyramid import Level
+from stages.photometry.stack import StackedViews
+from stages.solvers.half_edges import half_edges
+from stages.solvers.primal_dual_graph import Problem
+from stages.solvers.sliced_graph import sliced_graph
+from stages.solvers.slices import Slices
+
+
+def finest_level(views: StackedViews, images: list[np.ndarray], weights: EnergyWeights) -> Level:
+    """The pixels themselves; images are 3 scaled channels of (N,)."""
+    operators = [(views.d_x, weights.smoothness), (views.d_y, weights.smoothness)]
+    return Level(
+        starts=views.starts,
+        positions=views.positions,
+        basis=views.basis.astype(np.float32),
+        image=np.stack(images, axis=1).astype(np.float32),
+        share=np.ones(len(images[0]), np.float32),
+        graph=half_edges([*operators, (views.c, weights.consistency)]),
+        gauge_of_view=_linked_views(views),
+    )
+
+
+def _linked_views(views: StackedViews) -> np.ndarray:
+    """Number every set of views that links join, shape (n,): each has a scale of its own."""
+    view_of_pixel = np.repeat(np.arange(views.view_count), np.diff(views.starts))
+    ends = view_of_pixel[views.c.indices.reshape(-1, 2)]
+    joined = sp.coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=2 * (views.view_count,))
+    return connected_components(joined, directed=False)[1].astype(np.int64)
+
+
+def problem_of(level: Level) -> Problem:
+    """Arrange a level in slices."""
+    slices = Slices(level.starts)
+    return Problem(
+        slices=slices,
+        graph=sliced_graph(level.graph, slices),
+        image=slices.spread(level.image),
+        basis=slices.spread(level.basis),
+        share=slices.spread(level.share[:, None]),
+        gauge_of_view=level.gauge_of_view,
+        wanted=_brightness(level),
+    )
+
+
+def _brightness(level: Level) -> np.ndarray:
+    """Σ|I| of every gauge and channel, (G, 3)."""
+    gauge = level.gauge_of_view[level.view_of_pixel]
+    count = int(level.gauge_of_view.max(initial=-1)) + 1
+    return np.stack([np.bincount(gauge, np.abs(level.image[:, c]), count) for c in range(3)], axis=1)
