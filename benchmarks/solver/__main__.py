@@ -1,6 +1,6 @@
 """Energy against time: ``python -m benchmarks.solver [--quick | --full] [--to FOLDER]``.
 
-Every method gets the same time on fountain-P11 (from the workspace that `make fountain` leaves), on the bust
+Every method gets the same time on fountain-P11 (as finely as its workspace holds it), on the bust
 (rendered if need be) and on growing graphs. `--quick` takes a small made-up plane instead and ends within a
 minute; `--full` takes the bust at the paper's size and ten million pixels: hours.
 """
@@ -123,7 +123,7 @@ def _opened(name: str, full: bool, terminal: Terminal) -> Iterator[RaceProblem]:
     if name.startswith("plane-"):
         yield corrugated_plane(int(name.removeprefix("plane-")))
     elif name == "fountain":
-        yield from fountain(terminal)
+        yield from fountain()
     elif name == "bust":
         yield from bust(full, terminal)
     else:

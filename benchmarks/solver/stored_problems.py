@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import stages
 from benchmarks.paper.laboratory import FULL, QUARTER, Laboratory, Size, Weights
 from benchmarks.paper.rows import ROWS
 from benchmarks.solver.problems import RaceProblem, views_and_images, weights_of
 from pipeline import UserError
-from pipeline.run import Listener, run
+from pipeline.record import Record
+from pipeline.run import Listener
 from pipeline.store import Store
-from stages.command.request import request_of
-from stages.command.words import Run
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 BALANCES = (Weights(40.0, 1.0), Weights(4.0, 1.0))  # at a quarter of the size λ = 10 and 1
@@ -33,31 +33,44 @@ def bust(full: bool, listener: Listener) -> Iterator[RaceProblem]:
         yield RaceProblem(name, f"the bust, 13 views of {size.name}", views, images, weights)
 
 
-def fountain(listener: Listener) -> Iterator[RaceProblem]:
-    """fountain-P11 at 768×512, of the mesh that the workspace holds.
+def fountain() -> Iterator[RaceProblem]:
+    """fountain-P11 as finely as the workspace holds it; nothing is run, so that its results stay as they are.
 
     Raises
     ------
     UserError
-        It holds none: making one takes many minutes, which nobody asked for here.
+        It holds nothing.
     """
-    workspace = ROOT / "workspaces" / "fountain"
-    if not (workspace / "cache").is_dir() or Store(workspace).current("mesh") is None:
-        raise UserError(f"{workspace} holds no mesh of the fountain yet; `make fountain` makes it.")
-    words = Run(
-        config=ROOT / "configs" / "fountain.yaml", assignments=("raycast.reduce=1",), last="correspondence"
-    )
-    paths = paths_of_run(words, listener)
-    views, images = views_and_images(paths)
-    weights = weights_of(1.0, 1.0)  # the stage's defaults
-    yield RaceProblem("fountain", "fountain-P11, 8 views of 768×512", views, images, weights)
+    store = Store(ROOT / "workspaces" / "fountain")
+    raycast, correspondence = _finest_pair(store)
+    records = [store.current("undistort"), raycast, correspondence]
+    views, images = views_and_images(paths_of(store, records))
+    tall, wide = views.positions.max(axis=0) + 1
+    about = f"fountain-P11, {views.view_count} views within {wide}×{tall}"
+    yield RaceProblem(f"fountain-{wide}x{tall}", about, views, images, weights_of(1.0, 1.0))  # the defaults
 
 
-def paths_of_run(words: Run, listener: Listener) -> dict[str, Path]:
-    """Run, or find what has been run, and tell where every artefact lies."""
-    request = request_of(words)
-    store, paths = Store(request.workspace), {}
-    for done in run(request, listener):
-        folder = store.entry(done.record.stage, done.record.key)
-        paths |= {artefact.name: folder / artefact.path for artefact in done.decision.stage.gives}
-    return paths
+def _finest_pair(store: Store) -> tuple[Record, Record]:
+    """The `raycast` result with the most pixels, and its correspondences."""
+    pairs = [
+        (cast.settings["reduce"], cast, linked)
+        for cast in store.records("raycast")
+        for linked in store.records("correspondence")
+        if linked.inputs["depth"] == cast.outputs["depth"]
+    ]
+    if not pairs or store.current("undistort") is None:
+        raise UserError(
+            "workspaces/fountain holds no correspondences; `unshade run configs/fountain.yaml "
+            "--set raycast.reduce=1 --to correspondence` makes them, at 768×512."
+        )
+    return min(pairs, key=lambda pair: pair[0])[1:]
+
+
+def paths_of(store: Store, records: list[Record]) -> dict[str, Path]:
+    """Where the artefacts of results lie, by name."""
+    gives = {stage.name: stage.gives for stage in stages.ALL_STAGES}
+    return {
+        artefact.name: store.entry(record.stage, record.key) / artefact.path
+        for record in records
+        for artefact in gives[record.stage]
+    }
