@@ -14,7 +14,7 @@ from stages.solvers.slices import Blocks
 
 EIGHT, SLICE, ONE = np.uint64(8), np.uint64(24), np.uint64(1)
 UNIT = np.float32(16383)  # as in `primal_dual_graph`
-NOTHING = np.float32(1e-12)  # a pixel whose |shading| is below this says nothing about its albedo
+DARK = 0.05  # of the mean |S|: what darker pixels say of their albedo is left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +58,11 @@ def bounds(
     -----
     For duals within ±w, and albedos between the least and the greatest I/S, ``[a, b]``,
     ``E ≥ Σ_p min_{a ≤ v ≤ b} (|I_p − S_p v| + (Kᵀy)_p v − m share_p |v|) + kept``,
-    whose minima are at a, at b, or at I/S. Without a gauge the best albedo lies in that range.
+    whose minima are at a, at b, or at I/S. Without a gauge the best albedo lies in that range. Of the
+    darkest pixels, whose I/S would make it endless, only ``|I| − |S| max(|a|, |b|)`` is counted where it is
+    positive: a little less than they cost.
     """
+    floor = DARK * _mean_size(shading)
     sums = np.zeros((blocks.view.size, 3, 2))
     _bounds(
         (blocks.view, blocks.begin, blocks.end),
@@ -68,18 +71,25 @@ def bounds(
         albedo.ravel(),
         (image.ravel(), shading.ravel(), share.ravel()),
         multiplier.astype(np.float32),
-        _range_of_quotients(image, shading),
+        floor,
+        _range_of_quotients(image, shading, floor),
         sums,
     )
     energy, least = sums.sum(axis=0).T
     return Bounds(energy, least + kept)
 
 
-def _range_of_quotients(image: np.ndarray, shading: np.ndarray) -> np.ndarray:
+def _mean_size(shading: np.ndarray) -> np.ndarray:
+    """Mean |S| of every channel, (3,), float32, of the pixels that are not black."""
+    counts = np.maximum(np.count_nonzero(shading, axis=(0, 2)), 1)
+    return (np.abs(shading).sum(axis=(0, 2), dtype=np.float64) / counts).astype(np.float32)
+
+
+def _range_of_quotients(image: np.ndarray, shading: np.ndarray, floor: np.ndarray) -> np.ndarray:
     """Least and greatest I/S of every channel, (3, 2), float32; (0, 0) for a channel without light."""
     found = np.zeros((3, 2), np.float32)
     for c in range(3):
-        lit = np.abs(shading[:, c]) >= NOTHING
+        lit = np.abs(shading[:, c]) > floor[c]
         quotients = image[:, c][lit] / shading[:, c][lit]
         if quotients.size:
             found[c] = quotients.min(), quotients.max()
@@ -87,13 +97,13 @@ def _range_of_quotients(image: np.ndarray, shading: np.ndarray) -> np.ndarray:
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def _bounds(blocks, graph, dual, albedo, givens, multiplier, quotients, sums):
+def _bounds(blocks, graph, dual, albedo, givens, multiplier, floor, quotients, sums):
     """Energy and bound, summed over the slices of a block."""
     views, begins, ends = blocks
     first, neighbour, weight = graph
     image, shading, share = givens
     half, pull_scale, unit = spread(np.float32(0.5)), spread(np.float32(1) / UNIT), spread(UNIT)
-    zero, nothing = spread(np.float32(0)), spread(NOTHING)
+    zero, one = spread(np.float32(0)), spread(np.float32(1))
     for block in numba.prange(begins.size):
         for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
             for c in range(3):
@@ -108,13 +118,18 @@ def _bounds(blocks, graph, dual, albedo, givens, multiplier, quotients, sums):
                     pull = pull + w * clipped(load(dual, row * SLICE + shift), unit)
                 pull, gain = pull_scale * pull, spread(multiplier[views[block], c]) * load(share, s * EIGHT)
                 low, high = spread(quotients[c, 0]), spread(quotients[c, 1])
-                fit = where_above(magnitude(light), nothing, value / light, low)
+                dark = spread(floor[c])
+                fit = where_above(magnitude(light), dark, value / light, low)
+                heard = where_above(magnitude(light), dark, one, zero)
+                reach = magnitude(light) * spread(max(abs(quotients[c, 0]), abs(quotients[c, 1])))
+                unlit = magnitude(value) - clipped(reach, magnitude(value))
+                light, value = heard * light, heard * value
                 least = _cost(fit, value, light, pull, gain)
                 for end in (low, high):
                     there = _cost(end, value, light, pull, gain)
                     least = least - where_above(least, there, least - there, zero)
                 sums[block, c, 0] += lane_sum(energy)
-                sums[block, c, 1] += lane_sum(least)
+                sums[block, c, 1] += lane_sum(least + (one - heard) * unlit)
 
 
 @numba.njit(inline="always")
