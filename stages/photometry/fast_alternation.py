@@ -17,7 +17,7 @@ from stages.solvers.threading_layer import use_threads
 
 PIXELS_PER_THREAD = 20_000
 UNIFORM = 1 / np.sqrt(4 * np.pi)  # ν of the first harmonic, the same for every normal
-STANDSTILL = 10  # rounds without progress, the gap still open, after which more would be waste
+STANDSTILL = 5  # rounds without progress, the gap still open, after which more would be waste
 
 
 @dataclass(frozen=True)
