@@ -8,9 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import linprog
 
-from stages.photometry.energy import EnergyWeights
 from stages.photometry.stack import StackedViews, stack_views
-from stages.solvers.half_edges import HalfEdges, half_edges
+from stages.solvers.half_edges import HalfEdges
 
 
 def random_views(rng: np.random.Generator, view_count: int = 3, side: int = 7) -> StackedViews:
@@ -28,11 +27,6 @@ def random_views(rng: np.random.Generator, view_count: int = 3, side: int = 7) -
         partner = rng.integers(shape[1], size=linked.size)
         links[i, j] = sp.csr_array((np.ones(linked.size, np.uint8), (linked, partner)), shape=shape)
     return stack_views(masks, normals, links)
-
-
-def graph_of(views: StackedViews, weights: EnergyWeights) -> HalfEdges:
-    by_smoothness = [(views.d_x, weights.smoothness), (views.d_y, weights.smoothness)]
-    return half_edges([*by_smoothness, (views.c, weights.consistency)])
 
 
 def variation(graph: HalfEdges, albedo: np.ndarray) -> float:

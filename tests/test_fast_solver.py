@@ -17,10 +17,11 @@ from stages.photometry import fast_alternation
 from stages.photometry.alternation import AlternationSettings, Outcome, decompose_channels
 from stages.photometry.energy import EnergyTerms, EnergyWeights, energy_terms
 from stages.photometry.fast_alternation import FastDescent, FastSettings, solve
+from stages.photometry.saddle import graph_of
 from stages.photometry.stack import StackedViews
 from stages.scene.exr import read_exr
 from stages.solvers.threading_layer import use_threads
-from tests.linked_graphs import exact_energy, graph_of
+from tests.linked_graphs import exact_energy
 from tests.sphere_scene import SphereScene, sphere_scene
 from tests.test_decomposition_stage import write_scene
 

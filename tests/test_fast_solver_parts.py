@@ -13,15 +13,16 @@ from hypothesis import strategies as st
 
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.pyramid import Level, coarser, pyramid
+from stages.photometry.saddle import graph_of, problem_of
 from stages.photometry.stack import StackedViews, stack_views
 from stages.solvers.gram_matrices import gram_matrices
 from stages.solvers.half_edges import aggregated, from_edges
-from stages.solvers.primal_dual_graph import PrimalDual, Problem, Steps
+from stages.solvers.primal_dual_graph import PrimalDual, Steps
 from stages.solvers.sliced_graph import sliced_graph
 from stages.solvers.slices import BLOCK, Slices
 from stages.solvers.threading_layer import use_threads
 from tests.fixed_light import albedo_of, fixed_light
-from tests.linked_graphs import exact_energy, graph_of, random_views, variation
+from tests.linked_graphs import exact_energy, random_views, variation
 from tests.sphere_scene import sphere_scene
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -279,22 +280,9 @@ def unlinked() -> tuple[StackedViews, np.ndarray, np.ndarray, np.ndarray]:
     return views, image, albedo, light
 
 
-def problem_of(views: StackedViews, image: np.ndarray) -> Problem:
-    slices = Slices(views.starts)
-    return Problem(
-        slices=slices,
-        graph=sliced_graph(graph_of(views, WEIGHTS), slices),
-        image=slices.spread(image),
-        basis=slices.spread(views.basis),
-        share=slices.spread(np.ones((len(image), 1))),
-        gauge_of_view=np.zeros(views.view_count, np.int64),
-        wanted=np.abs(image).sum(axis=0, dtype=np.float64)[None],
-    )
-
-
 def descent(unlinked, steps: Steps = Steps()) -> PrimalDual:  # noqa: B008 (frozen)
     views, image, albedo, light = unlinked
-    problem = problem_of(views, image)
+    problem = problem_of(level_of(views, image))
     return PrimalDual(problem, problem.slices.spread(albedo), light, steps)
 
 
@@ -334,7 +322,7 @@ def test_iterations_keep_the_gauge_and_give_the_same_bits_on_one_thread_and_on_t
 
 def test_a_light_that_is_held_stays(unlinked):
     views, image, albedo, light = unlinked
-    problem = problem_of(views, image)
+    problem = problem_of(level_of(views, image))
     solver = PrimalDual(problem, problem.slices.spread(albedo), light, Steps(), free_light=False)
     solver.iterate(20)
     assert np.array_equal(solver.light, light)
@@ -368,17 +356,8 @@ def test_a_finer_level_inherits_the_duals_of_its_groups():
 
 
 def _held(level: Level, albedo: np.ndarray, light: np.ndarray) -> PrimalDual:
-    slices = Slices(level.starts)
-    problem = Problem(
-        slices,
-        sliced_graph(level.graph, slices),
-        slices.spread(level.image),
-        slices.spread(level.basis),
-        slices.spread(level.share[:, None]),
-        level.gauge_of_view,
-        np.abs(level.image).sum(axis=0, dtype=np.float64)[None],
-    )
-    return PrimalDual(problem, slices.spread(albedo), light, Steps(), free_light=False)
+    problem = problem_of(level)
+    return PrimalDual(problem, problem.slices.spread(albedo), light, Steps(), free_light=False)
 
 
 def _pulls(solver: PrimalDual) -> np.ndarray:

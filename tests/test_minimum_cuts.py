@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stages.photometry.energy import EnergyWeights
+from stages.photometry.saddle import graph_of
 from stages.photometry.stack import stack_pixels
 from stages.solvers.half_edges import HalfEdges
 from stages.solvers.threading_layer import use_threads
 from tests.fixed_light import albedo_of, fixed_light
-from tests.linked_graphs import exact_energy, graph_of, random_views, variation
+from tests.linked_graphs import exact_energy, random_views, variation
 from tests.minimum_cuts import best_by_cuts
 from tests.sphere_scene import sphere_scene
 

@@ -12,7 +12,7 @@ from benchmarks.solver.problems import RaceProblem
 from stages.photometry.energy import energy_terms, gauge_scale
 from stages.photometry.fast_alternation import PIXELS_PER_THREAD
 from stages.photometry.light_step import light_step
-from stages.solvers.half_edges import half_edges
+from stages.photometry.saddle import graph_of
 from stages.solvers.threading_layer import use_threads
 
 NAME = "compiled PCG"
@@ -23,8 +23,7 @@ def race(problem: RaceProblem, budget_s: float, threads: int) -> Trace:
     """Alternate until the time is up."""
     use_threads(threads_for(problem.pixels, threads))
     clock, views, weights = Clock(budget_s), problem.views, problem.weights
-    smoothness = [(views.d_x, weights.smoothness), (views.d_y, weights.smoothness)]
-    graph = half_edges([*smoothness, (views.c, weights.consistency)])
+    graph = graph_of(views, weights)
     image = np.stack(problem.images, axis=1).astype(np.float32)
     albedo, light = image.copy(), np.ones((views.view_count, 3, views.basis.shape[1]))
     looks = []

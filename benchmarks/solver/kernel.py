@@ -10,8 +10,8 @@ import numba
 import numpy as np
 
 from benchmarks.solver.problems import RaceProblem
-from stages.photometry.fast_alternation import UNIFORM, FastSettings
-from stages.photometry.saddle import finest_level, problem_of
+from stages.photometry.fast_alternation import FastSettings, start
+from stages.photometry.saddle import finest_level
 from stages.solvers.primal_dual_graph import PrimalDual
 from stages.solvers.threading_layer import use_threads
 
@@ -55,10 +55,7 @@ class KernelSpeed:
 def kernel_speed(problem: RaceProblem, threads: int, seconds: float) -> KernelSpeed:
     """Time iterations for about so many seconds; the best of a few tries, for both sides."""
     settings = FastSettings(problem.weights)
-    saddle = problem_of(finest_level(problem.views, problem.images, problem.weights))
-    light = np.zeros((problem.views.view_count, 3, problem.views.basis.shape[1]))
-    light[:, :, 0] = 1 / UNIFORM
-    descent = PrimalDual(saddle, saddle.image, light, settings.steps)
+    descent = start(finest_level(problem.views, problem.images, problem.weights), settings)
     use_threads(threads)
     return KernelSpeed(
         threads=threads,

@@ -116,7 +116,7 @@ def solve(
         Called after every round.
     """
     levels = pyramid(finest_level(views, images, settings.weights), settings.fewest_pixels)
-    descent = _start(levels[0], settings)
+    descent = start(levels[0], settings)
     for depth in range(len(levels) - 1, 0, -1):
         coarse, fine = levels[-1 - depth], levels[-depth]
         use_threads(_threads_for(coarse, threads))
@@ -126,7 +126,7 @@ def solve(
     return _finish(views, images, descent, settings, step)
 
 
-def _start(level: Level, settings: FastSettings) -> PrimalDual:
+def start(level: Level, settings: FastSettings) -> PrimalDual:
     """The paper's start: the image is all albedo, and the shading as near to 1 as the basis allows."""
     problem = problem_of(level)
     albedo = level.image / level.share[:, None]

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.pyramid import Level
 from stages.photometry.stack import StackedViews
-from stages.solvers.half_edges import half_edges
+from stages.solvers.half_edges import HalfEdges, half_edges
 from stages.solvers.primal_dual_graph import Problem
 from stages.solvers.sliced_graph import sliced_graph
 from stages.solvers.slices import Slices
@@ -17,16 +17,21 @@ from stages.solvers.slices import Slices
 
 def finest_level(views: StackedViews, images: list[np.ndarray], weights: EnergyWeights) -> Level:
     """The pixels themselves; images are 3 scaled channels of (N,)."""
-    operators = [(views.d_x, weights.smoothness), (views.d_y, weights.smoothness)]
     return Level(
         starts=views.starts,
         positions=views.positions,
         basis=views.basis.astype(np.float32),
         image=np.stack(images, axis=1).astype(np.float32),
         share=np.ones(len(images[0]), np.float32),
-        graph=half_edges([*operators, (views.c, weights.consistency)]),
+        graph=graph_of(views, weights),
         gauge_of_view=_linked_views(views),
     )
+
+
+def graph_of(views: StackedViews, weights: EnergyWeights) -> HalfEdges:
+    """λ times Eq. 4 plus μ times Eq. 5, as a graph of the pixels."""
+    smoothness = [(views.d_x, weights.smoothness), (views.d_y, weights.smoothness)]
+    return half_edges([*smoothness, (views.c, weights.consistency)])
 
 
 def _linked_views(views: StackedViews) -> np.ndarray:

@@ -13,7 +13,7 @@ from stages.solvers.sliced_graph import SlicedGraph
 from stages.solvers.slices import Blocks
 
 EIGHT, SLICE, ONE = np.uint64(8), np.uint64(24), np.uint64(1)
-UNIT = np.float32(16383)  # as in `primal_dual_graph`
+UNIT = np.float32(16383)  # a dual at its bound, as it is stored: 16 bits hold twice that
 DARK = (0.05, 0.1, 0.2, 0.4)  # of the mean |S|: what darker pixels say is left out; the best bound counts
 
 
@@ -62,23 +62,21 @@ def bounds(
     darkest pixels, whose I/S would make it endless, only ``|I| − |S| max(|a|, |b|)`` is counted where it is
     positive: a little less than they cost.
     """
-    sums = np.zeros((blocks.view.size, 3, 2))
-    least = np.full(3, -np.inf)
-    for share_of_mean in DARK:
-        floor = np.float32(share_of_mean) * _mean_size(shading)
-        _bounds(
-            (blocks.view, blocks.begin, blocks.end),
-            (graph.first, graph.neighbour, graph.weight),
-            edge_dual,
-            albedo.ravel(),
-            (image.ravel(), shading.ravel(), share.ravel()),
-            multiplier.astype(np.float32),
-            floor,
-            _range_of_quotients(image, shading, floor),
-            sums,
-        )
-        least = np.maximum(least, sums[:, :, 1].sum(axis=0))
-    return Bounds(sums[:, :, 0].sum(axis=0), least + kept)
+    floors = np.outer(np.array(DARK, np.float32), _mean_size(shading))
+    sums = np.zeros((blocks.view.size, 3, 1 + len(DARK)))
+    _bounds(
+        (blocks.view, blocks.begin, blocks.end),
+        (graph.first, graph.neighbour, graph.weight),
+        edge_dual,
+        albedo.ravel(),
+        (image.ravel(), shading.ravel(), share.ravel()),
+        multiplier.astype(np.float32),
+        floors,
+        np.stack([_range_of_quotients(image, shading, floor) for floor in floors]),
+        sums,
+    )
+    totals = sums.sum(axis=0)
+    return Bounds(totals[:, 0], totals[:, 1:].max(axis=1) + kept)
 
 
 def _mean_size(shading: np.ndarray) -> np.ndarray:
@@ -99,15 +97,14 @@ def _range_of_quotients(image: np.ndarray, shading: np.ndarray, floor: np.ndarra
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def _bounds(blocks, graph, dual, albedo, givens, multiplier, floor, quotients, sums):
-    """Energy and bound, summed over the slices of a block."""
+def _bounds(blocks, graph, dual, albedo, givens, multiplier, floors, quotients, sums):
+    """Energy, then a bound for every threshold of darkness, summed over the slices of a block."""
     views, begins, ends = blocks
     first, neighbour, weight = graph
     image, shading, share = givens
     half, pull_scale, unit = spread(np.float32(0.5)), spread(np.float32(1) / UNIT), spread(UNIT)
-    zero, one = spread(np.float32(0)), spread(np.float32(1))
+    zero = spread(np.float32(0))
     for block in numba.prange(begins.size):
-        sums[block] = 0.0
         for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
             for c in range(3):
                 shift = np.uint64(c) * EIGHT
@@ -120,19 +117,27 @@ def _bounds(blocks, graph, dual, albedo, givens, multiplier, floor, quotients, s
                     energy = energy + half * w * magnitude(difference)
                     pull = pull + w * clipped(load(dual, row * SLICE + shift), unit)
                 pull, gain = pull_scale * pull, spread(multiplier[views[block], c]) * load(share, s * EIGHT)
-                low, high = spread(quotients[c, 0]), spread(quotients[c, 1])
-                dark = spread(floor[c])
-                fit = where_above(magnitude(light), dark, value / light, low)
-                heard = where_above(magnitude(light), dark, one, zero)
-                reach = magnitude(light) * spread(max(abs(quotients[c, 0]), abs(quotients[c, 1])))
-                unlit = magnitude(value) - clipped(reach, magnitude(value))
-                light, value = heard * light, heard * value
-                least = _cost(fit, value, light, pull, gain)
-                for end in (low, high):
-                    there = _cost(end, value, light, pull, gain)
-                    least = least - where_above(least, there, least - there, zero)
                 sums[block, c, 0] += lane_sum(energy)
-                sums[block, c, 1] += lane_sum(least + (one - heard) * unlit)
+                for k in range(floors.shape[0]):
+                    least = _least(value, light, pull, gain, floors[k, c], quotients[k, c])
+                    sums[block, c, 1 + k] += lane_sum(least)
+
+
+@numba.njit(inline="always")
+def _least(value, light, pull, gain, floor, quotients):
+    """What the pixels of a slice cost at least; those darker than `floor` count as the Notes above say."""
+    zero, one = spread(np.float32(0)), spread(np.float32(1))
+    low, high, dark = spread(quotients[0]), spread(quotients[1]), spread(floor)
+    fit = where_above(magnitude(light), dark, value / light, low)
+    heard = where_above(magnitude(light), dark, one, zero)
+    reach = magnitude(light) * spread(max(abs(quotients[0]), abs(quotients[1])))
+    unlit = magnitude(value) - clipped(reach, magnitude(value))
+    lit, seen = heard * light, heard * value
+    least = _cost(fit, seen, lit, pull, gain)
+    for end in (low, high):
+        there = _cost(end, seen, lit, pull, gain)
+        least = least - where_above(least, there, least - there, zero)
+    return least + (one - heard) * unlit
 
 
 @numba.njit(inline="always")

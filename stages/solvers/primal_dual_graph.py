@@ -10,14 +10,13 @@ import numpy as np
 import stages.solvers.threading_layer  # noqa: F401
 from stages.solvers.gram_matrices import gram_matrices
 from stages.solvers.lanes import clipped, gather, lane_sum, load, magnitude, spread, store
-from stages.solvers.primal_dual_bounds import Bounds, bounds
+from stages.solvers.primal_dual_bounds import UNIT, Bounds, bounds
 from stages.solvers.sliced_graph import SlicedGraph
 from stages.solvers.slices import Slices
 
 EIGHT, SIXTEEN, SLICE = np.uint64(8), np.uint64(16), np.uint64(24)  # a slice: three channels of eight pixels
 ONE, THREE = np.uint64(1), np.uint64(3)
-UNIT = np.float32(16383)  # a dual at its bound, as it is stored: 16 bits hold twice that
-TWICE = np.float32(32766)
+TWICE = np.float32(2) * UNIT  # what 16 bits hold
 NOTHING = 1e-30  # instead of a division by 0
 UNSEEN = 1e-7  # directions of the light that the pixels see less than this (relative) stay as they are
 
