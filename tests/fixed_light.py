@@ -6,15 +6,14 @@ import numpy as np
 
 from stages.solvers.half_edges import HalfEdges
 from stages.solvers.primal_dual_graph import PrimalDual, Problem, Steps
-from stages.solvers.sliced_graph import sliced_graph
-from stages.solvers.slices import Slices
+from stages.solvers.sliced_graph import sliced_graph, slices_of
 
 STEPS = Steps(scale=0.1)
 
 
 def fixed_light(graph: HalfEdges, image: np.ndarray, shading: np.ndarray, steps: Steps = STEPS) -> PrimalDual:
     """Start at ρ = I for a given shading, (N, 3) each: three harmonics stand in for the three channels'."""
-    slices = Slices(np.array([0, graph.size]))
+    slices = slices_of(graph, np.array([0, graph.size]))
     problem = Problem(
         slices=slices,
         graph=sliced_graph(graph, slices),

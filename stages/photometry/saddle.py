@@ -11,8 +11,7 @@ from stages.photometry.pyramid import Level
 from stages.photometry.stack import StackedViews
 from stages.solvers.half_edges import HalfEdges, half_edges
 from stages.solvers.primal_dual_graph import Problem
-from stages.solvers.sliced_graph import sliced_graph
-from stages.solvers.slices import Slices
+from stages.solvers.sliced_graph import sliced_graph, slices_of
 
 
 def finest_level(views: StackedViews, images: list[np.ndarray], weights: EnergyWeights) -> Level:
@@ -44,7 +43,7 @@ def _linked_views(views: StackedViews) -> np.ndarray:
 
 def problem_of(level: Level) -> Problem:
     """Arrange a level in slices."""
-    slices = Slices(level.starts)
+    slices = slices_of(level.graph, level.starts)
     return Problem(
         slices=slices,
         graph=sliced_graph(level.graph, slices),

@@ -20,7 +20,16 @@ _WIDE = {
     types.float64: ir.VectorType(ir.DoubleType(), COUNT),
 }
 _INT16 = ir.VectorType(ir.IntType(16), COUNT)
-_PLACES = ir.VectorType(ir.IntType(32), COUNT)
+_INT32 = ir.VectorType(ir.IntType(32), COUNT)
+_QUAD = ir.VectorType(ir.FloatType(), 4)
+_WIDTH = ir.IntType(64)
+
+# How eight pixels of four numbers each become four rows of eight, and back: pairs are interleaved within
+# each half of a vector, twice.
+_LOW, _HIGH = (0, 8, 1, 9, 4, 12, 5, 13), (2, 10, 3, 11, 6, 14, 7, 15)
+_EVEN, _ODD = (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15)
+
+ROUNDING = 1.5 * 2**23  # added to a float32 below 2²², it leaves the nearest integer in the lowest bits
 
 
 class Lanes(types.Type):
@@ -35,6 +44,9 @@ class Lanes(types.Type):
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager, lanes):
         super().__init__(manager, lanes, _WIDE[lanes.dtype])
+
+
+_THREE = types.UniTuple(Lanes(types.float32), 3)
 
 
 @intrinsic
@@ -60,7 +72,8 @@ def store(typingctx, array, place, lanes):
     def emit(context, builder, signature, arguments):
         at, values = _pointer(context, builder, signature, arguments), arguments[2]
         if narrow:
-            values = builder.fptosi(_call(builder, "llvm.rint.v8f32", values), _INT16)
+            shifted = builder.fadd(values, ir.Constant(values.type, [ROUNDING] * COUNT))
+            values = builder.trunc(builder.bitcast(shifted, _INT32), _INT16)
         builder.store(values, builder.bitcast(at, values.type.as_pointer()), align=array.dtype.bitwidth // 8)
         return context.get_dummy_value()
 
@@ -68,22 +81,57 @@ def store(typingctx, array, place, lanes):
 
 
 @intrinsic
-def gather(typingctx, array, offset, places, place):
-    """``array[offset + places[place + i]]`` for the eight lanes i; places are uint32."""
-    lanes = Lanes(array.dtype)
+def gather_channels(typingctx, array, pixels, place):
+    """Three channels, a `Lanes` each, of the eight pixels that ``pixels[place:place + 8]`` names.
+
+    The array holds four numbers per pixel, the fourth unused: one load fetches a pixel.
+    """
 
     def emit(context, builder, signature, arguments):
-        origin = _pointer(context, builder, signature, arguments)
-        at = _pointer(context, builder, signature.replace(args=signature.args[2:]), arguments[2:])
-        where = builder.load(builder.bitcast(at, _PLACES.as_pointer()), align=4)
-        values = ir.Constant(_WIDE[array.dtype], ir.Undefined)
-        for lane in range(COUNT):
-            number = ir.Constant(ir.IntType(32), lane)
-            far = builder.zext(builder.extract_element(where, number), ir.IntType(64))
-            values = builder.insert_element(values, builder.load(builder.gep(origin, [far])), number)
-        return values
+        origin = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        first = _pointer(context, builder, signature.replace(args=signature.args[1:]), arguments[1:])
+        pixels = [builder.load(builder.gep(first, [_WIDTH(lane)])) for lane in range(COUNT)]
+        starts = [builder.shl(builder.zext(pixel, _WIDTH), _WIDTH(2)) for pixel in pixels]
+        quads = [_load_quad(builder, builder.gep(origin, [start])) for start in starts]
+        return context.make_tuple(builder, signature.return_type, _channels(builder, quads))
 
-    return lanes(array, offset, places, place), emit
+    return _THREE(array, pixels, place), emit
+
+
+@intrinsic
+def load_channels(typingctx, array, place):
+    """Three channels, a `Lanes` each, of eight pixels that lie side by side, four numbers each."""
+
+    def emit(context, builder, signature, arguments):
+        first = _pointer(context, builder, signature, arguments)
+        quads = [_load_quad(builder, builder.gep(first, [_WIDTH(4 * lane)])) for lane in range(COUNT)]
+        return context.make_tuple(builder, signature.return_type, _channels(builder, quads))
+
+    return _THREE(array, place), emit
+
+
+@intrinsic
+def store_channels(typingctx, array, place, red, green, blue):
+    """Write three channels of eight pixels, four numbers each; the fourth is blue once more."""
+
+    def emit(context, builder, signature, arguments):
+        first, (red, green, blue) = _pointer(context, builder, signature, arguments), arguments[2:]
+        near, far = _mixed(builder, red, green, _LOW), _mixed(builder, red, green, _HIGH)
+        near_blue, far_blue = _mixed(builder, blue, blue, _LOW), _mixed(builder, blue, blue, _HIGH)
+        pairs = [
+            _mixed(builder, near, near_blue, _EVEN),
+            _mixed(builder, near, near_blue, _ODD),
+            _mixed(builder, far, far_blue, _EVEN),
+            _mixed(builder, far, far_blue, _ODD),
+        ]
+        for lane in range(COUNT):
+            half = range(0, 4) if lane < 4 else range(4, 8)
+            quad = _mixed(builder, pairs[lane % 4], pairs[lane % 4], half)
+            at = builder.gep(first, [_WIDTH(4 * lane)])
+            builder.store(quad, builder.bitcast(at, _QUAD.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, place, red, green, blue), emit
 
 
 @intrinsic
@@ -189,10 +237,31 @@ def _pointer(context, builder, signature, arguments):
     return builder.gep(array.data, [arguments[1]])
 
 
+def _load_quad(builder, at):
+    return builder.load(builder.bitcast(at, _QUAD.as_pointer()), align=4)
+
+
+def _channels(builder, quads):
+    """The first three numbers of eight pixels as three vectors of eight."""
+    wide = [_mixed(builder, quads[lane], quads[lane + 4], range(8)) for lane in range(4)]
+    near, far = _mixed(builder, wide[0], wide[1], _LOW), _mixed(builder, wide[2], wide[3], _LOW)
+    near_blue, far_blue = _mixed(builder, wide[0], wide[1], _HIGH), _mixed(builder, wide[2], wide[3], _HIGH)
+    return [
+        _mixed(builder, near, far, _EVEN),
+        _mixed(builder, near, far, _ODD),
+        _mixed(builder, near_blue, far_blue, _EVEN),
+    ]
+
+
+def _mixed(builder, left, right, order):
+    """Lanes of two vectors in a given order, the right one's counted on from the left one's."""
+    lanes = ir.Constant(ir.VectorType(ir.IntType(32), len(order)), list(order))
+    return builder.shuffle_vector(left, right, lanes)
+
+
 def _splat(builder, wide, number):
     first = builder.insert_element(ir.Constant(wide, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
-    same = ir.Constant(ir.VectorType(ir.IntType(32), COUNT), [0] * COUNT)
-    return builder.shuffle_vector(first, first, same)
+    return _mixed(builder, first, first, [0] * COUNT)
 
 
 def _call(builder, name, values):

@@ -8,11 +8,22 @@ import numba
 import numpy as np
 
 import stages.solvers.threading_layer  # noqa: F401
-from stages.solvers.lanes import clipped, gather, lane_sum, load, magnitude, spread, where_above
+from stages.solvers.lanes import (
+    clipped,
+    gather_channels,
+    lane_sum,
+    load,
+    load_channels,
+    magnitude,
+    spread,
+    store,
+    where_above,
+)
 from stages.solvers.sliced_graph import SlicedGraph
 from stages.solvers.slices import Blocks
 
-EIGHT, SLICE, ONE = np.uint64(8), np.uint64(24), np.uint64(1)
+EIGHT, SIXTEEN, SLICE, QUADS = np.uint64(8), np.uint64(16), np.uint64(24), np.uint64(32)
+ONE, THREE = np.uint64(1), np.uint64(3)
 UNIT = np.float32(16383)  # a dual at its bound, as it is stored: 16 bits hold twice that
 DARK = (0.05, 0.1, 0.2, 0.4)  # of the mean |S|: what darker pixels say is left out; the best bound counts
 
@@ -46,8 +57,10 @@ def bounds(
 
     Parameters
     ----------
-    blocks, graph, edge_dual, albedo, image, shading, share
+    blocks, graph, edge_dual, image, shading, share
         As in `PrimalDual` and `Problem`.
+    albedo : ndarray, shape (S · 8, 4), float32
+        Interleaved: four numbers per pixel.
     multiplier : ndarray, shape (n, 3), float64
         m, of every view's gauge: the minimum is over the albedos with ``Σ share |ρ| = wanted``. With m = 0 it
         is over all.
@@ -102,25 +115,42 @@ def _bounds(blocks, graph, dual, albedo, givens, multiplier, floors, quotients, 
     views, begins, ends = blocks
     first, neighbour, weight = graph
     image, shading, share = givens
-    half, pull_scale, unit = spread(np.float32(0.5)), spread(np.float32(1) / UNIT), spread(UNIT)
-    zero = spread(np.float32(0))
     for block in numba.prange(begins.size):
+        made = np.empty(THREE * SLICE, np.float32)
         for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
-            for c in range(3):
-                shift = np.uint64(c) * EIGHT
-                at = s * SLICE + shift
-                rho, light, value = load(albedo, at), load(shading, at), load(image, at)
-                energy, pull = magnitude(value - light * rho), zero
-                for row in range(first[s], first[s + ONE]):
-                    w = load(weight, row * EIGHT)
-                    difference = rho - gather(albedo, shift, neighbour, row * EIGHT)
-                    energy = energy + half * w * magnitude(difference)
-                    pull = pull + w * clipped(load(dual, row * SLICE + shift), unit)
-                pull, gain = pull_scale * pull, spread(multiplier[views[block], c]) * load(share, s * EIGHT)
-                sums[block, c, 0] += lane_sum(energy)
+            _look_along_edges(s, first, neighbour, weight, dual, albedo, made)
+            for c in range(THREE):
+                at = s * SLICE + c * EIGHT
+                light, value = load(shading, at), load(image, at)
+                rho, variation, pull = _three(made, c * EIGHT)
+                gain = spread(multiplier[views[block], c]) * load(share, s * EIGHT)
+                sums[block, c, 0] += lane_sum(magnitude(value - light * rho) + variation)
                 for k in range(floors.shape[0]):
                     least = _least(value, light, pull, gain, floors[k, c], quotients[k, c])
                     sums[block, c, 1 + k] += lane_sum(least)
+
+
+@numba.njit(nogil=True)
+def _look_along_edges(s, first, neighbour, weight, dual, albedo, made):
+    """Of a slice: albedo, half of ``Σ w |ρ_p − ρ_q|``, and ``Kᵀy``, three channels each."""
+    half, whole, unit = spread(np.float32(0.5)), spread(np.float32(1) / UNIT), spread(UNIT)
+    own = load_channels(albedo, s * QUADS)
+    for c in range(THREE):
+        here = own[0] if c == 0 else (own[1] if c == 1 else own[2])
+        variation, pull = spread(np.float32(0)), spread(np.float32(0))
+        for row in range(first[s], first[s + ONE]):
+            w, far = load(weight, row * EIGHT), gather_channels(albedo, neighbour, row * EIGHT)
+            there = far[0] if c == 0 else (far[1] if c == 1 else far[2])
+            variation = variation + half * w * magnitude(here - there)
+            pull = pull + w * clipped(load(dual, row * SLICE + c * EIGHT), unit)
+        store(made, c * EIGHT, here)
+        store(made, SLICE + c * EIGHT, variation)
+        store(made, SLICE + SLICE + c * EIGHT, whole * pull)
+
+
+@numba.njit(inline="always")
+def _three(made, at):
+    return load(made, at), load(made, at + SLICE), load(made, at + SLICE + SLICE)
 
 
 @numba.njit(inline="always")

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.solvers.gram_matrices import gram_matrices
+from stages.solvers.lanes import COUNT
 from stages.solvers.primal_dual_bounds import Bounds, bounds
-from stages.solvers.primal_dual_loops import inherit, shade, sweep
+from stages.solvers.primal_dual_loops import inherit, interleave, shade, sweep
 from stages.solvers.sliced_graph import SlicedGraph
 from stages.solvers.slices import Slices
 
@@ -115,7 +116,9 @@ class PrimalDual:
     ):
         self.problem, self._steps, self._free = problem, steps, free_light
         self.albedo, self.light = np.ascontiguousarray(albedo, np.float32).copy(), light.astype(np.float64)
-        self._ahead, self._ahead_next = self.albedo.copy(), self.albedo.copy()
+        self._ahead = np.zeros((COUNT * problem.slices.count, 4), np.float32)  # a load per neighbour
+        interleave(self.albedo.ravel(), self._ahead.ravel())
+        self._ahead_next = np.zeros_like(self._ahead)
         self._light_ahead = self.light.copy()
         self.edge_dual = np.zeros(3 * problem.graph.weight.size, np.int16)
         self._data_dual = np.zeros_like(self.albedo)
@@ -141,7 +144,7 @@ class PrimalDual:
             Every pixel's group.
         """
         own, other = self.problem, coarser.problem
-        places = np.full(8 * own.slices.count, -1, np.int64)
+        places = np.full(COUNT * own.slices.count, -1, np.int64)
         places[own.slices.places] = other.slices.places[group]
         inherit(
             own.graph.first,
@@ -163,7 +166,7 @@ class PrimalDual:
             self.problem.slices.blocks,
             self.problem.graph,
             self.edge_dual,
-            self.albedo,
+            self._interleaved(),
             self.problem.image,
             self.shading(),
             self.problem.share,
@@ -179,8 +182,15 @@ class PrimalDual:
         shade(blocks.view, blocks.begin, blocks.end, basis.ravel(), light, shading.ravel())
         return shading
 
+    def _interleaved(self) -> np.ndarray:
+        """The albedo, four numbers per pixel; lies where the next albedo ahead will."""
+        interleave(self.albedo.ravel(), self._ahead_next.ravel())
+        return self._ahead_next
+
     def _iterate_once(self) -> None:
         problem, blocks, steps = self.problem, self.problem.slices.blocks, self._steps
+        both = np.concatenate([self.light, self._light_ahead], axis=1)
+        lights = np.ascontiguousarray(both.swapaxes(1, 2), np.float32)
         slopes, pulls = np.empty((blocks.view.size, 3, self.light.shape[2])), np.empty((blocks.view.size, 3))
         sweep(
             (blocks.view, blocks.begin, blocks.end),
@@ -188,7 +198,7 @@ class PrimalDual:
             (self.edge_dual, self._data_dual.ravel()),
             (self.albedo.ravel(), self._ahead.ravel(), self._ahead_next.ravel()),
             (problem.image.ravel(), problem.basis.ravel(), problem.share.ravel()),
-            (self.light.astype(np.float32), self._light_ahead.astype(np.float32)),
+            lights,
             self._multiplier[problem.gauge_of_view].astype(np.float32),
             (np.float32(steps.scale), np.float32(steps.data_share), np.float32(steps.relaxation)),
             slopes,
@@ -222,6 +232,6 @@ class PrimalDual:
         factors = np.where(known, problem.wanted / np.maximum(current, NOTHING), 1.0)[problem.gauge_of_view]
         for own, factor in zip(views, factors.astype(np.float32)[:, :, None], strict=True):
             self.albedo[own] *= factor
-            self._ahead[own] *= factor
+            self._ahead[COUNT * own.start : COUNT * own.stop, :3] *= factor[:, 0]
         self.light = self.light / factors[:, :, None]
         self._light_ahead = self._light_ahead / factors[:, :, None]

@@ -6,96 +6,188 @@ import numba
 import numpy as np
 
 import stages.solvers.threading_layer  # noqa: F401
-from stages.solvers.lanes import clipped, gather, lane_sum, load, magnitude, spread, store
+from stages.solvers.lanes import (
+    clipped,
+    gather_channels,
+    lane_sum,
+    load,
+    load_channels,
+    magnitude,
+    spread,
+    store,
+    store_channels,
+)
 from stages.solvers.primal_dual_bounds import UNIT
 
+# Places are unsigned throughout: numba checks signed ones for negative values.
 EIGHT, SIXTEEN, SLICE = np.uint64(8), np.uint64(16), np.uint64(24)  # a slice: three channels of eight pixels
-ONE, THREE = np.uint64(1), np.uint64(3)
+QUADS = np.uint64(32)  # a slice of an interleaved array: eight pixels of four numbers
+ZERO, ONE, THREE = np.uint64(0), np.uint64(1), np.uint64(3)
+CHUNK = np.uint64(32)  # slices whose pulls stay in the nearest cache
 TWICE = np.float32(2) * UNIT  # what 16 bits hold
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def shade(views, begins, ends, basis, light, shading):
     """``S = σ·ν`` of every slice and channel."""
+    size = np.uint64(light.shape[2])
     for block in numba.prange(views.size):
         for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
             for c in range(THREE):
-                store(shading, (s * THREE + c) * EIGHT, _shaded(basis, s, light[views[block], c]))
+                total = spread(np.float32(0))
+                for k in range(size):
+                    total = total + spread(light[views[block], c, k]) * load(basis, (s * size + k) * EIGHT)
+                store(shading, (s * THREE + c) * EIGHT, total)
 
 
-@numba.njit(inline="always")
-def _shaded(basis, s, light):
-    """``σ·ν`` of a slice."""
-    size = np.uint64(light.size)
-    total = spread(np.float32(0))
-    for k in range(size):
-        total = total + spread(light[k]) * load(basis, (s * size + k) * EIGHT)
-    return total
+@numba.njit(parallel=True, cache=True, nogil=True)
+def interleave(sliced, interleaved):
+    """Three channels of eight pixels, (S, 3, 8), as four numbers per pixel, (S · 8, 4)."""
+    for share in numba.prange(sliced.size // SLICE):
+        s = np.uint64(share)
+        red, green, blue = _channels(sliced, s * SLICE)
+        store_channels(interleaved, s * QUADS, red, green, blue)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def sweep(blocks, graph, duals, albedos, givens, lights, multiplier, steps, slopes, pulls):
     """One iteration, in place but for the albedo ahead, which neighbours still read.
 
-    Unsigned places throughout: numba checks signed ones for negative values.
+    `lights` is (n, K, 6): per harmonic the light of three channels, then the light ahead.
     """
     views, begins, ends = blocks
     first, neighbour, weight, total_weight = graph
     edge_dual, data_dual = duals
     albedo, ahead, ahead_next = albedos
     image, basis, share = givens
-    light, light_ahead = lights
-    scale, data_share, relaxation = steps
-    gain, unit, twice = spread(np.float32(0.5) * UNIT / scale), spread(UNIT), spread(TWICE)
-    data_gain, kappa = spread(np.float32(0.5) * data_share / scale), spread(data_share)
-    theta, r, pull_scale = spread(relaxation), spread(scale), spread(np.float32(1) / UNIT)
-    zero, one, two = spread(np.float32(0)), spread(np.float32(1)), spread(np.float32(2))
-    size = np.uint64(light.shape[2])
+    size = np.uint64(lights.shape[1])
     for block in numba.prange(views.size):
-        view = views[block]
-        slope = np.zeros(THREE * size * EIGHT, np.float32)
-        pulled = np.zeros(THREE * EIGHT, np.float32)
-        for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
-            red, green, blue = s * SLICE, s * SLICE + EIGHT, s * SLICE + SIXTEEN
-            own_red, own_green, own_blue = load(ahead, red), load(ahead, green), load(ahead, blue)
-            pull_red, pull_green, pull_blue = zero, zero, zero
-            for row in range(first[s], first[s + ONE]):
-                at, held = row * EIGHT, row * SLICE
-                w = load(weight, at)
-                z = load(edge_dual, held)
-                z = _moved(z, own_red - gather(ahead, np.uint64(0), neighbour, at), gain, theta, unit, twice)
-                store(edge_dual, held, z)
-                pull_red = pull_red + w * z
-                z = load(edge_dual, held + EIGHT)
-                z = _moved(z, own_green - gather(ahead, EIGHT, neighbour, at), gain, theta, unit, twice)
-                store(edge_dual, held + EIGHT, z)
-                pull_green = pull_green + w * z
-                z = load(edge_dual, held + SIXTEEN)
-                z = _moved(z, own_blue - gather(ahead, SIXTEEN, neighbour, at), gain, theta, unit, twice)
-                store(edge_dual, held + SIXTEEN, z)
-                pull_blue = pull_blue + w * z
-            weights, counts = load(total_weight, s * EIGHT), load(share, s * EIGHT)
-            for c in range(THREE):
-                at = red + c * EIGHT
-                pull = pull_scale * (pull_red if c == 0 else (pull_green if c == 1 else pull_blue))
-                shading = _shaded(basis, s, light[view, c])
-                shading_ahead = _shaded(basis, s, light_ahead[view, c])
-                before = load(albedo, at)
-                misfit = (load(ahead, at) - before) * shading + before * shading_ahead - load(image, at)
-                x = _moved(load(data_dual, at), misfit, data_gain, theta, one, two)
-                store(data_dual, at, x)
-                force = pull + shading * x - counts * clipped(spread(multiplier[view, c]), magnitude(shading))
-                now = before - r * force / (weights + kappa * shading * shading)
-                store(albedo, at, before + theta * (now - before))
-                store(ahead_next, at, two * now - before)
-                store(pulled, c * EIGHT, load(pulled, c * EIGHT) + before * pull)
-                for k in range(size):
-                    to = (c * size + k) * EIGHT
-                    store(slope, to, load(slope, to) + x * before * load(basis, (s * size + k) * EIGHT))
+        view, end = views[block], np.uint64(ends[block])
+        slope, pulled = np.zeros(SLICE * size, np.float32), np.zeros(SLICE, np.float32)
+        pull, shading = (
+            np.empty(CHUNK * SLICE, np.float32),
+            np.empty(CHUNK * SLICE * np.uint64(2), np.float32),
+        )
+        for begin in range(np.uint64(begins[block]), end, CHUNK):
+            stop = min(begin + CHUNK, end)
+            _move_edge_duals(begin, stop, first, neighbour, weight, edge_dual, ahead, steps, pull)
+            _shade_both(begin, stop, basis, lights[view], shading)
+            _move_pixels(
+                begin,
+                stop,
+                (albedo, ahead, ahead_next),
+                (data_dual, image, total_weight, share),
+                (pull, shading),
+                multiplier[view],
+                steps,
+                pulled,
+            )
+            _add_slopes(begin, stop, basis, pull, slope)
         for c in range(THREE):
             pulls[block, c] = lane_sum(load(pulled, c * EIGHT))
             for k in range(size):
-                slopes[block, c, k] = lane_sum(load(slope, (c * size + k) * EIGHT))
+                slopes[block, c, k] = lane_sum(load(slope, k * SLICE + c * EIGHT))
+
+
+@numba.njit(nogil=True)
+def _move_edge_duals(begin, stop, first, neighbour, weight, edge_dual, ahead, steps, pull):
+    """Step all edge duals of a chunk; what they pull its pixels by, ``Kᵀy``, goes to `pull`."""
+    gain, theta = spread(np.float32(0.5) * UNIT / steps[0]), spread(steps[2])
+    unit, twice, whole = spread(UNIT), spread(TWICE), spread(np.float32(1) / UNIT)
+    for s in range(begin, stop):
+        own_red, own_green, own_blue = load_channels(ahead, s * QUADS)
+        pull_red, pull_green, pull_blue = spread(np.float32(0)), spread(np.float32(0)), spread(np.float32(0))
+        for row in range(first[s], first[s + ONE]):
+            held, w = row * SLICE, load(weight, row * EIGHT)
+            red, green, blue = gather_channels(ahead, neighbour, row * EIGHT)
+            z_red, z_green, z_blue = _channels(edge_dual, held)
+            z_red = _moved(z_red, own_red - red, gain, theta, unit, twice)
+            z_green = _moved(z_green, own_green - green, gain, theta, unit, twice)
+            z_blue = _moved(z_blue, own_blue - blue, gain, theta, unit, twice)
+            _store_channels(edge_dual, held, z_red, z_green, z_blue)
+            pull_red, pull_green, pull_blue = (
+                pull_red + w * z_red,
+                pull_green + w * z_green,
+                pull_blue + w * z_blue,
+            )
+        _store_channels(pull, (s - begin) * SLICE, whole * pull_red, whole * pull_green, whole * pull_blue)
+
+
+@numba.njit(nogil=True)
+def _shade_both(begin, stop, basis, light, shading):
+    """``S`` and ``S̄`` of a chunk, three channels each."""
+    size = np.uint64(light.shape[0])
+    for s in range(begin, stop):
+        red, green, blue = spread(np.float32(0)), spread(np.float32(0)), spread(np.float32(0))
+        red_ahead, green_ahead, blue_ahead = red, green, blue
+        for k in range(size):
+            value = load(basis, (s * size + k) * EIGHT)
+            red, red_ahead = red + spread(light[k, 0]) * value, red_ahead + spread(light[k, 3]) * value
+            green, green_ahead = (
+                green + spread(light[k, 1]) * value,
+                green_ahead + spread(light[k, 4]) * value,
+            )
+            blue, blue_ahead = blue + spread(light[k, 2]) * value, blue_ahead + spread(light[k, 5]) * value
+        to = (s - begin) * SLICE * np.uint64(2)
+        _store_channels(shading, to, red, green, blue)
+        _store_channels(shading, to + SLICE, red_ahead, green_ahead, blue_ahead)
+
+
+@numba.njit(nogil=True, error_model="numpy")
+def _move_pixels(begin, stop, albedos, givens, made, multiplier, steps, pulled):
+    """Step data duals and albedos of a chunk; `pull` then holds ``x ρ``, what the light is pulled by."""
+    albedo, ahead, ahead_next = albedos
+    data_dual, image, total_weight, share = givens
+    pull, shadings = made
+    scale, data_share, relaxation = steps
+    gain, kappa = spread(np.float32(0.5) * data_share / scale), spread(data_share)
+    r, theta, one, two = spread(scale), spread(relaxation), spread(np.float32(1)), spread(np.float32(2))
+    for s in range(begin, stop):
+        weights, counts = load(total_weight, s * EIGHT), load(share, s * EIGHT)
+        here = load_channels(ahead, s * QUADS)
+        for c in range(THREE):
+            at, local = s * SLICE + c * EIGHT, (s - begin) * SLICE + c * EIGHT
+            own_ahead = here[0] if c == ZERO else (here[1] if c == ONE else here[2])
+            before, force = load(albedo, at), load(pull, local)
+            shading = load(shadings, local + (s - begin) * SLICE)
+            shading_ahead = load(shadings, local + (s - begin + ONE) * SLICE)
+            misfit = (own_ahead - before) * shading + before * shading_ahead - load(image, at)
+            x = _moved(load(data_dual, at), misfit, gain, theta, one, two)
+            store(data_dual, at, x)
+            store(pulled, c * EIGHT, load(pulled, c * EIGHT) + before * force)
+            held = counts * clipped(spread(multiplier[c]), magnitude(shading))
+            now = before - r * (force + shading * x - held) / (weights + kappa * shading * shading)
+            store(albedo, at, before + theta * (now - before))
+            store(pull, local, x * before)
+            store(shadings, local + (s - begin) * SLICE, two * now - before)
+        red, green, blue = _channels(shadings, (s - begin) * SLICE * np.uint64(2))
+        store_channels(ahead_next, s * QUADS, red, green, blue)
+
+
+@numba.njit(nogil=True)
+def _add_slopes(begin, stop, basis, force, slope):
+    """Add ``Σ_p x ρ ν`` of a chunk, harmonic by harmonic."""
+    size = np.uint64(slope.size) // SLICE
+    for k in range(size):
+        red, green, blue = _channels(slope, k * SLICE)
+        for s in range(begin, stop):
+            value = load(basis, (s * size + k) * EIGHT)
+            force_red, force_green, force_blue = _channels(force, (s - begin) * SLICE)
+            red, green, blue = red + value * force_red, green + value * force_green, blue + value * force_blue
+        _store_channels(slope, k * SLICE, red, green, blue)
+
+
+@numba.njit(inline="always")
+def _channels(array, at):
+    """Three channels of a slice."""
+    return load(array, at), load(array, at + EIGHT), load(array, at + SIXTEEN)
+
+
+@numba.njit(inline="always")
+def _store_channels(array, at, red, green, blue):
+    store(array, at, red)
+    store(array, at + EIGHT, green)
+    store(array, at + SIXTEEN, blue)
 
 
 @numba.njit(inline="always")
@@ -111,13 +203,12 @@ def inherit(first, neighbour, weight, dual, first_c, neighbour_c, weight_c, dual
     for share in numba.prange(first.size - 1):
         s = np.int64(share)
         for at in range(np.int64(first[s]) * 8, np.int64(first[s + 1]) * 8):
-            own, other = group[s * 8 + at % 8], group[_place(neighbour[at])]
+            own, other = group[s * 8 + at % 8], group[neighbour[at]]
             if weight[at] == 0 or own == other:
                 continue
-            wanted = (other // 8) * 24 + other % 8
             for row in range(np.int64(first_c[own // 8]), np.int64(first_c[own // 8 + 1])):
                 at_c = row * 8 + own % 8
-                if weight_c[at_c] > 0 and np.int64(neighbour_c[at_c]) == wanted:
+                if weight_c[at_c] > 0 and np.int64(neighbour_c[at_c]) == other:
                     for c in range(3):
                         dual[_held(at, c)] = dual_c[_held(at_c, c)]
                     break
@@ -127,9 +218,3 @@ def inherit(first, neighbour, weight, dual, first_c, neighbour_c, weight_c, dual
 def _held(at, channel):
     """Where the dual of a half-edge lies."""
     return at // 8 * 24 + at % 8 + 8 * channel
-
-
-@numba.njit(inline="always")
-def _place(neighbour):
-    """Place of a pixel from where its first channel lies."""
-    return np.int64(neighbour) // 24 * 8 + np.int64(neighbour) % 24

@@ -15,7 +15,7 @@ BLOCK = 128  # slices that a thread takes at a time; the order of sums depends o
 
 @dataclass(frozen=True, eq=False)
 class Slices:
-    """Every view's pixels in slices of eight consecutive ones; a view's last slice is filled up.
+    """Every view's pixels in slices of eight; a view's last slice is filled up.
 
     Values of k kinds per pixel, (N, k), are held as (S, k, 8): kind by kind within a slice.
 
@@ -23,9 +23,12 @@ class Slices:
     ----------
     starts : ndarray, shape (n + 1,), int64
         View i owns the pixels ``starts[i]:starts[i + 1]``.
+    rank : ndarray, shape (N,), integer, or None
+        A permutation within the views: in which order their pixels fill the slices. As they are by default.
     """
 
     starts: np.ndarray
+    rank: np.ndarray | None = None
 
     @cached_property
     def first(self) -> np.ndarray:
@@ -39,9 +42,10 @@ class Slices:
 
     @cached_property
     def places(self) -> np.ndarray:
-        """Where pixel p is: lane ``place % 8`` of slice ``place // 8``; shape (N,), int64."""
-        shifts = COUNT * self.first[:-1] - self.starts[:-1]
-        return np.arange(self.starts[-1]) + np.repeat(shifts, np.diff(self.starts))
+        """Where pixel p is: lane ``place % 8`` of slice ``place // 8``; shape (N,), int32."""
+        shifts = (COUNT * self.first[:-1] - self.starts[:-1]).astype(np.int32)
+        rank = np.arange(self.starts[-1], dtype=np.int32) if self.rank is None else self.rank
+        return rank + np.repeat(shifts, np.diff(self.starts))
 
     def spread(self, values: np.ndarray) -> np.ndarray:
         """Values (N, k) as (S, k, 8), float32; 0 where no pixel is."""
