@@ -90,7 +90,7 @@ class DecompositionSettings(Settings):
 def run(job: Job) -> None:
     """Open the views, decompose the channels side by side, save albedo, shading, light and history.
 
-    Memory: about 500 B per masked pixel for what the channels share, 500 B more for each one at work.
+    Memory: MEMNOTE
     """
     import numpy as np
 
@@ -104,9 +104,9 @@ def run(job: Job) -> None:
     place = {camera.name: i for i, camera in enumerate(cameras)}
     links = read_links(job.inputs["correspondences"])
     views = stack_views(masks, normals, {(place[i], place[j]): c for (i, j), c in links.items()})
-    del normals, links
+    del normals, links  # the stack has its own
     scale = _bright_value(pixels)
-    images = [np.ascontiguousarray(pixels[:, channel]) / scale for channel in range(3)]
+    images = [np.ascontiguousarray(pixels[:, channel]) / np.float32(scale) for channel in range(3)]
     del pixels
     solve = _solve_fast if settings.solver == "fast" else _solve_as_the_paper
     solved = solve(job, settings, views, images)
@@ -157,7 +157,8 @@ def _solve_as_the_paper(
     from stages.photometry.energy_history import descent_as_json
 
     with job.progress("alternations", 3 * settings.max_alternations) as step:
-        descents = decompose_channels(views, images, _alternation(settings), job.executor, step)
+        exact = [image.astype(np.float64) for image in images]
+        descents = decompose_channels(views, exact, _alternation(settings), job.executor, step)
     return Solved(
         albedo=np.stack([descent.state.albedo for descent in descents], axis=-1),
         light=np.stack([descent.state.light for descent in descents], axis=1),
@@ -212,7 +213,7 @@ def _read_views(job: Job, cameras: list[Camera]) -> tuple[list[np.ndarray], list
                 )
             masks.append(mask)
             normals.append(read_exr(job.inputs["normal"] / f"{camera.name}.exr"))
-            pixels.append(values.astype(np.float64))
+            pixels.append(values)
             step()
     return masks, normals, np.concatenate(pixels)
 
@@ -253,7 +254,7 @@ def _write_maps(
     write_lighting(job.outputs["lighting"], cameras, light, scale)
     job.note(
         pixels=len(albedo),
-        links=views.c.shape[0],
+        links=views.link_count,
         negative_shading={c: int((shading[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
         negative_albedo={c: int((albedo[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
     )
@@ -284,7 +285,7 @@ def _write_history(job: Job, settings: DecompositionSettings, solved: Solved) ->
 
 DECOMPOSITION = Stage(
     name="decomposition",
-    version=2,
+    version=3,
     about="Albedo, shading and light of each view, from all views together.",
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),

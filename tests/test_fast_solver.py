@@ -42,7 +42,7 @@ def solution(views: StackedViews, images: list[np.ndarray], how: FastSettings = 
 
 def terms_of(views: StackedViews, images: list[np.ndarray], descent: FastDescent) -> list[EnergyTerms]:
     return [
-        energy_terms(views, image, descent.albedo[:, c].copy(), descent.light[:, c].copy())
+        energy_terms(views, image, descent.albedo[:, c].astype(float), descent.light[:, c].copy())
         for c, image in enumerate(images)
     ]
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from stages.solvers.conjugate_gradient import conjugate_gradient
 from stages.solvers.correspondence_operator import correspondence_matrix
-from stages.solvers.difference_operators import difference_matrices, pixel_numbers
+from stages.solvers.difference_operators import difference_matrices, first_pixels, neighbours
 from stages.solvers.reweighted_least_squares import (
     NormalEquations,
     l1_weights,
@@ -60,10 +60,12 @@ def test_every_operator_passes_the_dot_test(seed):
 
 def test_pixels_are_numbered_view_after_view_row_by_row():
     first = np.array([[True, False], [True, True]])
-    second = np.array([[False, True]])
-    numbers = pixel_numbers([first, second])
-    assert numbers[0].tolist() == [[0, -1], [1, 2]]
-    assert numbers[1].tolist() == [[-1, 3]]
+    second = np.array([[False, True, True]])
+    assert first_pixels([first, second]).tolist() == [0, 3, 5]
+    along_x, along_y = neighbours(first)
+    assert [side.tolist() for side in along_x] == [[1], [2]]
+    assert [side.tolist() for side in along_y] == [[0], [1]]
+    assert [side.tolist() for side in neighbours(second, 3)[0]] == [[3], [4]]
 
 
 def test_differences_stay_inside_the_mask():

@@ -16,7 +16,7 @@ from benchmarks.solver.growth import slope
 from benchmarks.solver.inner_solvers import INNER_SOLVERS
 from benchmarks.solver.ours import endless, timed
 from stages.photometry.albedo_step import albedo_system
-from stages.solvers.half_edges import half_edges
+from stages.photometry.saddle import graph_of
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_the_plane_has_four_links_per_pixel_and_about_the_size_asked_for():
     problem = corrugated_plane(20_000)
     assert problem.pixels == pytest.approx(20_000, rel=0.05)
     assert problem.views.view_count == VIEWS
-    assert 3.5 < problem.views.c.shape[0] / problem.pixels <= 4
+    assert 3.5 < problem.views.link_count / problem.pixels <= 4
     assert np.percentile(np.stack(problem.images), 99) == pytest.approx(1)
 
 
@@ -85,8 +85,7 @@ def test_the_compiled_rival_solves_the_papers_normal_equations():
     light = np.ones((VIEWS, 9))
     albedo = np.stack(problem.images, axis=1)
     shading = np.repeat(views.shading(light)[:, None], 3, axis=1)
-    operators = [(views.d_x, weights.smoothness), (views.d_y, weights.smoothness)]
-    graph = half_edges([*operators, (views.c, weights.consistency)])
+    graph = graph_of(views, weights)
     given = (values.astype(np.float32) for values in (albedo, shading, albedo))
     found = reweighted_descent(graph, *given, 1e-2, 200)
     for channel, image in enumerate(problem.images):

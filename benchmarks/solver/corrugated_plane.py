@@ -71,6 +71,9 @@ def _paint(rows: np.ndarray, along: np.ndarray) -> np.ndarray:
 
 def _links(height: int, width: int, shift: int) -> sp.csr_array:
     """The pixel in column x of one view is the one in column x − shift of the other."""
-    pixels = np.arange(height * width).reshape(height, width)
-    here, there = pixels[:, shift:].ravel(), pixels[:, : width - shift].ravel()
-    return sp.csr_array((np.ones(here.size), (here, there)), shape=(pixels.size, pixels.size))
+    pixels = np.arange(height * width, dtype=np.int32).reshape(height, width)
+    linked = np.ones(pixels.shape, np.int32)
+    linked[:, :shift] = 0
+    firsts = np.concatenate([[0], np.cumsum(linked.ravel(), dtype=np.int32)]).astype(np.int32)
+    there = pixels[:, : width - shift].ravel()
+    return sp.csr_array((np.ones(there.size, np.uint8), there, firsts), shape=2 * (pixels.size,))

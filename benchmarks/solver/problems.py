@@ -30,7 +30,7 @@ class RaceProblem:
     about : str
         One phrase.
     views : StackedViews
-    images : list of 3 ndarray, shape (N,), float64
+    images : list of 3 ndarray, shape (N,), float32
         Scaled: 99th percentile = 1.
     weights : EnergyWeights
     """
@@ -72,4 +72,4 @@ def views_and_images(paths: Mapping[str, Path]) -> tuple[StackedViews, list[np.n
 def channels_of(pixels: np.ndarray) -> list[np.ndarray]:
     """Three images (N,) from values (N, 3), scaled as the `decomposition` stage does."""
     scale = np.percentile(pixels, 99)
-    return [np.ascontiguousarray(pixels[:, channel]) / scale for channel in range(3)]
+    return [np.ascontiguousarray(pixels[:, channel], np.float32) / np.float32(scale) for channel in range(3)]

@@ -182,7 +182,7 @@ def as_json(found: Findings) -> dict[str, Any]:
                 "problem": race.problem.name,
                 "about": race.problem.about,
                 "pixels": race.problem.pixels,
-                "links": race.problem.views.c.shape[0],
+                "links": race.problem.views.link_count,
                 "lambda": race.problem.weights.smoothness,
                 "mu": race.problem.weights.consistency,
                 "comparisons": [asdict(one) | {"ratio": one.ratio} for one in race.comparisons],

@@ -35,11 +35,12 @@ def race(problem: RaceProblem, inner: InnerSolver, budget_s: float, threads: int
     clock = Clock(budget_s, workers)
     views = problem.fresh_views()
     _ = views.equations  # counts: no other method needs it
-    states = [_start(views, image, problem.weights, clock) for image in problem.images]
+    images = [image.astype(np.float64) for image in problem.images]
+    states = [_start(views, image, problem.weights, clock) for image in images]
     looks = [(state.look, channel) for channel, state in enumerate(states)]
 
     def advance(channel: int) -> ChannelState:
-        return _alternate(views, problem.images[channel], states[channel], problem.weights, inner, clock)
+        return _alternate(views, images[channel], states[channel], problem.weights, inner, clock)
 
     with ThreadPoolExecutor(workers) as executor:
         for channel, state in _finished(advance, len(states), executor):

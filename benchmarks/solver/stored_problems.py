@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 import stages
 from benchmarks.paper.laboratory import FULL, QUARTER, Laboratory, Size, Weights
 from benchmarks.paper.rows import ROWS
@@ -45,7 +47,7 @@ def fountain() -> Iterator[RaceProblem]:
     raycast, correspondence = _finest_pair(store)
     records = [store.current("undistort"), raycast, correspondence]
     views, images = views_and_images(paths_of(store, records))
-    tall, wide = views.positions.max(axis=0) + 1
+    tall, wide = np.max([mask.shape for mask in views.masks], axis=0)
     about = f"fountain-P11, {views.view_count} views within {wide}×{tall}"
     yield RaceProblem(f"fountain-{wide}x{tall}", about, views, images, weights_of(1.0, 1.0))  # the defaults
 

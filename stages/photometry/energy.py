@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from stages.photometry.stack import StackedViews
+from stages.solvers.difference_operators import Pixels
 from stages.solvers.reweighted_least_squares import smoothed_absolute
 
 
@@ -63,7 +65,7 @@ def smoothness_term(views: StackedViews, albedo: np.ndarray) -> float:
 
     Eq. 4: ``ε_Smooth(ρ^i) = Σ_p |∂x ρ^i(p)| + |∂y ρ^i(p)|``
     """
-    return float(np.abs(views.d_x @ albedo).sum() + np.abs(views.d_y @ albedo).sum())
+    return _differences_of(albedo, views.neighbours())
 
 
 def consistency_term(views: StackedViews, albedo: np.ndarray) -> float:
@@ -71,7 +73,12 @@ def consistency_term(views: StackedViews, albedo: np.ndarray) -> float:
 
     Eq. 5: ``ε_MV(ρ^i, ρ^j) = Σ_{p^i} Σ_{p^j} C_ij(p^i, p^j) |ρ^i(p^i) − ρ^j(p^j)|``
     """
-    return float(np.abs(views.c @ albedo).sum())
+    return _differences_of(albedo, views.linked_pixels())
+
+
+def _differences_of(albedo: np.ndarray, pairs: Iterable[Pixels]) -> float:
+    """Sum of ``|ρ_q − ρ_p|``, view by view: never all pairs at a time."""
+    return float(sum(np.abs(albedo[q] - albedo[p]).sum() for p, q in pairs))
 
 
 def energy_terms(

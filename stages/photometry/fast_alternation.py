@@ -78,7 +78,7 @@ class FastDescent:
 
     Attributes
     ----------
-    albedo : ndarray, shape (N, 3), float64
+    albedo : ndarray, shape (N, 3), float32
     light : ndarray, shape (n, 3, K), float64
     terms : tuple of EnergyTerms
         Eq. 2's, per channel, in the gauge.
@@ -107,7 +107,7 @@ def solve(
     Parameters
     ----------
     views : StackedViews
-    images : list of 3 ndarray, shape (N,), float64
+    images : list of 3 ndarray, shape (N,)
         Scaled.
     settings : FastSettings
     threads : int
@@ -116,13 +116,15 @@ def solve(
         Called after every round.
     """
     levels = pyramid(finest_level(views, images, settings.weights), settings.fewest_pixels)
-    descent = start(levels[0], settings)
-    for depth in range(len(levels) - 1, 0, -1):
-        coarse, fine = levels[-1 - depth], levels[-depth]
-        use_threads(_threads_for(coarse, threads))
-        descent.iterate(settings.coarse_iterations * 2 ** (depth - 1))
-        descent = _refined(descent, fine, coarse.group, settings)
-    use_threads(_threads_for(levels[-1], threads))
+    group = levels[0].group
+    descent = start(levels.pop(0), settings)
+    while levels:
+        use_threads(_threads_for(descent, threads))
+        descent.iterate(settings.coarse_iterations * 2 ** (len(levels) - 1))
+        finer_group = levels[0].group
+        descent = PrimalDual.refined(descent, problem_of(levels.pop(0)), group)
+        group = finer_group
+    use_threads(_threads_for(descent, threads))
     return _finish(views, images, descent, settings, step)
 
 
@@ -135,18 +137,9 @@ def start(level: Level, settings: FastSettings) -> PrimalDual:
     return PrimalDual(problem, problem.slices.spread(albedo), light, settings.steps)
 
 
-def _refined(coarse: PrimalDual, level: Level, group: np.ndarray, settings: FastSettings) -> PrimalDual:
-    """The next level, begun where the one before stands."""
-    problem = problem_of(level)
-    albedo = coarse.problem.slices.collect(coarse.albedo)[group]
-    descent = PrimalDual(problem, problem.slices.spread(albedo), coarse.light, settings.steps)
-    descent.inherit(coarse, group)
-    return descent
-
-
-def _threads_for(level: Level, threads: int) -> int:
+def _threads_for(descent: PrimalDual, threads: int) -> int:
     """Threads that have enough to do between two barriers."""
-    return min(threads, 1 + level.image.shape[0] // PIXELS_PER_THREAD)
+    return min(threads, 1 + 8 * descent.problem.slices.count // PIXELS_PER_THREAD)
 
 
 def _finish(
@@ -158,7 +151,7 @@ def _finish(
 ) -> FastDescent:
     """Rounds on the finest level until the energy settles; the best state seen is kept."""
     rounds = [_look(descent, 0)]
-    best, kept = rounds[0], _state(descent)
+    best, kept = rounds[0], (descent.albedo.copy(), descent.light)
     outcome, standing = Outcome.LIMIT_REACHED, 0
     for k in range(1, settings.max_rounds + 1):
         descent.iterate(settings.round_iterations)
@@ -166,7 +159,7 @@ def _finish(
         least, energy = sum(best.energy), sum(rounds[-1].energy)
         step()
         if energy <= least:
-            best, kept = rounds[-1], _state(descent)
+            best, kept = rounds[-1], (_copied(descent.albedo, kept[0]), descent.light)
         standing = standing + 1 if abs(least - energy) <= settings.tolerance * least else 0
         if standing and rounds[-1].gap <= settings.gap_tolerance:
             outcome = Outcome.CONVERGED
@@ -176,12 +169,13 @@ def _finish(
             break
     if rounds[-1] is not best:
         rounds.append(best)
-    albedo, light = kept[0].astype(np.float64), kept[1]
+    albedo, light = descent.problem.slices.collect(kept[0]), kept[1]
     return FastDescent(albedo, light, _terms(views, images, albedo, light), tuple(rounds), outcome)
 
 
-def _state(descent: PrimalDual) -> tuple[np.ndarray, np.ndarray]:
-    return descent.problem.slices.collect(descent.albedo), descent.light
+def _copied(albedo: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    np.copyto(kept, albedo)
+    return kept
 
 
 def _look(descent: PrimalDual, iterations: int) -> Round:
@@ -194,6 +188,6 @@ def _terms(
 ) -> tuple[EnergyTerms, ...]:
     """Eq. 2's, per channel."""
     return tuple(
-        energy_terms(views, image, np.ascontiguousarray(albedo[:, c]), np.ascontiguousarray(light[:, c]))
+        energy_terms(views, image, albedo[:, c].astype(np.float64), np.ascontiguousarray(light[:, c]))
         for c, image in enumerate(images)
     )

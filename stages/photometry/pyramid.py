@@ -22,11 +22,11 @@ class Level:
     image : ndarray, shape (N, 3), float32
     share : ndarray, shape (N,), float32
         How full every group is: 1 where nothing is missing.
-    graph : HalfEdges
-        λ and μ are in its weights.
+    graph : HalfEdges or None
+        λ and μ are in its weights. None once it is arranged in slices.
     gauge_of_view : ndarray, shape (n,), int64
         The same number for views that links join.
-    group : ndarray, shape (N of the finer level,), int64, or None
+    group : ndarray, shape (N of the finer level,), int32, or None
         Where every pixel of the next finer level went; None at the finest.
     """
 
@@ -35,7 +35,7 @@ class Level:
     basis: np.ndarray
     image: np.ndarray
     share: np.ndarray
-    graph: HalfEdges
+    graph: HalfEdges | None
     gauge_of_view: np.ndarray
     group: np.ndarray | None = None
 
@@ -52,20 +52,17 @@ def coarser(level: Level) -> Level:
     stays, the smoothness weighs half, the agreement as much as before.
     """
     half = level.positions // 2
-    view = level.view_of_pixel
-    wide = int(half[:, 1].max()) + 1 if len(half) else 1
-    tall = int(half[:, 0].max()) + 1 if len(half) else 1
-    code = (view * tall + half[:, 0]) * wide + half[:, 1]
-    _, first, group = np.unique(code, return_index=True, return_inverse=True)
-    count = first.size
-    graph = aggregated(level.graph, group, count)
+    starts, group = _groups(half, level.starts)
+    count = int(starts[-1])
+    positions = np.empty((count, 2), np.int32)
+    positions[group] = half
     return Level(
-        starts=np.searchsorted(view[first], np.arange(level.starts.size)).astype(np.int64),
-        positions=half[first],
+        starts=starts,
+        positions=positions,
         basis=_quarter_sums(group, level.basis, count),
         image=_quarter_sums(group, level.image, count),
         share=_quarter_sums(group, level.share[:, None], count)[:, 0],
-        graph=HalfEdges(graph.first, graph.neighbour, graph.weight / np.float32(4)),
+        graph=aggregated(level.graph, group, count, factor=1 / 4),
         gauge_of_view=level.gauge_of_view,
         group=group,
     )
@@ -77,6 +74,20 @@ def pyramid(finest: Level, fewest: int) -> list[Level]:
     while levels[0].image.shape[0] >= 4 * fewest * (finest.starts.size - 1):
         levels.insert(0, coarser(levels[0]))
     return levels
+
+
+def _groups(half: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Number the places that are taken, view after view, row by row: starts (n + 1,), group (N,)."""
+    group, counts = np.empty(len(half), np.int32), []
+    for begin, end in zip(starts[:-1], starts[1:], strict=True):
+        rows, columns = half[begin:end].T
+        wide = int(columns.max(initial=-1)) + 1
+        code = rows * wide + columns
+        taken = np.zeros(int(code.max(initial=-1)) + 1, bool)
+        taken[code] = True
+        group[begin:end] = (np.cumsum(taken, dtype=np.int32) - 1)[code] + sum(counts)
+        counts.append(int(np.count_nonzero(taken)))
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), group
 
 
 def _quarter_sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
@@ -9,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.pyramid import Level
 from stages.photometry.stack import StackedViews
-from stages.solvers.half_edges import HalfEdges, half_edges
+from stages.solvers.half_edges import HalfEdges, from_edges
 from stages.solvers.primal_dual_graph import Problem
 from stages.solvers.sliced_graph import sliced_graph, slices_of
 
@@ -18,8 +20,8 @@ def finest_level(views: StackedViews, images: list[np.ndarray], weights: EnergyW
     """The pixels themselves; images are 3 scaled channels of (N,)."""
     return Level(
         starts=views.starts,
-        positions=views.positions,
-        basis=views.basis.astype(np.float32),
+        positions=views.positions(),
+        basis=views.basis,
         image=np.stack(images, axis=1).astype(np.float32),
         share=np.ones(len(images[0]), np.float32),
         graph=graph_of(views, weights),
@@ -29,24 +31,30 @@ def finest_level(views: StackedViews, images: list[np.ndarray], weights: EnergyW
 
 def graph_of(views: StackedViews, weights: EnergyWeights) -> HalfEdges:
     """λ times Eq. 4 plus μ times Eq. 5, as a graph of the pixels."""
-    smoothness = [(views.d_x, weights.smoothness), (views.d_y, weights.smoothness)]
-    return half_edges([*smoothness, (views.c, weights.consistency)])
+    touching, linked = list(views.neighbours()), list(views.linked_pixels())
+    tails, heads = zip(*touching, *linked, strict=True)
+    counts = sum(p.size for p, _ in touching), sum(p.size for p, _ in linked)
+    weight = np.repeat(np.array([weights.smoothness, weights.consistency], np.float32), counts)
+    return from_edges(int(views.starts[-1]), np.concatenate(tails), np.concatenate(heads), weight)
 
 
 def _linked_views(views: StackedViews) -> np.ndarray:
     """Number every set of views that links join, shape (n,): each has a scale of its own."""
-    view_of_pixel = np.repeat(np.arange(views.view_count), np.diff(views.starts))
-    ends = view_of_pixel[views.c.indices.reshape(-1, 2)]
-    joined = sp.coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=2 * (views.view_count,))
+    pairs = np.array([pair for pair, block in views.links.items() if block.nnz], np.int64).reshape(-1, 2)
+    joined = sp.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=2 * (views.view_count,))
     return connected_components(joined, directed=False)[1].astype(np.int64)
 
 
 def problem_of(level: Level) -> Problem:
-    """Arrange a level in slices."""
+    """Arrange a level in slices.
+
+    Whoever does not keep the level makes room: its graph is let go before the rest is arranged.
+    """
     slices = slices_of(level.graph, level.starts)
+    graph, level = sliced_graph(level.graph, slices), replace(level, graph=None)
     return Problem(
         slices=slices,
-        graph=sliced_graph(level.graph, slices),
+        graph=graph,
         image=slices.spread(level.image),
         basis=slices.spread(level.basis),
         share=slices.spread(level.share[:, None]),

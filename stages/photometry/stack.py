@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,8 +10,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from stages.photometry.harmonics import shading_basis
-from stages.solvers.correspondence_operator import correspondence_matrix
-from stages.solvers.difference_operators import difference_matrices
+from stages.solvers.correspondence_operator import (
+    Links,
+    check_links,
+    correspondence_matrix,
+    linked_pixels,
+)
+from stages.solvers.difference_operators import Pixels, difference_matrices, first_pixels, neighbours
 from stages.solvers.reweighted_least_squares import NormalEquations, without_empty_rows
 
 
@@ -23,48 +28,82 @@ class StackedViews:
     ----------
     starts : ndarray, shape (n + 1,), int64
         View i owns the places ``starts[i]:starts[i + 1]``.
-    basis : ndarray, shape (N, 9), float64
-        ν of Eq. 1.
-    d_x, d_y, c : csr_array, shape (·, N), float64
-        D_x, D_y and C of Eq. 17 without their empty rows.
-    positions : ndarray, shape (N, 2), int32
-        Row and column of every pixel in its own view.
+    basis : ndarray, shape (N, K), float32
+        ν of Eq. 1: K = 9 harmonics.
+    masks : tuple of ndarray, shape (h_i, w_i), bool
+        Ω of every view.
+    links : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
+        C_ij.
     """
 
     starts: np.ndarray
     basis: np.ndarray
-    d_x: sp.csr_array
-    d_y: sp.csr_array
-    c: sp.csr_array
-    positions: np.ndarray
-
-    @cached_property
-    def equations(self) -> NormalEquations:
-        """Pattern of JᵀJ, found when first asked for: only `solver: paper` assembles it."""
-        return NormalEquations.of([self.d_x, self.d_y, self.c])
+    masks: tuple[np.ndarray, ...]
+    links: Links
 
     @property
     def view_count(self) -> int:
         """n, the number of views."""
         return self.starts.size - 1
 
+    @property
+    def link_count(self) -> int:
+        """How many correspondences there are, over all pairs."""
+        return sum(block.nnz for block in self.links.values())
+
     def view(self, i: int) -> slice:
         """Places of view i."""
         return slice(int(self.starts[i]), int(self.starts[i + 1]))
 
+    def positions(self) -> np.ndarray:
+        """Row and column of every pixel in its own view, shape (N, 2), int32."""
+        return np.concatenate([np.argwhere(mask).astype(np.int32) for mask in self.masks])
+
+    def neighbours(self) -> Iterator[Pixels]:
+        """Pairs of pixels that touch: those of D_x, then those of D_y, view by view."""
+        for mask, first in zip(self.masks, self.starts[:-1].tolist(), strict=True):
+            yield from neighbours(mask, first)
+
+    def linked_pixels(self) -> Iterator[Pixels]:
+        """Pairs of pixels that show the same surface point, one pair of views after the other."""
+        return linked_pixels(self.links, self.starts)
+
     def shading(self, light: np.ndarray) -> np.ndarray:
-        """``S = σ^i·ν^i(p)`` of all pixels, shape (N,), under one light per view, shape (n, 9)."""
+        """``S = σ^i·ν^i(p)`` of all pixels, shape (N,), under one light per view, shape (n, K)."""
         # einsum rather than a BLAS product: the same bits whatever the number of threads.
         parts = [np.einsum("pk,k->p", self.basis[self.view(i)], light[i]) for i in range(self.view_count)]
         return np.concatenate(parts)
 
+    @cached_property
+    def equations(self) -> NormalEquations:
+        """Pattern of JᵀJ, found when first asked for, as all that follows: only `solver: paper` does."""
+        return NormalEquations.of([self.d_x, self.d_y, self.c])
+
+    @property
+    def d_x(self) -> sp.csr_array:
+        """D_x of Eq. 17 without its empty rows, shape (·, N), float64."""
+        return self._differences[0]
+
+    @property
+    def d_y(self) -> sp.csr_array:
+        """D_y, likewise."""
+        return self._differences[1]
+
+    @cached_property
+    def c(self) -> sp.csr_array:
+        """C of Eq. 18, likewise."""
+        return without_empty_rows(correspondence_matrix(self.links, np.diff(self.starts).tolist()))
+
+    @cached_property
+    def _differences(self) -> tuple[sp.csr_array, sp.csr_array]:
+        d_x, d_y = difference_matrices(self.masks)
+        return without_empty_rows(d_x), without_empty_rows(d_y)
+
 
 def stack_views(
-    masks: Sequence[np.ndarray],
-    normals_in_world: Sequence[np.ndarray],
-    links: Mapping[tuple[int, int], sp.csr_array],
+    masks: Sequence[np.ndarray], normals_in_world: Sequence[np.ndarray], links: Links
 ) -> StackedViews:
-    """Stack the views and build the operators of Eq. 17.
+    """Stack the views.
 
     Parameters
     ----------
@@ -73,20 +112,20 @@ def stack_views(
     normals_in_world : sequence of ndarray, shape (h_i, w_i, 3)
         Unit inside the mask.
     links : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
-        C_ij.
+        C_ij: at most one 1 per row. A pair that is absent has no links.
+
+    Raises
+    ------
+    ValueError
+        The links are not of that kind.
     """
-    counts = [int(np.count_nonzero(mask)) for mask in masks]
-    basis = [shading_basis(normals[mask]) for normals, mask in zip(normals_in_world, masks, strict=True)]
-    d_x, d_y = (without_empty_rows(d) for d in difference_matrices(masks))
-    c = without_empty_rows(correspondence_matrix(links, counts))
-    return StackedViews(
-        starts=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        basis=np.concatenate(basis),
-        d_x=d_x,
-        d_y=d_y,
-        c=c,
-        positions=np.concatenate([np.argwhere(mask) for mask in masks]).astype(np.int32),
-    )
+    starts = first_pixels(masks)
+    check_links(links, np.diff(starts).tolist())
+    basis = [
+        shading_basis(normals[mask]).astype(np.float32)
+        for normals, mask in zip(normals_in_world, masks, strict=True)
+    ]
+    return StackedViews(starts=starts, basis=np.concatenate(basis), masks=tuple(masks), links=dict(links))
 
 
 def stack_pixels(masks: Sequence[np.ndarray], images: Sequence[np.ndarray]) -> np.ndarray:

@@ -2,16 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
 import scipy.sparse as sp
 
+Links = Mapping[tuple[int, int], sp.csr_array]
 
-def correspondence_matrix(
-    links: Mapping[tuple[int, int], sp.csr_array], pixel_counts: Sequence[int]
-) -> sp.csr_array:
+
+def linked_pixels(links: Links, starts: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Go through the pairs of views in the order of Eq. 18, and give the pixels that each links.
+
+    Parameters
+    ----------
+    links : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
+        C_ij: at most one 1 per row.
+    starts : ndarray, shape (n + 1,), int64
+        View i owns the numbers ``starts[i]:starts[i + 1]``.
+
+    Yields
+    ------
+    tuple of two ndarray, shape (·,), int32
+        Numbers of the pixels in view i and in view j.
+    """
+    for i, j in sorted(links):
+        block = links[i, j]
+        linked = np.flatnonzero(np.diff(block.indptr))
+        yield (linked + starts[i]).astype(np.int32), (block.indices + starts[j]).astype(np.int32)
+
+
+def correspondence_matrix(links: Links, pixel_counts: Sequence[int]) -> sp.csr_array:
     """Arrange the pairs' matrices by block; for four views
 
     Eq. 18: ``C = [B12 C12 . . ; B13 . C13 . ; B14 . . C14 ; . B23 C23 . ; . B24 . C24 ; . . B34 C34]``.
@@ -35,24 +56,33 @@ def correspondence_matrix(
         A pair is not i < j, a block has the wrong shape, or a row has more than one link.
     """
     starts = np.concatenate([[0], np.cumsum(pixel_counts)])
-    rows, columns, values, first_row = [], [], [], 0
-    _check_pairs(links, pixel_counts)
-    for i, j in combinations(range(len(pixel_counts)), 2):
-        if (i, j) in links:
-            block = links[i, j].tocoo()
-            linked, partner = block.coords
-            rows += [first_row + linked, first_row + linked]
-            columns += [starts[i] + linked, starts[j] + partner]
-            values += [np.full(linked.size, -1.0), np.ones(linked.size)]
-        first_row += pixel_counts[i]
-    shape = (first_row, int(starts[-1]))
-    if not rows:
+    check_links(links, pixel_counts)
+    shape = (sum(pixel_counts[i] for i, _ in combinations(range(len(pixel_counts)), 2)), int(starts[-1]))
+    if not links:
         return sp.csr_array(shape, dtype=np.float64)
-    stacked = (np.concatenate(rows), np.concatenate(columns))
-    return sp.csr_array((np.concatenate(values), stacked), shape=shape)
+    pairs = [(one, other) for one, other in linked_pixels(links, starts)]
+    firsts = _first_rows(pixel_counts)
+    rows = [one - starts[i] + firsts[i, j] for (one, _), (i, j) in zip(pairs, sorted(links), strict=True)]
+    here, there = (np.concatenate(side) for side in zip(*pairs, strict=True))
+    entries = np.tile(np.concatenate(rows), 2), np.concatenate([here, there])
+    return sp.csr_array((np.repeat([-1.0, 1.0], here.size), entries), shape=shape)
 
 
-def _check_pairs(links: Mapping[tuple[int, int], sp.csr_array], pixel_counts: Sequence[int]) -> None:
+def _first_rows(pixel_counts: Sequence[int]) -> dict[tuple[int, int], int]:
+    """First block row of every pair."""
+    pairs = list(combinations(range(len(pixel_counts)), 2))
+    ends = np.cumsum([pixel_counts[i] for i, _ in pairs]).tolist()
+    return dict(zip(pairs, [0, *ends], strict=False))
+
+
+def check_links(links: Links, pixel_counts: Sequence[int]) -> None:
+    """Refuse what is not Eq. 18's.
+
+    Raises
+    ------
+    ValueError
+        A pair is not i < j, a block has the wrong shape, or a row has more than one link.
+    """
     for (i, j), block in links.items():
         if not 0 <= i < j < len(pixel_counts):
             raise ValueError(f"Pair ({i}, {j}) among {len(pixel_counts)} views; expected i < j.")

@@ -7,27 +7,38 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sp
 
+Pixels = tuple[np.ndarray, np.ndarray]
 
-def pixel_numbers(masks: Sequence[np.ndarray]) -> list[np.ndarray]:
+
+def first_pixels(masks: Sequence[np.ndarray]) -> np.ndarray:
     """Number the pixels of all masks, view after view, row by row: places in the stacked vector of Eq. 17.
-
-    Parameters
-    ----------
-    masks : sequence of ndarray, shape (h_i, w_i), bool
 
     Returns
     -------
-    list of ndarray, shape (h_i, w_i), int64
-        −1 outside the mask.
+    ndarray, shape (n + 1,), int64
+        View i owns the numbers ``starts[i]:starts[i + 1]``.
     """
-    numbers, start = [], 0
-    for mask in masks:
-        own = np.full(mask.shape, -1, np.int64)
-        count = int(np.count_nonzero(mask))
-        own[mask] = np.arange(start, start + count)
-        numbers.append(own)
-        start += count
-    return numbers
+    counts = [int(np.count_nonzero(mask)) for mask in masks]
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def neighbours(mask: np.ndarray, first: int = 0) -> tuple[Pixels, Pixels]:
+    """Find the pairs of pixels of one mask that D_x and D_y subtract: right − left, below − above.
+
+    Parameters
+    ----------
+    mask : ndarray, shape (h, w), bool
+    first : int
+        Number of its first pixel.
+
+    Returns
+    -------
+    along_x, along_y : tuple of two ndarray, shape (·,), int32
+        Numbers of the pixels on either side; x points right, y down.
+    """
+    number = np.cumsum(mask.ravel(), dtype=np.int32).reshape(mask.shape) + np.int32(first - 1)
+    wide, tall = mask[:, :-1] & mask[:, 1:], mask[:-1] & mask[1:]
+    return (number[:, :-1][wide], number[:, 1:][wide]), (number[:-1][tall], number[1:][tall])
 
 
 def difference_matrices(masks: Sequence[np.ndarray]) -> tuple[sp.csr_array, sp.csr_array]:
@@ -44,19 +55,15 @@ def difference_matrices(masks: Sequence[np.ndarray]) -> tuple[sp.csr_array, sp.c
         x points right, y down. The row of a pixel whose neighbour is not in Ω is empty: nothing is charged
         at the border of a mask.
     """
-    numbers = pixel_numbers(masks)
-    total = sum(int(np.count_nonzero(mask)) for mask in masks)
-    right = [(own[:, :-1], own[:, 1:]) for own in numbers]
-    below = [(own[:-1], own[1:]) for own in numbers]
-    return _differences(right, total), _differences(below, total)
+    starts = first_pixels(masks)
+    pairs = [neighbours(mask, first) for mask, first in zip(masks, starts[:-1].tolist(), strict=True)]
+    along_x, along_y = zip(*pairs, strict=True)
+    return _differences(along_x, int(starts[-1])), _differences(along_y, int(starts[-1]))
 
 
-def _differences(neighbours: list[tuple[np.ndarray, np.ndarray]], total: int) -> sp.csr_array:
-    """Row p holds −1 at p and +1 at its neighbour, for the pairs that are both in Ω."""
-    here = np.concatenate([first.ravel() for first, _ in neighbours])
-    there = np.concatenate([second.ravel() for _, second in neighbours])
-    both = (here >= 0) & (there >= 0)
-    here, there = here[both], there[both]
+def _differences(pairs: Sequence[Pixels], total: int) -> sp.csr_array:
+    """Row p holds −1 at p and +1 at its neighbour."""
+    here, there = (np.concatenate(side) for side in zip(*pairs, strict=True))
     rows = np.concatenate([here, here])
     columns = np.concatenate([here, there])
     values = np.repeat([-1.0, 1.0], here.size)

@@ -9,7 +9,13 @@ import numpy as np
 from stages.solvers.gram_matrices import gram_matrices
 from stages.solvers.lanes import COUNT
 from stages.solvers.primal_dual_bounds import Bounds, bounds
-from stages.solvers.primal_dual_loops import inherit, interleave, shade, sweep
+from stages.solvers.primal_dual_loops import (
+    inherit_edges,
+    inherit_pixels,
+    interleave,
+    shade,
+    sweep,
+)
 from stages.solvers.sliced_graph import SlicedGraph
 from stages.solvers.slices import Slices
 
@@ -81,9 +87,9 @@ class PrimalDual:
     ----------
     problem : Problem
     albedo : ndarray, shape (S, 3, 8), float32
-        Where to start; not changed.
+        Where to start; it is what moves.
     light : ndarray, shape (n, 3, K), float64
-        Likewise.
+        Where to start; not changed.
     steps : Steps
     free_light : bool
         Whether the light moves; if not, no gauge is needed, and none is kept.
@@ -115,7 +121,7 @@ class PrimalDual:
         self, problem: Problem, albedo: np.ndarray, light: np.ndarray, steps: Steps, free_light: bool = True
     ):
         self.problem, self._steps, self._free = problem, steps, free_light
-        self.albedo, self.light = np.ascontiguousarray(albedo, np.float32).copy(), light.astype(np.float64)
+        self.albedo, self.light = albedo, light.astype(np.float64)
         self._ahead = np.zeros((COUNT * problem.slices.count, 4), np.float32)  # a load per neighbour
         interleave(self.albedo.ravel(), self._ahead.ravel())
         self._ahead_next = np.zeros_like(self._ahead)
@@ -124,6 +130,33 @@ class PrimalDual:
         self._data_dual = np.zeros_like(self.albedo)
         self._multiplier = np.zeros_like(problem.wanted)
         self._mobility = np.zeros((*light.shape, light.shape[2]))
+
+    @classmethod
+    def refined(cls, coarser: PrimalDual, problem: Problem, group: np.ndarray) -> PrimalDual:
+        """Start a level where the one above it stands: albedo, light and duals.
+
+        Parameters
+        ----------
+        coarser : PrimalDual
+        problem : Problem
+            The finer one.
+        group : ndarray, shape (N,), int32
+            Every pixel's group: what was a pixel to the coarser one.
+        """
+        finer = cls(problem, np.zeros_like(problem.image), coarser.light, coarser._steps, coarser._free)
+        own, other = problem.graph, coarser.problem.graph
+        places = np.full(COUNT * problem.slices.count, -1, np.int32)
+        places[problem.slices.places] = coarser.problem.slices.places[group]
+        inherit_pixels(places, coarser.albedo.ravel(), finer.albedo.ravel())
+        inherit_pixels(places, coarser._data_dual.ravel(), finer._data_dual.ravel())
+        inherit_edges(
+            places,
+            (other.first, other.neighbour, other.weight, coarser.edge_dual),
+            (own.first, own.neighbour, own.weight, finer.edge_dual),
+        )
+        interleave(finer.albedo.ravel(), finer._ahead.ravel())
+        finer._multiplier = coarser._multiplier.copy()
+        return finer
 
     def iterate(self, count: int) -> None:
         """Do `count` iterations."""
@@ -134,31 +167,6 @@ class PrimalDual:
             self._iterate_once()
         if self._free:
             self._restore_gauge()
-
-    def inherit(self, coarser: PrimalDual, group: np.ndarray) -> None:
-        """Take over a coarser level's duals: the pixels', and those of the edges between its groups.
-
-        Parameters
-        ----------
-        group : ndarray, shape (N,), int64
-            Every pixel's group.
-        """
-        own, other = self.problem, coarser.problem
-        places = np.full(COUNT * own.slices.count, -1, np.int64)
-        places[own.slices.places] = other.slices.places[group]
-        inherit(
-            own.graph.first,
-            own.graph.neighbour,
-            own.graph.weight,
-            self.edge_dual,
-            other.graph.first,
-            other.graph.neighbour,
-            other.graph.weight,
-            coarser.edge_dual,
-            places,
-        )
-        self._data_dual = own.slices.spread(other.slices.collect(coarser._data_dual)[group])
-        self._multiplier = coarser._multiplier.copy()
 
     def bounds(self) -> Bounds:
         """Energy of the albedo under the light as it is, and what no albedo can go below."""

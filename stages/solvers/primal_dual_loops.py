@@ -198,12 +198,24 @@ def _moved(dual, difference, gain, theta, unit, twice):
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def inherit(first, neighbour, weight, dual, first_c, neighbour_c, weight_c, dual_c, group):
+def inherit_pixels(group, coarse, fine):
+    """Give every pixel, three channels, what its group has; `group` is the group's place, −1 for no pixel."""
+    for share in numba.prange(group.size):
+        own, other = np.int64(share), np.int64(group[share])
+        if other >= 0:
+            for c in range(3):
+                fine[_held(own, c)] = coarse[_held(other, c)]
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def inherit_edges(group, coarse, fine):
     """Look every edge between two groups up among the rows of its group."""
+    first_c, neighbour_c, weight_c, dual_c = coarse
+    first, neighbour, weight, dual = fine
     for share in numba.prange(first.size - 1):
         s = np.int64(share)
         for at in range(np.int64(first[s]) * 8, np.int64(first[s + 1]) * 8):
-            own, other = group[s * 8 + at % 8], group[neighbour[at]]
+            own, other = np.int64(group[s * 8 + at % 8]), np.int64(group[neighbour[at]])
             if weight[at] == 0 or own == other:
                 continue
             for row in range(np.int64(first_c[own // 8]), np.int64(first_c[own // 8 + 1])):
@@ -216,5 +228,5 @@ def inherit(first, neighbour, weight, dual, first_c, neighbour_c, weight_c, dual
 
 @numba.njit(inline="always")
 def _held(at, channel):
-    """Where the dual of a half-edge lies."""
+    """Where a channel of a place lies in rows of three channels of eight."""
     return at // 8 * 24 + at % 8 + 8 * channel

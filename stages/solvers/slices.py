@@ -49,14 +49,19 @@ class Slices:
 
     def spread(self, values: np.ndarray) -> np.ndarray:
         """Values (N, k) as (S, k, 8), float32; 0 where no pixel is."""
-        padded = np.zeros((COUNT * self.count, values.shape[1]), np.float32)
-        padded[self.places] = values
-        by_slice = padded.reshape(self.count, COUNT, values.shape[1])
-        return np.ascontiguousarray(by_slice.swapaxes(1, 2))
+        sliced = np.empty((self.count, values.shape[1], COUNT), np.float32)
+        padded = np.zeros(COUNT * self.count, np.float32)
+        for kind in range(values.shape[1]):  # one at a time: a basis takes a tenth of all memory
+            padded[self.places] = values[:, kind]
+            sliced[:, kind] = padded.reshape(-1, COUNT)
+        return sliced
 
     def collect(self, sliced: np.ndarray) -> np.ndarray:
         """Values (S, k, 8) as (N, k)."""
-        return sliced.swapaxes(1, 2).reshape(-1, sliced.shape[1])[self.places]
+        values = np.empty((self.places.size, sliced.shape[1]), sliced.dtype)
+        for kind in range(sliced.shape[1]):
+            values[:, kind] = sliced[:, kind].ravel()[self.places]
+        return values
 
     @cached_property
     def blocks(self) -> Blocks:
