@@ -23,7 +23,7 @@ from stages.solvers.sliced_graph import SlicedGraph
 from stages.solvers.slices import Blocks
 
 EIGHT, SIXTEEN, SLICE, QUADS = np.uint64(8), np.uint64(16), np.uint64(24), np.uint64(32)
-ONE, THREE = np.uint64(1), np.uint64(3)
+ZERO, ONE, THREE = np.uint64(0), np.uint64(1), np.uint64(3)
 UNIT = np.float32(16383)  # a dual at its bound, as it is stored: 16 bits hold twice that
 DARK = (0.05, 0.1, 0.2, 0.4)  # of the mean |S|: what darker pixels say is left out; the best bound counts
 
@@ -76,6 +76,10 @@ def bounds(
     positive: a little less than they cost.
     """
     floors = np.outer(np.array(DARK, np.float32), _mean_size(shading))
+    ranges = np.empty((blocks.view.size, len(DARK), 3, 2), np.float32)
+    _ranges_of_quotients(blocks.begin, blocks.end, image, shading, floors, ranges)
+    quotients = np.stack([ranges[..., 0].min(axis=0), ranges[..., 1].max(axis=0)], axis=-1)
+    quotients[quotients[..., 0] > quotients[..., 1]] = 0  # a channel without light
     sums = np.zeros((blocks.view.size, 3, 1 + len(DARK)))
     _bounds(
         (blocks.view, blocks.begin, blocks.end),
@@ -85,7 +89,7 @@ def bounds(
         (image.ravel(), shading.ravel(), share.ravel()),
         multiplier.astype(np.float32),
         floors,
-        np.stack([_range_of_quotients(image, shading, floor) for floor in floors]),
+        quotients,
         sums,
     )
     totals = sums.sum(axis=0)
@@ -98,15 +102,20 @@ def _mean_size(shading: np.ndarray) -> np.ndarray:
     return (np.abs(shading).sum(axis=(0, 2), dtype=np.float64) / counts).astype(np.float32)
 
 
-def _range_of_quotients(image: np.ndarray, shading: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """Least and greatest I/S of every channel, (3, 2), float32; (0, 0) for a channel without light."""
-    found = np.zeros((3, 2), np.float32)
-    for c in range(3):
-        lit = np.abs(shading[:, c]) > floor[c]
-        quotients = image[:, c][lit] / shading[:, c][lit]
-        if quotients.size:
-            found[c] = quotients.min(), quotients.max()
-    return found
+@numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def _ranges_of_quotients(begins, ends, image, shading, floors, ranges):
+    """Least and greatest I/S of every block, threshold and channel, where |S| is above the threshold."""
+    for block in numba.prange(begins.size):
+        for c in range(3):
+            ranges[block, :, c, 0], ranges[block, :, c, 1] = np.inf, -np.inf
+            for s in range(begins[block], ends[block]):
+                for lane in range(8):
+                    light = shading[s, c, lane]
+                    quotient = image[s, c, lane] / light
+                    for k in range(floors.shape[0]):
+                        if abs(light) > floors[k, c]:
+                            ranges[block, k, c, 0] = min(ranges[block, k, c, 0], quotient)
+                            ranges[block, k, c, 1] = max(ranges[block, k, c, 1], quotient)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
@@ -133,19 +142,30 @@ def _bounds(blocks, graph, dual, albedo, givens, multiplier, floors, quotients, 
 @numba.njit(nogil=True)
 def _look_along_edges(s, first, neighbour, weight, dual, albedo, made):
     """Of a slice: albedo, half of ``Σ w |ρ_p − ρ_q|``, and ``Kᵀy``, three channels each."""
-    half, whole, unit = spread(np.float32(0.5)), spread(np.float32(1) / UNIT), spread(UNIT)
-    own = load_channels(albedo, s * QUADS)
-    for c in range(THREE):
-        here = own[0] if c == 0 else (own[1] if c == 1 else own[2])
-        variation, pull = spread(np.float32(0)), spread(np.float32(0))
-        for row in range(first[s], first[s + ONE]):
-            w, far = load(weight, row * EIGHT), gather_channels(albedo, neighbour, row * EIGHT)
-            there = far[0] if c == 0 else (far[1] if c == 1 else far[2])
-            variation = variation + half * w * magnitude(here - there)
-            pull = pull + w * clipped(load(dual, row * SLICE + c * EIGHT), unit)
-        store(made, c * EIGHT, here)
-        store(made, SLICE + c * EIGHT, variation)
-        store(made, SLICE + SLICE + c * EIGHT, whole * pull)
+    unit = spread(UNIT)
+    red, green, blue = load_channels(albedo, s * QUADS)
+    vary_red, vary_green, vary_blue = spread(np.float32(0)), spread(np.float32(0)), spread(np.float32(0))
+    pull_red, pull_green, pull_blue = spread(np.float32(0)), spread(np.float32(0)), spread(np.float32(0))
+    for row in range(first[s], first[s + ONE]):
+        w, held = load(weight, row * EIGHT), row * SLICE
+        far_red, far_green, far_blue = gather_channels(albedo, neighbour, row * EIGHT)
+        vary_red = vary_red + w * magnitude(red - far_red)
+        vary_green = vary_green + w * magnitude(green - far_green)
+        vary_blue = vary_blue + w * magnitude(blue - far_blue)
+        pull_red = pull_red + w * clipped(load(dual, held), unit)
+        pull_green = pull_green + w * clipped(load(dual, held + EIGHT), unit)
+        pull_blue = pull_blue + w * clipped(load(dual, held + SIXTEEN), unit)
+    half, whole = spread(np.float32(0.5)), spread(np.float32(1) / UNIT)
+    _store_three(made, ZERO, red, half * vary_red, whole * pull_red)
+    _store_three(made, EIGHT, green, half * vary_green, whole * pull_green)
+    _store_three(made, SIXTEEN, blue, half * vary_blue, whole * pull_blue)
+
+
+@numba.njit(inline="always")
+def _store_three(made, at, albedo, variation, pull):
+    store(made, at, albedo)
+    store(made, at + SLICE, variation)
+    store(made, at + SLICE + SLICE, pull)
 
 
 @numba.njit(inline="always")

@@ -13,8 +13,10 @@ from stages.solvers.primal_dual_loops import (
     inherit_edges,
     inherit_pixels,
     interleave,
+    rescale,
     shade,
     sweep,
+    weigh,
 )
 from stages.solvers.sliced_graph import SlicedGraph
 from stages.solvers.slices import Slices
@@ -229,17 +231,13 @@ class PrimalDual:
         self._mobility = self._steps.scale / self._steps.data_share * inverse
 
     def _restore_gauge(self) -> None:
-        problem, first = self.problem, self.problem.slices.first
-        views = [slice(first[i], first[i + 1]) for i in range(len(first) - 1)]
-        weighed = [
-            (np.abs(self.albedo[own]) * problem.share[own]).sum(axis=(0, 2), dtype=np.float64)
-            for own in views
-        ]
-        current = problem.by_gauge(np.array(weighed))
+        problem, blocks = self.problem, self.problem.slices.blocks
+        weighed = np.empty((blocks.view.size, 3))
+        weigh(blocks.begin, blocks.end, self.albedo.ravel(), problem.share.ravel(), weighed)
+        current = problem.by_gauge(blocks.by_view(weighed))
         known = (current > 0) & (problem.wanted > 0)
         factors = np.where(known, problem.wanted / np.maximum(current, NOTHING), 1.0)[problem.gauge_of_view]
-        for own, factor in zip(views, factors.astype(np.float32)[:, :, None], strict=True):
-            self.albedo[own] *= factor
-            self._ahead[COUNT * own.start : COUNT * own.stop, :3] *= factor[:, 0]
+        both = self.albedo.ravel(), self._ahead.ravel()
+        rescale(blocks.view, blocks.begin, blocks.end, factors.astype(np.float32), *both)
         self.light = self.light / factors[:, :, None]
         self._light_ahead = self._light_ahead / factors[:, :, None]

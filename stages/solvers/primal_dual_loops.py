@@ -41,6 +41,31 @@ def shade(views, begins, ends, basis, light, shading):
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
+def weigh(begins, ends, albedo, share, sums):
+    """``Σ share |ρ|`` of every block and channel."""
+    for block in numba.prange(begins.size):
+        for c in range(THREE):
+            total = spread(np.float32(0))
+            for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
+                total = total + load(share, s * EIGHT) * magnitude(load(albedo, s * SLICE + c * EIGHT))
+            sums[block, c] = lane_sum(total)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def rescale(views, begins, ends, factors, albedo, ahead):
+    """Multiply every view's albedo, and the interleaved one ahead, by its factors (n, 3)."""
+    for block in numba.prange(begins.size):
+        own = factors[views[block]]
+        for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
+            for c in range(THREE):
+                at = s * SLICE + c * EIGHT
+                store(albedo, at, spread(own[c]) * load(albedo, at))
+            red, green, blue = load_channels(ahead, s * QUADS)
+            red, green, blue = spread(own[0]) * red, spread(own[1]) * green, spread(own[2]) * blue
+            store_channels(ahead, s * QUADS, red, green, blue)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
 def interleave(sliced, interleaved):
     """Three channels of eight pixels, (S, 3, 8), as four numbers per pixel, (S · 8, 4)."""
     for share in numba.prange(sliced.size // SLICE):
