@@ -99,6 +99,26 @@ def gather_channels(typingctx, array, pixels, place):
 
 
 @intrinsic
+def prefetch_pixels(typingctx, array, pixels, place):
+    """Have the eight pixels that ``pixels[place:place + 8]`` names fetched into the nearest cache."""
+
+    def emit(context, builder, signature, arguments):
+        origin = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        first = _pointer(context, builder, signature.replace(args=signature.args[1:]), arguments[1:])
+        byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+        prefetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        to_read, nearest, data = number(0), number(3), number(1)
+        for lane in range(COUNT):
+            pixel = builder.load(builder.gep(first, [_WIDTH(lane)]))
+            at = builder.gep(origin, [builder.shl(builder.zext(pixel, _WIDTH), _WIDTH(2))])
+            builder.call(prefetch, [builder.bitcast(at, byte), to_read, nearest, data])
+        return context.get_dummy_value()
+
+    return types.void(array, pixels, place), emit
+
+
+@intrinsic
 def load_channels(typingctx, array, place):
     """Three channels, a `Lanes` each, of eight pixels that lie side by side, four numbers each."""
 

@@ -13,6 +13,7 @@ from stages.solvers.lanes import (
     load,
     load_channels,
     magnitude,
+    prefetch_pixels,
     spread,
     store,
     store_channels,
@@ -24,6 +25,7 @@ EIGHT, SIXTEEN, SLICE = np.uint64(8), np.uint64(16), np.uint64(24)  # a slice: t
 QUADS = np.uint64(32)  # a slice of an interleaved array: eight pixels of four numbers
 ZERO, ONE, THREE = np.uint64(0), np.uint64(1), np.uint64(3)
 CHUNK = np.uint64(32)  # slices whose pulls stay in the nearest cache
+FORESIGHT = np.uint64(16)  # rows of half-edges: neighbours in other views come from afar
 TWICE = np.float32(2) * UNIT  # what 16 bits hold
 
 
@@ -118,11 +120,13 @@ def sweep(blocks, graph, duals, albedos, givens, lights, multiplier, steps, slop
 def _move_edge_duals(begin, stop, first, neighbour, weight, edge_dual, ahead, steps, pull):
     """Step all edge duals of a chunk; what they pull its pixels by, ``Kᵀy``, goes to `pull`."""
     gain, theta = spread(np.float32(0.5) * UNIT / steps[0]), spread(steps[2])
+    last = first[first.size - ONE] - ONE
     unit, twice, whole = spread(UNIT), spread(TWICE), spread(np.float32(1) / UNIT)
     for s in range(begin, stop):
         own_red, own_green, own_blue = load_channels(ahead, s * QUADS)
         pull_red, pull_green, pull_blue = spread(np.float32(0)), spread(np.float32(0)), spread(np.float32(0))
         for row in range(first[s], first[s + ONE]):
+            prefetch_pixels(ahead, neighbour, min(row + FORESIGHT, last) * EIGHT)
             held, w = row * SLICE, load(weight, row * EIGHT)
             red, green, blue = gather_channels(ahead, neighbour, row * EIGHT)
             z_red, z_green, z_blue = _channels(edge_dual, held)

@@ -33,7 +33,7 @@ class SlicedGraph:
     total: np.ndarray
 
 
-WINDOW = 256  # pixels that change places among themselves: few enough to stay in the nearest cache
+WINDOW = 64  # pixels that change places among themselves: few, so that neighbours stay neighbours
 NEARLY_FREE = 1e-6  # a pixel without neighbours: nothing holds it back
 
 
