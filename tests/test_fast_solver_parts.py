@@ -269,7 +269,7 @@ def test_pixels_of_a_slice_have_about_as_many_neighbours_each():
         assert sorted(slices.rank[begin:end]) == list(range(begin, end))
     assert np.abs(slices.rank - np.arange(1500)).max() < WINDOW
     sorted_rows = sliced_graph(graph, slices).weight.size
-    assert sorted_rows < 1.06 * graph.weight.size < sliced_graph(graph, Slices(slices.starts)).weight.size
+    assert sorted_rows < 1.2 * graph.weight.size < sliced_graph(graph, Slices(slices.starts)).weight.size
 
 
 # Albedo and light together
