@@ -14,6 +14,8 @@ from pipeline import Job, Silence, Stage
 # As the command line does before numpy is imported: BLAS on more threads sums in another order.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from stages.solvers.threading_layer import use_threads  # noqa: E402
+
 
 @pytest.fixture(scope="session")
 def make_job() -> Iterator[Callable[..., Job]]:
@@ -42,6 +44,13 @@ def make_job() -> Iterator[Callable[..., Job]]:
     yield make
     for executor in executors:
         executor.shutdown()
+
+
+@pytest.fixture(autouse=True)
+def threads_as_found() -> Iterator[None]:
+    """Compiled loops have all their threads again after a test that took some away."""
+    yield
+    use_threads(10_000)
 
 
 @pytest.fixture

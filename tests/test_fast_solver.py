@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,6 @@ from stages.photometry.fast_alternation import FastDescent, FastSettings, solve
 from stages.photometry.saddle import graph_of
 from stages.photometry.stack import StackedViews
 from stages.scene.exr import read_exr
-from stages.solvers.threading_layer import use_threads
 from tests.linked_graphs import exact_energy
 from tests.sphere_scene import SphereScene, sphere_scene
 from tests.test_decomposition_stage import write_scene
@@ -28,12 +26,6 @@ from tests.test_decomposition_stage import write_scene
 WEIGHTS = EnergyWeights(smoothness=2.0, consistency=1.5, delta=1e-4)
 FAST = FastSettings(WEIGHTS, gap_tolerance=1e-3, fewest_pixels=30)
 ONE_THREAD = 1
-
-
-@pytest.fixture(autouse=True)
-def threads_as_found() -> Iterator[None]:
-    yield
-    use_threads(10_000)
 
 
 def solution(views: StackedViews, images: list[np.ndarray], how: FastSettings = FAST) -> FastDescent:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -29,12 +28,6 @@ SEEDS = st.integers(0, 2**32 - 1)
 FEW = settings(deadline=None, max_examples=20, derandomize=True)
 WEIGHTS = EnergyWeights(smoothness=2.0, consistency=1.5, delta=1e-4)
 ONE_THREAD = 1
-
-
-@pytest.fixture(autouse=True)
-def threads_as_found() -> Iterator[None]:
-    yield
-    use_threads(10_000)
 
 
 # The graph

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -26,11 +24,9 @@ ROUNDING = 1e-5  # relative: bounds are made of float32
 
 
 @pytest.fixture(autouse=True)
-def one_thread_or_as_found() -> Iterator[None]:
+def one_thread(threads_as_found: None) -> None:
     """Small problems want no second thread."""
     use_threads(1)
-    yield
-    use_threads(10_000)
 
 
 def energy(graph: HalfEdges, image: np.ndarray, shading: np.ndarray, albedo: np.ndarray) -> float:

@@ -9,8 +9,8 @@ import numpy as np
 from benchmarks.solver.clock import Clock, Look, OutOfTime, Trace
 from benchmarks.solver.compiled_pcg import reweighted_descent
 from benchmarks.solver.problems import RaceProblem
-from stages.photometry.energy import energy_terms, gauge_scale
-from stages.photometry.fast_alternation import PIXELS_PER_THREAD
+from stages.photometry.energy import channel_terms, gauge_scale
+from stages.photometry.fast_alternation import threads_for
 from stages.photometry.light_step import light_step
 from stages.photometry.saddle import graph_of
 from stages.solvers.threading_layer import use_threads
@@ -41,11 +41,6 @@ def race(problem: RaceProblem, budget_s: float, threads: int) -> Trace:
             albedo, light = albedo * scales.astype(np.float32), light / scales[:, None]
 
 
-def threads_for(pixels: int, threads: int) -> int:
-    """As many as ours would use: a small problem's barriers cost more than they bring."""
-    return min(threads, 1 + pixels // PIXELS_PER_THREAD)
-
-
 def _light(problem: RaceProblem, albedo: np.ndarray, light: np.ndarray, executor: Executor) -> np.ndarray:
     def of_channel(c: int) -> np.ndarray:
         now = np.ascontiguousarray(light[:, c])
@@ -57,12 +52,5 @@ def _light(problem: RaceProblem, albedo: np.ndarray, light: np.ndarray, executor
 
 def _energy(problem: RaceProblem, albedo: np.ndarray, light: np.ndarray, clock: Clock) -> float:
     with clock.held():
-        return sum(
-            energy_terms(
-                problem.views,
-                image,
-                albedo[:, c].astype(np.float64),
-                np.ascontiguousarray(light[:, c]),
-            ).total(problem.weights)
-            for c, image in enumerate(problem.images)
-        )
+        terms = channel_terms(problem.views, problem.images, albedo, light)
+        return sum(channel.total(problem.weights) for channel in terms)

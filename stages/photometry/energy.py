@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,6 +89,16 @@ def energy_terms(
         photo=photometric_term(image, albedo, views.shading(light)),
         smooth=smoothness_term(views, albedo),
         multi_view=consistency_term(views, albedo),
+    )
+
+
+def channel_terms(
+    views: StackedViews, images: Sequence[np.ndarray], albedo: np.ndarray, light: np.ndarray
+) -> tuple[EnergyTerms, ...]:
+    """All three sums for every channel: images of shape (N,), albedo (N, c), light (n, c, K)."""
+    return tuple(
+        energy_terms(views, image, albedo[:, c].astype(np.float64), np.ascontiguousarray(light[:, c]))
+        for c, image in enumerate(images)
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.photometry.alternation import Outcome
-from stages.photometry.energy import EnergyTerms, EnergyWeights, energy_terms
+from stages.photometry.energy import EnergyTerms, EnergyWeights, channel_terms
 from stages.photometry.pyramid import Level, pyramid
 from stages.photometry.saddle import finest_level, problem_of
 from stages.photometry.stack import StackedViews
@@ -119,12 +119,12 @@ def solve(
     group = levels[0].group
     descent = start(levels.pop(0), settings)
     while levels:
-        use_threads(_threads_for(descent, threads))
+        use_threads(threads_for(descent.problem.slices.pixels, threads))
         descent.iterate(settings.coarse_iterations * 2 ** (len(levels) - 1))
         finer_group = levels[0].group
         descent = PrimalDual.refined(descent, problem_of(levels.pop(0)), group)
         group = finer_group
-    use_threads(_threads_for(descent, threads))
+    use_threads(threads_for(descent.problem.slices.pixels, threads))
     return _finish(views, images, descent, settings, step)
 
 
@@ -137,9 +137,9 @@ def start(level: Level, settings: FastSettings) -> PrimalDual:
     return PrimalDual(problem, problem.slices.spread(albedo), light, settings.steps)
 
 
-def _threads_for(descent: PrimalDual, threads: int) -> int:
+def threads_for(pixels: int, threads: int) -> int:
     """Threads that have enough to do between two barriers."""
-    return min(threads, 1 + 8 * descent.problem.slices.count // PIXELS_PER_THREAD)
+    return min(threads, 1 + pixels // PIXELS_PER_THREAD)
 
 
 def _finish(
@@ -159,7 +159,8 @@ def _finish(
         least, energy = sum(best.energy), sum(rounds[-1].energy)
         step()
         if energy <= least:
-            best, kept = rounds[-1], (_copied(descent.albedo, kept[0]), descent.light)
+            np.copyto(kept[0], descent.albedo)
+            best, kept = rounds[-1], (kept[0], descent.light)
         standing = standing + 1 if abs(least - energy) <= settings.tolerance * least else 0
         if standing and rounds[-1].gap <= settings.gap_tolerance:
             outcome = Outcome.CONVERGED
@@ -170,24 +171,9 @@ def _finish(
     if rounds[-1] is not best:
         rounds.append(best)
     albedo, light = descent.problem.slices.collect(kept[0]), kept[1]
-    return FastDescent(albedo, light, _terms(views, images, albedo, light), tuple(rounds), outcome)
-
-
-def _copied(albedo: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    np.copyto(kept, albedo)
-    return kept
+    return FastDescent(albedo, light, channel_terms(views, images, albedo, light), tuple(rounds), outcome)
 
 
 def _look(descent: PrimalDual, iterations: int) -> Round:
     bounds = descent.bounds()
     return Round(iterations, tuple(bounds.energy.tolist()), bounds.gap)
-
-
-def _terms(
-    views: StackedViews, images: list[np.ndarray], albedo: np.ndarray, light: np.ndarray
-) -> tuple[EnergyTerms, ...]:
-    """Eq. 2's, per channel."""
-    return tuple(
-        energy_terms(views, image, albedo[:, c].astype(np.float64), np.ascontiguousarray(light[:, c]))
-        for c, image in enumerate(images)
-    )

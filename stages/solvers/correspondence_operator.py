@@ -60,7 +60,7 @@ def correspondence_matrix(links: Links, pixel_counts: Sequence[int]) -> sp.csr_a
     shape = (sum(pixel_counts[i] for i, _ in combinations(range(len(pixel_counts)), 2)), int(starts[-1]))
     if not links:
         return sp.csr_array(shape, dtype=np.float64)
-    pairs = [(one, other) for one, other in linked_pixels(links, starts)]
+    pairs = list(linked_pixels(links, starts))
     firsts = _first_rows(pixel_counts)
     rows = [one - starts[i] + firsts[i, j] for (one, _), (i, j) in zip(pairs, sorted(links), strict=True)]
     here, there = (np.concatenate(side) for side in zip(*pairs, strict=True))

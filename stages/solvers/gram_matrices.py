@@ -7,9 +7,8 @@ import numpy as np
 
 import stages.solvers.threading_layer  # noqa: F401
 from stages.solvers.lanes import lane_sum, load, spread, store, widened
-from stages.solvers.slices import Blocks
+from stages.solvers.slices import EIGHT, THREE, Blocks
 
-EIGHT, THREE = np.uint64(8), np.uint64(3)
 CHUNK = np.uint64(32)  # slices whose columns stay in the nearest cache
 
 

@@ -20,10 +20,8 @@ from stages.solvers.lanes import (
     where_above,
 )
 from stages.solvers.sliced_graph import SlicedGraph
-from stages.solvers.slices import Blocks
+from stages.solvers.slices import EIGHT, ONE, QUADS, SIXTEEN, SLICE, THREE, ZERO, Blocks
 
-EIGHT, SIXTEEN, SLICE, QUADS = np.uint64(8), np.uint64(16), np.uint64(24), np.uint64(32)
-ZERO, ONE, THREE = np.uint64(0), np.uint64(1), np.uint64(3)
 UNIT = np.float32(16383)  # a dual at its bound, as it is stored: 16 bits hold twice that
 DARK = (0.05, 0.1, 0.2, 0.4)  # of the mean |S|: what darker pixels say is left out; the best bound counts
 

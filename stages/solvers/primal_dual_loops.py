@@ -19,11 +19,8 @@ from stages.solvers.lanes import (
     store_channels,
 )
 from stages.solvers.primal_dual_bounds import UNIT
+from stages.solvers.slices import EIGHT, ONE, QUADS, SIXTEEN, SLICE, THREE, ZERO
 
-# Places are unsigned throughout: numba checks signed ones for negative values.
-EIGHT, SIXTEEN, SLICE = np.uint64(8), np.uint64(16), np.uint64(24)  # a slice: three channels of eight pixels
-QUADS = np.uint64(32)  # a slice of an interleaved array: eight pixels of four numbers
-ZERO, ONE, THREE = np.uint64(0), np.uint64(1), np.uint64(3)
 CHUNK = np.uint64(32)  # slices whose pulls stay in the nearest cache
 FORESIGHT = np.uint64(16)  # rows of half-edges: neighbours in other views come from afar
 TWICE = np.float32(2) * UNIT  # what 16 bits hold

@@ -10,6 +10,11 @@ import scipy.sparse as sp
 
 from stages.solvers.lanes import COUNT
 
+# What compiled loops count by. Unsigned throughout: numba checks signed places for negative values.
+ZERO, ONE, THREE = np.uint64(0), np.uint64(1), np.uint64(3)
+EIGHT, SIXTEEN, SLICE = np.uint64(8), np.uint64(16), np.uint64(24)  # a slice: three channels of eight pixels
+QUADS = np.uint64(32)  # a slice of an interleaved array: eight pixels of four numbers
+
 BLOCK = 128  # slices that a thread takes at a time; the order of sums depends on it, and on nothing else
 
 
@@ -34,6 +39,11 @@ class Slices:
     def first(self) -> np.ndarray:
         """View i owns the slices ``first[i]:first[i + 1]``; shape (n + 1,), int64."""
         return np.concatenate([[0], np.cumsum(-(-np.diff(self.starts) // COUNT))]).astype(np.int64)
+
+    @property
+    def pixels(self) -> int:
+        """N."""
+        return int(self.starts[-1])
 
     @property
     def count(self) -> int:
