@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from pipeline import Artefact, Job, Settings, Stage, setting
 
 if TYPE_CHECKING:
     import numpy as np
@@ -97,17 +97,21 @@ def run(job: Job) -> None:
 
     from stages.photometry.stack import stack_views
     from stages.scene.camera_file import read_cameras
-    from stages.scene.link_files import read_links
+    from stages.scene.link_files import numbered_links
+    from stages.scene.view_files import read_views, scaled_channels
 
     settings: DecompositionSettings = job.settings
     cameras = read_cameras(job.inputs["cameras"])
-    masks, normals, pixels = _read_views(job, cameras)
-    place = {camera.name: i for i, camera in enumerate(cameras)}
-    links = read_links(job.inputs["correspondences"])
-    views = stack_views(masks, normals, {(place[i], place[j]): c for (i, j), c in links.items()})
-    del normals, links  # the stack has its own
-    scale = _bright_value(pixels)
-    images = [np.ascontiguousarray(pixels[:, channel]) / np.float32(scale) for channel in range(3)]
+    masks, normals, pixels = [], [], []
+    with job.progress("views", len(cameras)) as step:
+        for mask, normal, linear in read_views(job.inputs, cameras):
+            masks.append(mask)
+            normals.append(normal)
+            pixels.append(linear)
+            step()
+    views = stack_views(masks, normals, numbered_links(job.inputs["correspondences"], cameras))
+    del normals  # the stack has its own
+    images, scale = scaled_channels(np.concatenate(pixels))
     del pixels
     solve = _solve_fast if settings.solver == "fast" else _solve_as_the_paper
     solved = solve(job, settings, views, images)
@@ -191,45 +195,6 @@ def _alternation(settings: DecompositionSettings) -> AlternationSettings:
         cg_tolerance=settings.cg_tolerance,
         cg_max_steps=settings.cg_max_steps,
     )
-
-
-def _read_views(job: Job, cameras: list[Camera]) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
-    """Masks, normals, and the linear values of all masked pixels, (N, 3); one full-size image at a time."""
-    import numpy as np
-
-    from stages.scene.exr import read_exr
-    from stages.scene.photos import read_mask
-    from stages.scene.resize import reduce_by_area
-
-    masks, normals, pixels = [], [], []
-    with job.progress("views", len(cameras)) as step:
-        for camera in cameras:
-            mask = read_mask(job.inputs["mask"] / f"{camera.name}.png")
-            values = reduce_by_area(read_exr(job.inputs["linear"] / f"{camera.name}.exr"), camera.shape)[mask]
-            if not np.isfinite(values).all():
-                bad = int(np.count_nonzero(~np.isfinite(values)))
-                raise UserError(
-                    f"View {camera.name} has {bad} values in its mask that are not numbers; expected finite "
-                    "linear light. Mask these pixels out, or repair the image."
-                )
-            masks.append(mask)
-            normals.append(read_exr(job.inputs["normal"] / f"{camera.name}.exr"))
-            pixels.append(values)
-            step()
-    return masks, normals, np.concatenate(pixels)
-
-
-def _bright_value(pixels: np.ndarray) -> float:
-    """99th percentile of all masked pixels, by which the images are divided so that δ means something."""
-    import numpy as np
-
-    bright = float(np.percentile(pixels, 99))
-    if bright <= 0:
-        raise UserError(
-            f"The images are black inside the masks (99th percentile {bright:g}); expected some light. "
-            "Check that the masks are white where the object is."
-        )
-    return bright
 
 
 def _write_maps(

@@ -7,9 +7,10 @@ from itertools import combinations
 import numpy as np
 import scipy.sparse as sp
 
-from benchmarks.solver.problems import RaceProblem, channels_of, weights_of
+from benchmarks.solver.problems import RaceProblem, weights_of
 from stages.photometry.harmonics import shading_basis
 from stages.photometry.stack import stack_views
+from stages.scene.view_files import scaled_channels
 
 VIEWS = 9  # all pairs share nearly all pixels: nearly four links per pixel, a little fewer than the bust has
 SHIFT_PX = 1  # from one view to the next
@@ -38,7 +39,7 @@ def corrugated_plane(pixels: int, smoothness: float = 3.0, agreement: float = 1.
         name=f"plane-{views.starts[-1]}",
         about=f"corrugated plane, {VIEWS} views of {width}×{height}",
         views=views,
-        images=channels_of(np.concatenate(values)),
+        images=scaled_channels(np.concatenate(values))[0],
         weights=weights_of(smoothness, agreement),
     )
 

@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from stages.photometry.energy import EnergyWeights
-from stages.photometry.stack import StackedViews, stack_pixels, stack_views
+from stages.photometry.stack import StackedViews, stack_views
 from stages.scene.camera_file import read_cameras
-from stages.scene.exr import read_exr
-from stages.scene.link_files import read_links
-from stages.scene.photos import read_mask
-from stages.scene.resize import reduce_by_area
+from stages.scene.link_files import numbered_links
+from stages.scene.view_files import read_views, scaled_channels
 
 DELTA = 1e-4  # the paper's δ
 
@@ -59,17 +57,6 @@ def weights_of(smoothness: float, agreement: float) -> EnergyWeights:
 def views_and_images(paths: Mapping[str, Path]) -> tuple[StackedViews, list[np.ndarray]]:
     """What the `decomposition` stage would open, from artefacts by name."""
     cameras = read_cameras(paths["cameras"])
-    masks = [read_mask(paths["mask"] / f"{camera.name}.png") for camera in cameras]
-    normals = [read_exr(paths["normal"] / f"{camera.name}.exr") for camera in cameras]
-    linear = [
-        reduce_by_area(read_exr(paths["linear"] / f"{camera.name}.exr"), camera.shape) for camera in cameras
-    ]
-    place = {camera.name: i for i, camera in enumerate(cameras)}
-    links = {(place[i], place[j]): c for (i, j), c in read_links(paths["correspondences"]).items()}
-    return stack_views(masks, normals, links), channels_of(stack_pixels(masks, linear))
-
-
-def channels_of(pixels: np.ndarray) -> list[np.ndarray]:
-    """Three images (N,) from values (N, 3), scaled as the `decomposition` stage does."""
-    scale = np.percentile(pixels, 99)
-    return [np.ascontiguousarray(pixels[:, channel], np.float32) / np.float32(scale) for channel in range(3)]
+    masks, normals, linear = zip(*read_views(paths, cameras), strict=True)
+    views = stack_views(masks, normals, numbered_links(paths["correspondences"], cameras))
+    return views, scaled_channels(np.concatenate(linear))[0]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import scipy.sparse as sp
 
 from pipeline import UserError
+from stages.scene.cameras import Camera
 
 
 def read_links(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
@@ -26,3 +28,9 @@ def read_links(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
             f"{folder} cannot be read as correspondences ({type(error).__name__}: {error}); expected "
             "index.json and its matrices, as in cache/correspondence/KEY/correspondences."
         ) from error
+
+
+def numbered_links(folder: Path, cameras: Sequence[Camera]) -> dict[tuple[int, int], sp.csr_array]:
+    """The same by the places of the two views among the cameras: C_ij of Eq. 18."""
+    place = {camera.name: i for i, camera in enumerate(cameras)}
+    return {(place[i], place[j]): block for (i, j), block in read_links(folder).items()}

@@ -1,0 +1,76 @@
+"""The views as the flow leaves them on disk, opened for the decomposition: masks, normals, linear values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipeline import UserError
+from stages.scene.cameras import Camera
+from stages.scene.exr import read_exr
+from stages.scene.photos import read_mask
+from stages.scene.resize import reduce_by_area
+
+
+def read_views(
+    paths: Mapping[str, Path], cameras: Sequence[Camera]
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Open one view after the other; never two full-size images at a time.
+
+    Parameters
+    ----------
+    paths : mapping of str to Path
+        The artefacts `mask`, `normal` and `linear`: folders with a file per camera.
+    cameras : sequence of Camera
+        At the size of masks and normals. An image that is larger is reduced to it.
+
+    Yields
+    ------
+    tuple of three ndarray
+        Ω of shape (h, w), bool; normals in the world, (h, w, 3); linear values of the masked pixels, (·, 3).
+
+    Raises
+    ------
+    UserError
+        An image holds values that are not numbers.
+    """
+    for camera in cameras:
+        mask = read_mask(paths["mask"] / f"{camera.name}.png")
+        linear = reduce_by_area(read_exr(paths["linear"] / f"{camera.name}.exr"), camera.shape)[mask]
+        bad = int(np.count_nonzero(~np.isfinite(linear)))
+        if bad:
+            raise UserError(
+                f"View {camera.name} has {bad} values in its mask that are not numbers; expected finite "
+                "linear light. Mask these pixels out, or repair the image."
+            )
+        yield mask, read_exr(paths["normal"] / f"{camera.name}.exr"), linear
+
+
+def scaled_channels(pixels: np.ndarray) -> tuple[list[np.ndarray], float]:
+    """Divide all images by one number, so that δ means something.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (N, c)
+        Linear values of all masked pixels.
+
+    Returns
+    -------
+    tuple of list of ndarray, shape (N,), float32, and float
+        The channels, and the 99th percentile of all values by which they were divided.
+
+    Raises
+    ------
+    UserError
+        The images are black.
+    """
+    bright = float(np.percentile(pixels, 99))
+    if bright <= 0:
+        raise UserError(
+            f"The images are black inside the masks (99th percentile {bright:g}); expected some light. "
+            "Check that the masks are white where the object is."
+        )
+    channels = range(pixels.shape[1])
+    return [np.ascontiguousarray(pixels[:, c], np.float32) / np.float32(bright) for c in channels], bright
