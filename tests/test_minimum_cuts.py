@@ -114,6 +114,21 @@ def test_the_optimum_lies_between_the_bound_and_the_energy(seed, smoothness, con
         assert bounds.least[c] - slack <= best <= found + slack
 
 
+@given(SEEDS, st.sampled_from([0.0, 1e-3, 0.05]), st.sampled_from([30, 1000]))
+@FEW
+def test_nor_do_pixels_that_are_nearly_dark_lift_the_bound(seed, smoothness, count):
+    """Loosely tied to others, they fit with an albedo far beyond anyone else's, and cost nothing."""
+    graph, image, shading = small_problem(seed, smoothness, 0.0)
+    dark = np.random.default_rng(seed).random(graph.size) < 0.2
+    shading[dark] = as_float32(0.01 * shading[dark])
+    solver = fixed_light(graph, image, shading)
+    solver.iterate(count)
+    least = solver.bounds().least
+    for c in range(3):
+        best = exact_energy(graph, image[:, c], shading[:, c])
+        assert least[c] <= best + ROUNDING * image[:, c].sum()
+
+
 @given(SEEDS, SMOOTHNESS, CONSISTENCY)
 @FEW
 def test_the_bound_and_the_energy_meet(seed, smoothness, consistency):

@@ -23,7 +23,7 @@ from stages.solvers.sliced_graph import SlicedGraph
 from stages.solvers.slices import EIGHT, ONE, QUADS, SIXTEEN, SLICE, THREE, ZERO, Blocks
 
 UNIT = np.float32(16383)  # a dual at its bound, as it is stored: 16 bits hold twice that
-DARK = (0.05, 0.1, 0.2, 0.4)  # of the mean |S|: what darker pixels say is left out; the best bound counts
+WIDTHS = (1.0, 1.5, 3.0)  # ranges of albedo that the bound looks at, in units of the one found
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,18 +67,19 @@ def bounds(
 
     Notes
     -----
-    For duals within ±w, and albedos between the least and the greatest I/S, ``[a, b]``,
-    ``E ≥ Σ_p min_{a ≤ v ≤ b} (|I_p − S_p v| + (Kᵀy)_p v − m share_p |v|) + kept``,
-    whose minima are at a, at b, or at I/S. Without a gauge the best albedo lies in that range. Of the
-    darkest pixels, whose I/S would make it endless, only ``|I| − |S| max(|a|, |b|)`` is counted where it is
-    positive: a little less than they cost.
+    For duals within ±w, and any range ``[a, b]``,
+    ``E ≥ Σ_p min_{a ≤ v ≤ b} (|S_p| |q_p − v| + (Kᵀy)_p v − m share_p |v|) + kept``,
+    with q the quotient I/S clipped to the range; the minima are at a, at b, or at q, and where S = 0 the data
+    cost |I|. For clipping an albedo lowers its variation, and its misfit to the clipped image is no greater
+    than it was to the image. So without a gauge no albedo at all is below the bound; in a gauge, none that
+    lies in the range is. Narrow ranges make cheap what does not balance yet, a pull beyond ±S, and wide ones
+    clip less: the best of several counts, from that of the albedo found to that of all I/S, which a few dark
+    pixels can make endless.
     """
-    floors = np.outer(np.array(DARK, np.float32), _mean_size(shading))
-    ranges = np.empty((blocks.view.size, len(DARK), 3, 2), np.float32)
-    _ranges_of_quotients(blocks.begin, blocks.end, image, shading, floors, ranges)
-    quotients = np.stack([ranges[..., 0].min(axis=0), ranges[..., 1].max(axis=0)], axis=-1)
-    quotients[quotients[..., 0] > quotients[..., 1]] = 0  # a channel without light
-    sums = np.zeros((blocks.view.size, 3, 1 + len(DARK)))
+    found = np.empty((blocks.view.size, 2, 3, 2), np.float32)
+    _ranges(blocks.begin, blocks.end, albedo, image, shading, share, found)
+    ranges = _widened(*np.stack([found[..., 0].min(axis=0), found[..., 1].max(axis=0)], axis=-1))
+    sums = np.zeros((blocks.view.size, 3, 1 + len(ranges)))
     _bounds(
         (blocks.view, blocks.begin, blocks.end),
         (graph.first, graph.neighbour, graph.weight),
@@ -86,39 +87,43 @@ def bounds(
         albedo.ravel(),
         (image.ravel(), shading.ravel(), share.ravel()),
         multiplier.astype(np.float32),
-        floors,
-        quotients,
+        ranges,
         sums,
     )
     totals = sums.sum(axis=0)
     return Bounds(totals[:, 0], totals[:, 1:].max(axis=1) + kept)
 
 
-def _mean_size(shading: np.ndarray) -> np.ndarray:
-    """Mean |S| of every channel, (3,), float32, of the pixels that are not black."""
-    counts = np.maximum(np.count_nonzero(shading, axis=(0, 2)), 1)
-    return (np.abs(shading).sum(axis=(0, 2), dtype=np.float64) / counts).astype(np.float32)
+def _widened(of_albedo: np.ndarray, of_quotients: np.ndarray) -> np.ndarray:
+    """The ranges to try, (R, 3, 2), float32."""
+    found, quotients = (np.where(np.isfinite(ends), ends, 0) for ends in (of_albedo, of_quotients))  # no light
+    half = (found[:, 1:] - found[:, :1]) / 2 * np.array([-1, 1], np.float32)
+    return np.stack([*(found + np.float32(width - 1) * half for width in WIDTHS), quotients])
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def _ranges_of_quotients(begins, ends, image, shading, floors, ranges):
-    """Least and greatest I/S of every block, threshold and channel, where |S| is above the threshold."""
+def _ranges(begins, ends, albedo, image, shading, share, ranges):
+    """Least and greatest albedo, then least and greatest I/S, of every block and channel."""
     for block in numba.prange(begins.size):
-        for c in range(3):
-            ranges[block, :, c, 0], ranges[block, :, c, 1] = np.inf, -np.inf
-            for s in range(begins[block], ends[block]):
-                for lane in range(8):
-                    light = shading[s, c, lane]
-                    quotient = image[s, c, lane] / light
-                    for k in range(floors.shape[0]):
-                        if abs(light) > floors[k, c]:
-                            ranges[block, k, c, 0] = min(ranges[block, k, c, 0], quotient)
-                            ranges[block, k, c, 1] = max(ranges[block, k, c, 1], quotient)
+        ranges[block, :, :, 0], ranges[block, :, :, 1] = np.inf, -np.inf
+        for s in range(begins[block], ends[block]):
+            for lane in range(8):
+                if share[s, 0, lane] == 0:
+                    continue
+                for c in range(3):
+                    _reach(ranges[block, 0, c], albedo[s * 8 + lane, c])
+                    if shading[s, c, lane] != 0:
+                        _reach(ranges[block, 1, c], image[s, c, lane] / shading[s, c, lane])
+
+
+@numba.njit(inline="always")
+def _reach(range_, value):
+    range_[0], range_[1] = min(range_[0], value), max(range_[1], value)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def _bounds(blocks, graph, dual, albedo, givens, multiplier, floors, quotients, sums):
-    """Energy, then a bound for every threshold of darkness, summed over the slices of a block."""
+def _bounds(blocks, graph, dual, albedo, givens, multiplier, ranges, sums):
+    """Energy, then the bound of every range, summed over the slices of a block."""
     views, begins, ends = blocks
     first, neighbour, weight = graph
     image, shading, share = givens
@@ -132,9 +137,8 @@ def _bounds(blocks, graph, dual, albedo, givens, multiplier, floors, quotients, 
                 rho, variation, pull = _three(made, c * EIGHT)
                 gain = spread(multiplier[views[block], c]) * load(share, s * EIGHT)
                 sums[block, c, 0] += lane_sum(magnitude(value - light * rho) + variation)
-                for k in range(floors.shape[0]):
-                    least = _least(value, light, pull, gain, floors[k, c], quotients[k, c])
-                    sums[block, c, 1 + k] += lane_sum(least)
+                for k in range(ranges.shape[0]):
+                    sums[block, c, 1 + k] += lane_sum(_least(value, light, pull, gain, ranges[k, c]))
 
 
 @numba.njit(nogil=True)
@@ -172,22 +176,15 @@ def _three(made, at):
 
 
 @numba.njit(inline="always")
-def _least(value, light, pull, gain, floor, quotients):
-    """What the pixels of a slice cost at least; those darker than `floor` count as the Notes above say."""
+def _least(value, light, pull, gain, ends):
+    """What the pixels of a slice cost at least, as the Notes above say."""
     zero, one = spread(np.float32(0)), spread(np.float32(1))
-    low, high, dark = spread(quotients[0]), spread(quotients[1]), spread(floor)
-    fit = where_above(magnitude(light), dark, value / light, low)
-    heard = where_above(magnitude(light), dark, one, zero)
-    reach = magnitude(light) * spread(max(abs(quotients[0]), abs(quotients[1])))
-    unlit = magnitude(value) - clipped(reach, magnitude(value))
-    lit, seen = heard * light, heard * value
-    least = _cost(fit, seen, lit, pull, gain)
+    low, high, size = spread(ends[0]), spread(ends[1]), magnitude(light)
+    middle, half = spread(np.float32(0.5)) * (low + high), spread(np.float32(0.5)) * (high - low)
+    quotient = value / where_above(size, zero, light, one)
+    fit = middle + clipped(quotient - middle, half)
+    least = pull * fit - gain * magnitude(fit)
     for end in (low, high):
-        there = _cost(end, seen, lit, pull, gain)
+        there = size * magnitude(fit - end) + pull * end - gain * magnitude(end)
         least = least - where_above(least, there, least - there, zero)
-    return least + (one - heard) * unlit
-
-
-@numba.njit(inline="always")
-def _cost(albedo, value, light, pull, gain):
-    return magnitude(value - light * albedo) + pull * albedo - gain * magnitude(albedo)
+    return least + where_above(size, zero, zero, magnitude(value))
