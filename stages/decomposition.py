@@ -70,13 +70,14 @@ class DecompositionSettings(Settings):
         1e-3, "Relative change of the energy to stop at, as in the paper.", ge=0, lt=1
     )
     fast_tolerance: float = setting(
-        1e-4,
-        "Relative fall of the energy over a round (sixty iterations) at which `solver: fast` is done.",
+        2e-3,
+        "What the second half of its iterations may have gained of the energy for `solver: fast` to be done: "
+        "more than further ones would, since its error falls at least as one over their number.",
         ge=0,
         lt=1,
     )
     fast_gap: float = setting(
-        0.02,
+        0.03,
         "And how far, relative to the energy, the albedo may then be from the best one under its light: a "
         "bound from the dual problem, several times what is really missing.",
         gt=0,
@@ -251,7 +252,7 @@ def _write_history(job: Job, settings: DecompositionSettings, solved: Solved) ->
 
 DECOMPOSITION = Stage(
     name="decomposition",
-    version=3,
+    version=4,
     about="Albedo, shading and light of each view, from all views together.",
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),

@@ -6,7 +6,8 @@ from typing import Any
 
 from stages.photometry.alternation import AlternationRecord, Descent
 from stages.photometry.energy import EnergyTerms, EnergyWeights
-from stages.photometry.fast_alternation import FastDescent, Round
+from stages.photometry.fast_alternation import FastDescent
+from stages.photometry.stopping_rule import Round
 
 LEGEND = {
     "energy": "Eq. 2 in the gauge (sum of |albedo| = sum of |image| in each channel)",

@@ -12,12 +12,12 @@ from stages.photometry.energy import EnergyTerms, EnergyWeights, channel_terms
 from stages.photometry.pyramid import Level, pyramid
 from stages.photometry.saddle import finest_level, problem_of
 from stages.photometry.stack import StackedViews
+from stages.photometry.stopping_rule import Round, verdict
 from stages.solvers.primal_dual_graph import PrimalDual, Steps
 from stages.solvers.threading_layer import use_threads
 
 PIXELS_PER_THREAD = 20_000
 UNIFORM = 1 / np.sqrt(4 * np.pi)  # ν of the first harmonic, the same for every normal
-STANDSTILL = 5  # rounds without progress, the gap still open, after which more would be waste
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class FastSettings:
     ----------
     weights : EnergyWeights
     tolerance : float
-        Relative fall of the energy over a round at which the finest level is done.
+        What the second half of the finest level's iterations may have gained, relative energy, to be done.
     gap_tolerance : float
         How far the albedo may then be from its optimum under the light it has, relative energy.
     max_rounds : int
@@ -44,32 +44,13 @@ class FastSettings:
     """
 
     weights: EnergyWeights
-    tolerance: float = 1e-4
-    gap_tolerance: float = 0.02
+    tolerance: float = 2e-3
+    gap_tolerance: float = 0.03
     max_rounds: int = 100
     round_iterations: int = 60
     coarse_iterations: int = 120
     steps: Steps = Steps()
     fewest_pixels: int = 40
-
-
-@dataclass(frozen=True)
-class Round:
-    """What a round left.
-
-    Attributes
-    ----------
-    iterations : int
-        So far, on the finest level.
-    energy : tuple of float
-        Eq. 2 per channel, in the gauge; summed in float32 within every eight pixels.
-    gap : float
-        How far the energy may at most be above that of the best albedo under this light, relative to it.
-    """
-
-    iterations: int
-    energy: tuple[float, ...]
-    gap: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,26 +133,22 @@ def _finish(
     """Rounds on the finest level until the energy settles; the best state seen is kept."""
     rounds = [_look(descent, 0)]
     best, kept = rounds[0], (descent.albedo.copy(), descent.light)
-    outcome, standing = Outcome.LIMIT_REACHED, 0
+    outcome = None
     for k in range(1, settings.max_rounds + 1):
         descent.iterate(settings.round_iterations)
         rounds.append(_look(descent, k * settings.round_iterations))
-        least, energy = sum(best.energy), sum(rounds[-1].energy)
         step()
-        if energy <= least:
+        if sum(rounds[-1].energy) <= sum(best.energy):
             np.copyto(kept[0], descent.albedo)
             best, kept = rounds[-1], (kept[0], descent.light)
-        standing = standing + 1 if abs(least - energy) <= settings.tolerance * least else 0
-        if standing and rounds[-1].gap <= settings.gap_tolerance:
-            outcome = Outcome.CONVERGED
-            break
-        if standing == STANDSTILL:
-            outcome = Outcome.STALLED
+        outcome = verdict(rounds, settings.tolerance, settings.gap_tolerance)
+        if outcome is not None:
             break
     if rounds[-1] is not best:
         rounds.append(best)
     albedo, light = descent.problem.slices.collect(kept[0]), kept[1]
-    return FastDescent(albedo, light, channel_terms(views, images, albedo, light), tuple(rounds), outcome)
+    terms = channel_terms(views, images, albedo, light)
+    return FastDescent(albedo, light, terms, tuple(rounds), outcome or Outcome.LIMIT_REACHED)
 
 
 def _look(descent: PrimalDual, iterations: int) -> Round:

@@ -96,7 +96,9 @@ def bounds(
 
 def _widened(of_albedo: np.ndarray, of_quotients: np.ndarray) -> np.ndarray:
     """The ranges to try, (R, 3, 2), float32."""
-    found, quotients = (np.where(np.isfinite(ends), ends, 0) for ends in (of_albedo, of_quotients))  # no light
+    found, quotients = (
+        np.where(np.isfinite(ends), ends, 0) for ends in (of_albedo, of_quotients)
+    )  # no light
     half = (found[:, 1:] - found[:, :1]) / 2 * np.array([-1, 1], np.float32)
     return np.stack([*(found + np.float32(width - 1) * half for width in WIDTHS), quotients])
 
