@@ -5,7 +5,6 @@ Every size runs in a process of its own, since a process's peak memory never fal
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import resource
@@ -80,12 +79,13 @@ def measure(pixels: int, threads: int, most_rounds: int) -> Grown:
     from benchmarks.solver.corrugated_plane import corrugated_plane
     from benchmarks.solver.ours import endless, timed
     from stages.photometry.fast_alternation import FastSettings
+    from stages.solvers.free_memory import give_back_free_memory
 
     tiny = corrugated_plane(2000)
     timed(tiny, threads, endless(tiny, 2))  # compiled code and libraries are loaded
     before = peak_bytes()
     problem = corrugated_plane(pixels)
-    _give_back_what_is_free()
+    give_back_free_memory()  # what making the problem took is not the solver's
     given = peak_bytes() - before
     solved = timed(problem, threads, FastSettings(problem.weights, max_rounds=most_rounds))
     trace = solved.trace()
@@ -98,13 +98,6 @@ def measure(pixels: int, threads: int, most_rounds: int) -> Grown:
         peak_bytes=peak_bytes() - before,
         given_bytes=given,
     )
-
-
-def _give_back_what_is_free() -> None:
-    """What making the problem took and left is not the solver's: an allocator may keep it for itself."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc
-    if trim is not None:
-        trim(0)
 
 
 def peak_bytes() -> int:

@@ -13,6 +13,7 @@ from stages.photometry.pyramid import Level, pyramid
 from stages.photometry.saddle import finest_level, problem_of
 from stages.photometry.stack import StackedViews
 from stages.photometry.stopping_rule import Round, verdict
+from stages.solvers.free_memory import give_back_free_memory
 from stages.solvers.primal_dual_graph import PrimalDual, Steps
 from stages.solvers.threading_layer import use_threads
 
@@ -102,9 +103,13 @@ def solve(
     while levels:
         use_threads(threads_for(descent.problem.slices.pixels, threads))
         descent.iterate(settings.coarse_iterations * 2 ** (len(levels) - 1))
-        finer_group = levels[0].group
-        descent = PrimalDual.refined(descent, problem_of(levels.pop(0)), group)
+        legacy, finer_group = descent.legacy(), levels[0].group
+        del descent  # before the finer level takes its place
+        problem = problem_of(levels.pop(0))
+        give_back_free_memory()
+        descent = PrimalDual.inheriting(legacy, problem, group)
         group = finer_group
+        del legacy
     use_threads(threads_for(descent.problem.slices.pixels, threads))
     return _finish(views, images, descent, settings, step)
 

@@ -82,6 +82,21 @@ class Problem:
         return sums
 
 
+@dataclass(frozen=True, eq=False)
+class Legacy:
+    """What `PrimalDual` leaves to the next finer level; arrays are shared, not copied."""
+
+    slices: Slices
+    graph: SlicedGraph
+    albedo: np.ndarray
+    light: np.ndarray
+    edge_dual: np.ndarray
+    data_dual: np.ndarray
+    multiplier: np.ndarray
+    steps: Steps
+    free_light: bool
+
+
 class PrimalDual:
     """Albedo and light on their way to the least energy.
 
@@ -134,31 +149,45 @@ class PrimalDual:
         self._mobility = np.zeros((*light.shape, light.shape[2]))
 
     @classmethod
-    def refined(cls, coarser: PrimalDual, problem: Problem, group: np.ndarray) -> PrimalDual:
+    def inheriting(cls, legacy: Legacy, problem: Problem, group: np.ndarray) -> PrimalDual:
         """Start a level where the one above it stands: albedo, light and duals.
 
         Parameters
         ----------
-        coarser : PrimalDual
+        legacy : Legacy
         problem : Problem
             The finer one.
         group : ndarray, shape (N,), int32
             Every pixel's group: what was a pixel to the coarser one.
         """
-        finer = cls(problem, np.zeros_like(problem.image), coarser.light, coarser._steps, coarser._free)
-        own, other = problem.graph, coarser.problem.graph
+        finer = cls(problem, np.zeros_like(problem.image), legacy.light, legacy.steps, legacy.free_light)
+        own, other = problem.graph, legacy.graph
         places = np.full(COUNT * problem.slices.count, -1, np.int32)
-        places[problem.slices.places] = coarser.problem.slices.places[group]
-        inherit_pixels(places, coarser.albedo.ravel(), finer.albedo.ravel())
-        inherit_pixels(places, coarser._data_dual.ravel(), finer._data_dual.ravel())
+        places[problem.slices.places] = legacy.slices.places[group]
+        inherit_pixels(places, legacy.albedo.ravel(), finer.albedo.ravel())
+        inherit_pixels(places, legacy.data_dual.ravel(), finer._data_dual.ravel())
         inherit_edges(
             places,
-            (other.first, other.neighbour, other.weight, coarser.edge_dual),
+            (other.first, other.neighbour, other.weight, legacy.edge_dual),
             (own.first, own.neighbour, own.weight, finer.edge_dual),
         )
         interleave(finer.albedo.ravel(), finer._ahead.ravel())
-        finer._multiplier = coarser._multiplier.copy()
+        finer._multiplier = legacy.multiplier
         return finer
+
+    def legacy(self) -> Legacy:
+        """What a finer level takes over; whoever does not keep the rest makes room for it."""
+        return Legacy(
+            slices=self.problem.slices,
+            graph=self.problem.graph,
+            albedo=self.albedo,
+            light=self.light,
+            edge_dual=self.edge_dual,
+            data_dual=self._data_dual,
+            multiplier=self._multiplier,
+            steps=self._steps,
+            free_light=self._free,
+        )
 
     def iterate(self, count: int) -> None:
         """Do `count` iterations."""

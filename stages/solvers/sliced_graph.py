@@ -49,7 +49,7 @@ def slices_of(graph: HalfEdges, starts: np.ndarray) -> Slices:
     rank = np.empty(graph.size, np.int32)
     for begin, end in zip(starts[:-1], starts[1:], strict=True):
         _rank_by_degree(graph.first, begin, end, rank)
-    return Slices(starts, rank)
+    return Slices.of(starts, rank)
 
 
 def sliced_graph(graph: HalfEdges, slices: Slices) -> SlicedGraph:

@@ -28,17 +28,27 @@ class Slices:
     ----------
     starts : ndarray, shape (n + 1,), int64
         View i owns the pixels ``starts[i]:starts[i + 1]``.
-    rank : ndarray, shape (N,), integer, or None
-        A permutation within the views: in which order their pixels fill the slices. As they are by default.
+    first : ndarray, shape (n + 1,), int64
+        And the slices ``first[i]:first[i + 1]``.
+    places : ndarray, shape (N,), int32
+        Where pixel p is: lane ``place % 8`` of slice ``place // 8``.
     """
 
     starts: np.ndarray
-    rank: np.ndarray | None = None
+    first: np.ndarray
+    places: np.ndarray
 
-    @cached_property
-    def first(self) -> np.ndarray:
-        """View i owns the slices ``first[i]:first[i + 1]``; shape (n + 1,), int64."""
-        return np.concatenate([[0], np.cumsum(-(-np.diff(self.starts) // COUNT))]).astype(np.int64)
+    @classmethod
+    def of(cls, starts: np.ndarray, rank: np.ndarray | None = None) -> Slices:
+        """Fill slices with pixels in the order of a rank, (N,), int32: a permutation within the views.
+
+        As they are by default. The array becomes the places.
+        """
+        first = np.concatenate([[0], np.cumsum(-(-np.diff(starts) // COUNT))]).astype(np.int64)
+        places = np.arange(starts[-1], dtype=np.int32) if rank is None else rank
+        for begin, end, own in zip(starts[:-1], starts[1:], first[:-1], strict=True):
+            places[begin:end] += np.int32(COUNT * own - begin)
+        return cls(starts, first, places)
 
     @property
     def pixels(self) -> int:
@@ -49,13 +59,6 @@ class Slices:
     def count(self) -> int:
         """S."""
         return int(self.first[-1])
-
-    @cached_property
-    def places(self) -> np.ndarray:
-        """Where pixel p is: lane ``place % 8`` of slice ``place // 8``; shape (N,), int32."""
-        shifts = (COUNT * self.first[:-1] - self.starts[:-1]).astype(np.int32)
-        rank = np.arange(self.starts[-1], dtype=np.int32) if self.rank is None else self.rank
-        return rank + np.repeat(shifts, np.diff(self.starts))
 
     def spread(self, values: np.ndarray) -> np.ndarray:
         """Values (N, k) as (S, k, 8), float32; 0 where no pixel is."""
