@@ -65,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> Path:
     sentences = left_out()
     warm_up(plan.rules.threads)
     races, speeds = [], []
-    for problem in problems_of(plan, terminal, sentences):
+    for problem in problems_named(plan.problems, plan.full, terminal, sentences):
         races.append(hold(problem, plan.rules, terminal.say))
         if problem.views not in [race.problem.views for race in races[:-1]]:
             speeds += threaded_speeds(problem, plan.rules.threads, plan.kernel_s)
@@ -108,11 +108,13 @@ def plan_of(given: argparse.Namespace) -> Plan:
     return Plan(problems, given.full, sizes, most_rounds, kernel_s, rules, given.to)
 
 
-def problems_of(plan: Plan, terminal: Terminal, sentences: list[str]) -> Iterator[RaceProblem]:
+def problems_named(
+    names: Sequence[str], full: bool, terminal: Terminal, sentences: list[str]
+) -> Iterator[RaceProblem]:
     """Open one after the other; what cannot be had adds a sentence."""
-    for name in plan.problems:
+    for name in names:
         try:
-            yield from _opened(name, plan.full, terminal)
+            yield from _opened(name, full, terminal)
         except UserError as error:
             sentences.append(f"{name} is left out: {error}")
 

@@ -97,7 +97,15 @@ def solve(
     step : callable
         Called after every round.
     """
-    levels = pyramid(finest_level(views, images, settings.weights), settings.fewest_pixels)
+    descent = from_coarse_to_fine(finest_level(views, images, settings.weights), settings, threads)
+    use_threads(threads_for(descent.problem.slices.pixels, threads))
+    return finish(views, images, descent, settings, step)
+
+
+def from_coarse_to_fine(finest: Level, settings: FastSettings, threads: int) -> PrimalDual:
+    """Descend on every coarser level, the coarsest first; the finest one then begins where they end."""
+    levels = pyramid(finest, settings.fewest_pixels)
+    del finest  # a level makes room once it is arranged
     group = levels[0].group
     descent = start(levels.pop(0), settings)
     while levels:
@@ -110,8 +118,7 @@ def solve(
         descent = PrimalDual.inheriting(legacy, problem, group)
         group = finer_group
         del legacy
-    use_threads(threads_for(descent.problem.slices.pixels, threads))
-    return _finish(views, images, descent, settings, step)
+    return descent
 
 
 def start(level: Level, settings: FastSettings) -> PrimalDual:
@@ -128,14 +135,14 @@ def threads_for(pixels: int, threads: int) -> int:
     return min(threads, 1 + pixels // PIXELS_PER_THREAD)
 
 
-def _finish(
+def finish(
     views: StackedViews,
     images: list[np.ndarray],
     descent: PrimalDual,
     settings: FastSettings,
     step: Callable[[], None],
 ) -> FastDescent:
-    """Rounds on the finest level until the energy settles; the best state seen is kept."""
+    """Go in rounds on the finest level until the energy settles; the best state seen is kept."""
     rounds = [_look(descent, 0)]
     best, kept = rounds[0], (descent.albedo.copy(), descent.light)
     outcome = None

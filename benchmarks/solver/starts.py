@@ -1,0 +1,110 @@
+"""Does the start matter? ``python -m benchmarks.solver.starts [--problems bust,fountain,plane-PIXELS]``.
+
+Solves every problem from three starts and prints how far apart they end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
+
+import numpy as np  # noqa: E402
+
+from benchmarks.solver.__main__ import THREADS, problems_named  # noqa: E402
+from benchmarks.solver.problems import RaceProblem  # noqa: E402
+from pipeline.terminal import Terminal  # noqa: E402
+from stages.evaluation.scaled_error import least_squares_scale  # noqa: E402
+from stages.photometry.fast_alternation import (  # noqa: E402
+    FastDescent,
+    FastSettings,
+    finish,
+    solve,
+    start,
+    threads_for,
+)
+from stages.photometry.saddle import finest_level  # noqa: E402
+from stages.solvers.primal_dual_graph import PrimalDual, Steps  # noqa: E402
+from stages.solvers.threading_layer import use_threads  # noqa: E402
+
+STARTS = ("coarse to fine", "ρ = I", "constant")
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Solve from every start, print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--problems", default="bust,fountain")
+    parser.add_argument("--threads", type=int, default=THREADS)
+    given, terminal = parser.parse_args(argv), Terminal()
+    sentences: list[str] = []
+    print("| problem | λ, μ | start | outcome | iterations | energy above the least | gap |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for problem in problems_named(given.problems.split(","), False, terminal, sentences):
+        found = {name: solve_from(name, problem, given.threads) for name in STARTS}
+        for row in rows(problem, found):
+            print(row, flush=True)
+        print(f"{problem.name}: si-RMSE between two solutions, of their own size: {apart(found)}", flush=True)
+    for sentence in sentences:
+        terminal.say(sentence)
+
+
+def solve_from(name: str, problem: RaceProblem, threads: int) -> FastDescent:
+    """By the default settings; only the first start knows coarser levels."""
+    settings, views, images = FastSettings(problem.weights), problem.fresh_views(), problem.images
+    if name == "coarse to fine":
+        return solve(views, images, settings, threads, lambda: None)
+    descent = start(finest_level(views, images, problem.weights), settings)
+    if name == "constant":
+        descent = constant(descent)
+    use_threads(threads_for(problem.pixels, threads))
+    return finish(views, images, descent, settings, lambda: None)
+
+
+def constant(descent: PrimalDual) -> PrimalDual:
+    """The same problem from an albedo that is everywhere the mean of the image."""
+    problem = descent.problem
+    albedo = np.broadcast_to(problem.image.mean(axis=(0, 2), keepdims=True), problem.image.shape).copy()
+    return PrimalDual(problem, albedo, descent.light, Steps())
+
+
+def rows(problem: RaceProblem, found: dict[str, FastDescent]) -> Iterator[str]:
+    """A row of the table for every start."""
+    energies = {name: energy(problem, descent) for name, descent in found.items()}
+    least = min(energies.values())
+    weights = f"{problem.weights.smoothness:g}, {problem.weights.consistency:g}"
+    for name, descent in found.items():
+        last = max(descent.rounds, key=lambda one: one.iterations)
+        above = f"{100 * (energies[name] / least - 1):.3f} %"
+        outcome = descent.outcome.name.lower().replace("_", " ")
+        yield (
+            f"| {problem.name} | {weights} | {name} | {outcome} | {last.iterations} | {above} | "
+            f"{100 * descent.rounds[-1].gap:.1f} % |"
+        )
+
+
+def energy(problem: RaceProblem, descent: FastDescent) -> float:
+    """Of all channels together, in the gauge."""
+    return sum(terms.total(problem.weights) for terms in descent.terms)
+
+
+def apart(found: dict[str, FastDescent]) -> str:
+    """The greatest distance over the channels of every pair of starts."""
+    return "; ".join(
+        f"{one} and {other} {max(distances(found[one].albedo, found[other].albedo)):.4f}"
+        for one, other in combinations(found, 2)
+    )
+
+
+def distances(one: np.ndarray, other: np.ndarray) -> list[float]:
+    """Root mean square per channel of what a single scale leaves between two albedos (N, 3)."""
+    return [
+        float(np.sqrt(np.mean((t - least_squares_scale(p, t) * p) ** 2)))
+        for p, t in zip(other.T.astype(np.float64), one.T.astype(np.float64), strict=True)
+    ]
+
+
+if __name__ == "__main__":
+    main()
