@@ -1,0 +1,45 @@
+"""Rays from one part of a mesh to another: what stands in the way of the sky."""
+
+from __future__ import annotations
+
+import numpy as np
+import open3d as o3d
+
+from stages.scene.meshes import Surface
+
+
+class Occluders:
+    """A mesh made ready for rays between its own points, float32, relative to the mean of its vertices."""
+
+    def __init__(self, surface: Surface, threads: int = 0) -> None:
+        self.origin = surface.vertices.mean(axis=0)
+        self._faces, self._threads = surface.faces, threads
+        local = (surface.vertices - self.origin).astype(np.float32)
+        self._scene = o3d.t.geometry.RaycastingScene(nthreads=threads)
+        self._scene.add_triangles(o3d.core.Tensor(local), o3d.core.Tensor(surface.faces.astype(np.uint32)))
+
+    def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What rays meet first.
+
+        Parameters
+        ----------
+        origins : ndarray, shape (r, 3), float32
+            Relative to `origin`.
+        directions : ndarray, shape (r, 3), float32
+            Unit.
+
+        Returns
+        -------
+        tuple of ndarray, shape (r,), int32, and ndarray, shape (r,), bool
+            The vertex nearest to what was met, −1 for nothing; whether it was met from behind.
+        """
+        packed = np.concatenate([origins, directions], axis=1)
+        found = self._scene.cast_rays(o3d.core.Tensor(packed), nthreads=self._threads)
+        met = np.isfinite(found["t_hit"].numpy())
+        vertex, behind = np.full(len(met), -1, np.int32), np.zeros(len(met), bool)
+        u, v = found["primitive_uvs"].numpy()[met].T
+        corner = np.argmax(np.stack([1 - u - v, u, v]), axis=0)
+        vertex[met] = self._faces[found["primitive_ids"].numpy()[met], corner]
+        facing = np.einsum("rk,rk->r", found["primitive_normals"].numpy()[met], directions[met])
+        behind[met] = facing > 0
+        return vertex, behind
