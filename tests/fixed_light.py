@@ -12,18 +12,18 @@ STEPS = Steps(scale=0.1)
 
 
 def fixed_light(graph: HalfEdges, image: np.ndarray, shading: np.ndarray, steps: Steps = STEPS) -> PrimalDual:
-    """Start at ρ = I for a given shading, (N, 3) each: three harmonics stand in for the three channels'."""
+    """Start at ρ = I for a given shading, (N, 3) each: one harmonic, which differs by channel."""
     slices = slices_of(graph, np.array([0, graph.size]))
     problem = Problem(
         slices=slices,
         graph=sliced_graph(graph, slices),
         image=slices.spread(image),
-        basis=slices.spread(shading),
+        basis=slices.spread(shading)[:, None],
         share=slices.spread(np.ones((graph.size, 1))),
         gauge_of_view=np.zeros(1, np.int64),
         wanted=np.abs(image).sum(axis=0, dtype=np.float64)[None],
     )
-    return PrimalDual(problem, slices.spread(image), np.eye(3)[None], steps, free_light=False)
+    return PrimalDual(problem, slices.spread(image), np.ones((1, 3, 1)), steps, free_light=False)
 
 
 def albedo_of(solver: PrimalDual) -> np.ndarray:

@@ -84,7 +84,7 @@ def test_groups_have_the_variation_of_their_pixels(seed):
 
 
 def level_of(views: StackedViews, image: np.ndarray) -> Level:
-    basis = views.basis.astype(np.float32)
+    basis = views.basis.astype(np.float32).reshape(*views.basis.shape[:2], -1)
     return Level(
         views.starts,
         views.positions(),
@@ -113,7 +113,7 @@ def test_a_coarser_level_is_the_same_problem_on_groups(seed):
 
     light, albedo = rng.standard_normal((3, 9)), rng.random(len(places))
     residual_of = [
-        level.image[:, 0] - rho * np.einsum("pk,pk->p", level.basis, light[level.view_of_pixel])
+        level.image[:, 0] - rho * np.einsum("pk,pk->p", level.basis[:, :, 0], light[level.view_of_pixel])
         for level, rho in ((fine, albedo[group]), (coarse, albedo))
     ]
     sums = np.bincount(group, residual_of[0]) / 4
@@ -131,7 +131,7 @@ def test_a_full_group_keeps_its_data_its_smoothness_halves_and_its_agreement_sta
     assert coarse.starts.tolist() == [0, 4, 8]
     assert coarse.positions.tolist() == 2 * [[0, 0], [0, 1], [1, 0], [1, 1]]
     assert np.allclose(coarse.image, [0.2, 0.4, 0.8])
-    assert np.allclose(coarse.basis, views.basis[0])
+    assert np.allclose(coarse.basis[:, :, 0], views.basis[0])
     assert coarse.graph.neighbour[:3].tolist() == [1, 2, 4]
     assert coarse.graph.weight[:3].tolist() == [WEIGHTS.smoothness / 2] * 2 + [WEIGHTS.consistency]
 
@@ -295,24 +295,49 @@ def descent(unlinked, steps: Steps = Steps()) -> PrimalDual:  # noqa: B008 (froz
     return PrimalDual(problem, problem.slices.spread(albedo), light, steps)
 
 
-def test_eq_1_compiled_shading_is_light_times_basis(unlinked):
+@pytest.fixture(scope="module", params=["shared by the channels", "of each channel"])
+def lit(request, unlinked):
+    """The same with a basis of either kind."""
+    views, *rest = unlinked
+    if request.param == "of each channel":
+        tints = np.random.default_rng(1).uniform(0.5, 1.5, (*views.basis.shape, 3)).astype(np.float32)
+        views = replace(views, basis=(views.basis[:, :, None] * tints).astype(np.float32).astype(np.float64))
+    return views, *rest
+
+
+def test_eq_1_compiled_shading_is_light_times_basis(lit):
     """S = σ·ν of Eq. 1."""
-    views, _, _, light = unlinked
-    solver = descent(unlinked)
+    views, _, _, light = lit
+    solver = descent(lit)
     found = solver.problem.slices.collect(solver.shading())
     for c in range(3):
-        assert np.allclose(found[:, c], views.shading(light[:, c]), atol=1e-5)
+        assert np.allclose(found[:, c], views.of_channel(c).shading(light[:, c]), atol=1e-5)
 
 
-def test_gram_matrices_are_sums_of_products_of_the_basis(unlinked):
+def test_gram_matrices_are_sums_of_products_of_the_basis(lit):
     """Σ ρ² ν νᵀ per view and channel; 0 for the empty view."""
-    views, _, albedo, _ = unlinked
-    solver = descent(unlinked)
+    views, _, albedo, _ = lit
+    solver = descent(lit)
     found = gram_matrices(solver.problem.slices.blocks, solver.problem.basis, solver.albedo)
     for view in range(3):
-        basis, rho = views.basis[views.view(view)], albedo[views.view(view)].astype(float)
-        expected = np.einsum("pc,pk,pl->ckl", rho**2, basis, basis)
-        assert np.allclose(found[view], expected, rtol=1e-9, atol=1e-9)
+        for c in range(3):
+            own = views.view(view)
+            basis, rho = views.of_channel(c).basis[own], albedo[own, c].astype(float)
+            expected = np.einsum("p,pk,pl->kl", rho**2, basis, basis)
+            assert np.allclose(found[view, c], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_basis_that_is_the_same_in_each_channel_gives_the_same_bits_as_a_shared_one(unlinked):
+    views, *rest = unlinked
+    repeated = replace(views, basis=np.repeat(views.basis[:, :, None], 3, axis=2))
+    found = []
+    for one in (views, repeated):
+        solver = descent((one, *rest))
+        solver.iterate(25)
+        found.append(solver)
+    assert found[0].problem.basis.shape[2] == 1 and found[1].problem.basis.shape[2] == 3
+    assert np.array_equal(found[0].albedo, found[1].albedo)
+    assert np.array_equal(found[0].light, found[1].light)
 
 
 def test_iterations_keep_the_gauge_and_give_the_same_bits_on_one_thread_and_on_two(unlinked):

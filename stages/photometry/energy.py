@@ -97,7 +97,9 @@ def channel_terms(
 ) -> tuple[EnergyTerms, ...]:
     """All three sums for every channel: images of shape (N,), albedo (N, c), light (n, c, K)."""
     return tuple(
-        energy_terms(views, image, albedo[:, c].astype(np.float64), np.ascontiguousarray(light[:, c]))
+        energy_terms(
+            views.of_channel(c), image, albedo[:, c].astype(np.float64), np.ascontiguousarray(light[:, c])
+        )
         for c, image in enumerate(images)
     )
 

@@ -18,7 +18,8 @@ class Level:
     starts : ndarray, shape (n + 1,), int64
     positions : ndarray, shape (N, 2), int32
         Row and column in the own view, at this level's size.
-    basis : ndarray, shape (N, K), float32
+    basis : ndarray, shape (N, K, 1 or 3), float32
+        ν, shared by the channels or of each.
     image : ndarray, shape (N, 3), float32
     share : ndarray, shape (N,), float32
         How full every group is: 1 where nothing is missing.
@@ -59,7 +60,9 @@ def coarser(level: Level) -> Level:
     return Level(
         starts=starts,
         positions=positions,
-        basis=_quarter_sums(group, level.basis, count),
+        basis=_quarter_sums(group, level.basis.reshape(len(group), -1), count).reshape(
+            count, *level.basis.shape[1:]
+        ),
         image=_quarter_sums(group, level.image, count),
         share=_quarter_sums(group, level.share[:, None], count)[:, 0],
         graph=aggregated(level.graph, group, count, factor=1 / 4),

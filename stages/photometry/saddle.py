@@ -21,7 +21,7 @@ def finest_level(views: StackedViews, images: list[np.ndarray], weights: EnergyW
     return Level(
         starts=views.starts,
         positions=views.positions(),
-        basis=views.basis,
+        basis=views.basis.reshape(*views.basis.shape[:2], -1),
         image=np.stack(images, axis=1).astype(np.float32),
         share=np.ones(len(images[0]), np.float32),
         graph=graph_of(views, weights),
@@ -56,7 +56,9 @@ def problem_of(level: Level) -> Problem:
         slices=slices,
         graph=graph,
         image=slices.spread(level.image),
-        basis=slices.spread(level.basis),
+        basis=slices.spread(level.basis.reshape(len(level.basis), -1)).reshape(
+            slices.count, *level.basis.shape[1:], -1
+        ),
         share=slices.spread(level.share[:, None]),
         gauge_of_view=level.gauge_of_view,
         wanted=_brightness(level),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,8 +28,8 @@ class StackedViews:
     ----------
     starts : ndarray, shape (n + 1,), int64
         View i owns the places ``starts[i]:starts[i + 1]``.
-    basis : ndarray, shape (N, K), float32
-        ν of Eq. 1: K = 9 harmonics.
+    basis : ndarray, shape (N, K) or (N, K, 3), float32
+        ν of Eq. 1, K = 9 harmonics; or that of each channel, where light that bounces makes them differ.
     masks : tuple of ndarray, shape (h_i, w_i), bool
         Ω of every view.
     links : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
@@ -54,6 +54,10 @@ class StackedViews:
     def view(self, i: int) -> slice:
         """Places of view i."""
         return slice(int(self.starts[i]), int(self.starts[i + 1]))
+
+    def of_channel(self, channel: int) -> StackedViews:
+        """The same with the basis of one channel, shape (N, K)."""
+        return self if self.basis.ndim == 2 else replace(self, basis=self.basis[:, :, channel])
 
     def positions(self) -> np.ndarray:
         """Row and column of every pixel in its own view, shape (N, 2), int32."""

@@ -7,6 +7,7 @@ import numpy as np
 
 import stages.solvers.threading_layer  # noqa: F401
 from stages.solvers.lanes import lane_sum, load, spread, store, widened
+from stages.solvers.primal_dual_loops import strides
 from stages.solvers.slices import EIGHT, THREE, Blocks
 
 CHUNK = np.uint64(32)  # slices whose columns stay in the nearest cache
@@ -18,7 +19,8 @@ def gram_matrices(blocks: Blocks, basis: np.ndarray, albedo: np.ndarray) -> np.n
     Parameters
     ----------
     blocks : Blocks
-    basis : ndarray, shape (S, K, 8), float32
+    basis : ndarray, shape (S, K, 1 or 3, 8), float32
+        ν, shared by the channels or of each.
     albedo : ndarray, shape (S, 3, 8), float32
 
     Returns
@@ -36,17 +38,25 @@ def gram_matrices(blocks: Blocks, basis: np.ndarray, albedo: np.ndarray) -> np.n
 def _sum(begins, ends, size, basis, albedo, sums):
     """Upper triangles, block by block."""
     size = np.uint64(size)
+    stride, step = strides(basis, np.uint64(albedo.size), size)
     for block in numba.prange(begins.size):
         columns, scratch = np.empty(size * CHUNK * EIGHT), np.empty(CHUNK * EIGHT)
         end = np.uint64(ends[block])
         for begin in range(np.uint64(begins[block]), end, CHUNK):
             count = min(CHUNK, end - begin)
-            for i in range(count):
-                for k in range(size):
-                    values = load(basis, ((begin + i) * size + k) * EIGHT)
-                    store(columns, (k * CHUNK + i) * EIGHT, widened(values))
             for c in range(THREE):
+                if c == 0 or step > 0:
+                    _widen(basis, begin, count, size, stride, c * step, columns)
                 _add_products(columns, albedo, begin, count, size, c, scratch, sums[block, c])
+
+
+@numba.njit(inline="always")
+def _widen(basis, begin, count, size, stride, channel, columns):
+    """A chunk's columns of ν, in float64."""
+    for i in range(count):
+        for k in range(size):
+            values = load(basis, ((begin + i) * size + k) * stride + channel)
+            store(columns, (k * CHUNK + i) * EIGHT, widened(values))
 
 
 @numba.njit(inline="always")

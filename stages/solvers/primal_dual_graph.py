@@ -57,8 +57,8 @@ class Problem:
     graph : SlicedGraph
     image : ndarray, shape (S, 3, 8), float32
         I.
-    basis : ndarray, shape (S, K, 8), float32
-        ν.
+    basis : ndarray, shape (S, K, 1 or 3, 8), float32
+        ν, shared by the channels or of each.
     share : ndarray, shape (S, 1, 8), float32
         What a pixel counts in the gauge: 1, or a group's fullness; 0 where no pixel is.
     gauge_of_view : ndarray, shape (n,), int64

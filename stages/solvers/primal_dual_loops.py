@@ -30,12 +30,14 @@ TWICE = np.float32(2) * UNIT  # what 16 bits hold
 def shade(views, begins, ends, basis, light, shading):
     """``S = σ·ν`` of every slice and channel."""
     size = np.uint64(light.shape[2])
+    stride, step = strides(basis, np.uint64(shading.size), size)
     for block in numba.prange(views.size):
         for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
             for c in range(THREE):
                 total = spread(np.float32(0))
                 for k in range(size):
-                    total = total + spread(light[views[block], c, k]) * load(basis, (s * size + k) * EIGHT)
+                    value = load(basis, (s * size + k) * stride + c * step)
+                    total = total + spread(light[views[block], c, k]) * value
                 store(shading, (s * THREE + c) * EIGHT, total)
 
 
@@ -85,6 +87,7 @@ def sweep(blocks, graph, duals, albedos, givens, lights, multiplier, steps, slop
     albedo, ahead, ahead_next = albedos
     image, basis, share = givens
     size = np.uint64(lights.shape[1])
+    layout = strides(basis, np.uint64(albedo.size), size)
     for block in numba.prange(views.size):
         view, end = views[block], np.uint64(ends[block])
         slope, pulled = np.zeros(SLICE * size, np.float32), np.zeros(SLICE, np.float32)
@@ -95,7 +98,7 @@ def sweep(blocks, graph, duals, albedos, givens, lights, multiplier, steps, slop
         for begin in range(np.uint64(begins[block]), end, CHUNK):
             stop = min(begin + CHUNK, end)
             _move_edge_duals(begin, stop, first, neighbour, weight, edge_dual, ahead, steps, pull)
-            _shade_both(begin, stop, basis, lights[view], shading)
+            _shade_both(begin, stop, basis, layout, lights[view], shading)
             _move_pixels(
                 begin,
                 stop,
@@ -106,7 +109,7 @@ def sweep(blocks, graph, duals, albedos, givens, lights, multiplier, steps, slop
                 steps,
                 pulled,
             )
-            _add_slopes(begin, stop, basis, pull, slope)
+            _add_slopes(begin, stop, basis, layout, pull, slope)
         for c in range(THREE):
             pulls[block, c] = lane_sum(load(pulled, c * EIGHT))
             for k in range(size):
@@ -140,20 +143,17 @@ def _move_edge_duals(begin, stop, first, neighbour, weight, edge_dual, ahead, st
 
 
 @numba.njit(nogil=True)
-def _shade_both(begin, stop, basis, light, shading):
+def _shade_both(begin, stop, basis, layout, light, shading):
     """``S`` and ``S̄`` of a chunk, three channels each."""
-    size = np.uint64(light.shape[0])
+    size, (stride, step) = np.uint64(light.shape[0]), layout
     for s in range(begin, stop):
         red, green, blue = spread(np.float32(0)), spread(np.float32(0)), spread(np.float32(0))
         red_ahead, green_ahead, blue_ahead = red, green, blue
         for k in range(size):
-            value = load(basis, (s * size + k) * EIGHT)
-            red, red_ahead = red + spread(light[k, 0]) * value, red_ahead + spread(light[k, 3]) * value
-            green, green_ahead = (
-                green + spread(light[k, 1]) * value,
-                green_ahead + spread(light[k, 4]) * value,
-            )
-            blue, blue_ahead = blue + spread(light[k, 2]) * value, blue_ahead + spread(light[k, 5]) * value
+            r, g, b = _three(basis, (s * size + k) * stride, step)
+            red, red_ahead = red + spread(light[k, 0]) * r, red_ahead + spread(light[k, 3]) * r
+            green, green_ahead = green + spread(light[k, 1]) * g, green_ahead + spread(light[k, 4]) * g
+            blue, blue_ahead = blue + spread(light[k, 2]) * b, blue_ahead + spread(light[k, 5]) * b
         to = (s - begin) * SLICE * np.uint64(2)
         _store_channels(shading, to, red, green, blue)
         _store_channels(shading, to + SLICE, red_ahead, green_ahead, blue_ahead)
@@ -191,22 +191,41 @@ def _move_pixels(begin, stop, albedos, givens, made, multiplier, steps, pulled):
 
 
 @numba.njit(nogil=True)
-def _add_slopes(begin, stop, basis, force, slope):
+def _add_slopes(begin, stop, basis, layout, force, slope):
     """Add ``Σ_p x ρ ν`` of a chunk, harmonic by harmonic."""
-    size = np.uint64(slope.size) // SLICE
+    size, (stride, step) = np.uint64(slope.size) // SLICE, layout
     for k in range(size):
         red, green, blue = _channels(slope, k * SLICE)
         for s in range(begin, stop):
-            value = load(basis, (s * size + k) * EIGHT)
-            force_red, force_green, force_blue = _channels(force, (s - begin) * SLICE)
-            red, green, blue = red + value * force_red, green + value * force_green, blue + value * force_blue
+            nu_red, nu_green, nu_blue = _three(basis, (s * size + k) * stride, step)
+            pull_red, pull_green, pull_blue = _channels(force, (s - begin) * SLICE)
+            red, green, blue = (
+                red + nu_red * pull_red,
+                green + nu_green * pull_green,
+                blue + nu_blue * pull_blue,
+            )
         _store_channels(slope, k * SLICE, red, green, blue)
+
+
+@numba.njit(inline="always")
+def strides(basis, values, size):
+    """From a harmonic to the next, and from a channel to the next: 0 where the channels share ν.
+
+    `values` is how many numbers three channels of all slices are, `size` how many harmonics there are.
+    """
+    shared = basis.size < values * size
+    return (EIGHT, ZERO) if shared else (SLICE, EIGHT)
 
 
 @numba.njit(inline="always")
 def _channels(array, at):
     """Three channels of a slice."""
-    return load(array, at), load(array, at + EIGHT), load(array, at + SIXTEEN)
+    return _three(array, at, EIGHT)
+
+
+@numba.njit(inline="always")
+def _three(array, at, step):
+    return load(array, at), load(array, at + step), load(array, at + step + step)
 
 
 @numba.njit(inline="always")
