@@ -14,7 +14,7 @@ from pipeline import Source, Stage, UserError
 from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
 from stages.correspondence import CORRESPONDENCE
-from stages.decomposition import DECOMPOSITION
+from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER
 from stages.deliver import DELIVER
 from stages.known_geometry import KNOWN_GEOMETRY
 from stages.mesh import MESH
@@ -22,6 +22,7 @@ from stages.mvs import MVS
 from stages.raycast import RAYCAST
 from stages.render import RENDER
 from stages.sfm import SFM
+from stages.transfer import TRANSFER
 from stages.undistort import UNDISTORT
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".hdr")
@@ -51,6 +52,7 @@ DATAFLOW = (
     MESH,  #            the surface
     RAYCAST,  #         n^i, Ω^i, π⁻¹
     CORRESPONDENCE,  #  Eq. 5, 6, 8: C_ij
+    TRANSFER,  #        ν that knows what it can see; not in mode: paper
     DECOMPOSITION,  #   Eq. 1–4, 9–18: ρ, σ
     DELIVER,  #         what people open
 )
@@ -59,8 +61,8 @@ EXPERIMENT = (RENDER, KNOWN_GEOMETRY)  # instead of photos: scenes whose truth i
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT)
 
 
-def dataflow(given: Collection[str]) -> tuple[Stage, ...]:
-    """The stages to go through, given the names of the sources at hand.
+def dataflow(given: Collection[str], mode: str = "paper") -> tuple[Stage, ...]:
+    """The stages to go through, given the names of the sources at hand and the decomposition's mode.
 
     Raises
     ------
@@ -84,11 +86,11 @@ def dataflow(given: Collection[str]) -> tuple[Stage, ...]:
         )
     model = ADOPT_MODEL if "colmap" in given else SFM
     surface = (ADOPT_MESH,) if "mesh_file" in given else (MVS, MESH)
-    return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, DECOMPOSITION, DELIVER)
+    return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_paint(mode), DELIVER)
 
 
-def experiment(given: Collection[str]) -> tuple[Stage, ...]:
-    """The stages of a rendered scene, given the names of the sources at hand.
+def experiment(given: Collection[str], mode: str = "paper") -> tuple[Stage, ...]:
+    """The stages of a rendered scene, given the names of the sources at hand and the decomposition's mode.
 
     Raises
     ------
@@ -100,7 +102,12 @@ def experiment(given: Collection[str]) -> tuple[Stage, ...]:
             f"The settings of `render` ask for a rendered scene, but {', '.join(unwanted)} was given too; "
             "give one of the two."
         )
-    return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, DECOMPOSITION, DELIVER)
+    return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, *light_and_paint(mode), DELIVER)
+
+
+def light_and_paint(mode: str) -> tuple[Stage, ...]:
+    """The stages of a mode of the decomposition: the paper's light needs no transfer."""
+    return (DECOMPOSITION,) if mode == "paper" else (TRANSFER, DECOMPOSITION_BY_TRANSFER)
 
 
 def kinds_of_sources(flow: Collection[Stage]) -> tuple[Source, ...]:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
 
-from pipeline import Artefact, Job, Settings, Stage, setting
+from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from stages.photometry.alternation import AlternationSettings, Outcome
+    from stages.photometry.alternation import AlternationSettings
     from stages.photometry.fast_alternation import FastSettings
+    from stages.photometry.pixel_transfer import PixelTransfer
+    from stages.photometry.solutions import Solved
     from stages.photometry.stack import StackedViews
+    from stages.photometry.transfer_alternation import TransferAlternation
     from stages.scene.cameras import Camera
 
 CHANNELS = ("red", "green", "blue")
@@ -22,14 +26,36 @@ CHANNELS = ("red", "green", "blue")
 class DecompositionSettings(Settings):
     """Settings of the `decomposition` stage."""
 
-    mode: Literal["paper"] = setting(
+    mode: Literal["paper", "transfer"] = setting(
         "paper",
-        "paper: nine harmonics of the normal per view and channel, channels apart, as the paper has it.",
+        "paper: nine harmonics of the normal per view and channel, channels apart, as the paper has it. "
+        "transfer: the same energy, but every point knows what of the sky it sees, and what other surface "
+        "sends on to it.",
     )
-    solver: Literal["paper", "fast"] = setting(
-        "paper",
+    solver: Literal["paper", "fast"] | None = setting(
+        None,
         "paper: assembled normal equations, conjugate gradients, Jacobi as the only preconditioner. fast: "
-        "the same energy by a primal-dual scheme on the graph of pixels, lower and sooner.",
+        "the same energy by a primal-dual scheme on the graph of pixels, lower and sooner. none: paper in "
+        "`mode: paper`, else fast.",
+    )
+    degree: int = setting(
+        4,
+        "`mode: transfer`: spherical harmonics of the light up to this degree l.",
+        ge=1,
+        le=6,
+    )
+    bounces: int = setting(
+        4,
+        "`mode: transfer`: how often light is passed on between surfaces; 0: not at all.",
+        ge=0,
+        le=100,
+    )
+    brightest: float = setting(
+        0.8,
+        "`mode: transfer`: what the brightest material is taken to reflect, since images do not tell; it "
+        "says how much light bounces.",
+        gt=0,
+        le=0.95,
     )
     lambda_: float = setting(
         1.0,
@@ -91,8 +117,8 @@ class DecompositionSettings(Settings):
 def run(job: Job) -> None:
     """Open the views, decompose the channels side by side, save albedo, shading, light and history.
 
-    Memory: `solver: fast` some 550 B per masked pixel, all channels together; `solver: paper` about 500 B for
-    what the channels share, 500 B more for each one at work.
+    Memory: `solver: fast` some 550 B per masked pixel, all channels together, and 800 B more in
+    `mode: transfer`; `solver: paper` about 500 B for what the channels share, 500 B more for each at work.
     """
     import numpy as np
 
@@ -102,6 +128,11 @@ def run(job: Job) -> None:
     from stages.scene.view_files import read_views, scaled_channels
 
     settings: DecompositionSettings = job.settings
+    if settings.mode == "transfer" and settings.solver == "paper":
+        raise UserError(
+            "decomposition.solver is paper and decomposition.mode transfer; the paper's solver knows the "
+            "paper's light only. Leave the solver out, or set the mode to paper."
+        )
     cameras = read_cameras(job.inputs["cameras"])
     masks, normals, pixels = [], [], []
     with job.progress("views", len(cameras)) as step:
@@ -111,47 +142,69 @@ def run(job: Job) -> None:
             pixels.append(linear)
             step()
     views = stack_views(masks, normals, numbered_links(job.inputs["correspondences"], cameras))
+    solve = _solver(job, settings, cameras, masks, normals)
     del normals  # the stack has its own
     images, scale = scaled_channels(np.concatenate(pixels))
     del pixels
-    solve = _solve_fast if settings.solver == "fast" else _solve_as_the_paper
-    solved = solve(job, settings, views, images)
-    _write_maps(job, cameras, masks, views, solved, scale)
+    solved = solve(views, images)
+    _write_maps(job, cameras, masks, solved, scale)
     _write_history(job, settings, solved)
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """What a solver gives.
+def _solver(
+    job: Job,
+    settings: DecompositionSettings,
+    cameras: list[Camera],
+    masks: list[np.ndarray],
+    normals: list[np.ndarray],
+) -> Callable[[StackedViews, list[np.ndarray]], Solved]:
+    """Stacked views and scaled channels to what mode and solver make of them."""
+    from stages.photometry import solutions
 
-    Attributes
-    ----------
-    albedo : ndarray, shape (N, 3)
-        In the unit of the scaled images.
-    light : ndarray, shape (n, 3, 9)
-    histories : list of dict
-        Per channel, for `energy.json`.
-    outcomes : list of Outcome
-        Per channel.
-    """
+    if settings.mode == "transfer":
+        transfer = _pixel_transfer(job, settings, cameras, masks, normals)
 
-    albedo: np.ndarray
-    light: np.ndarray
-    histories: list[dict[str, Any]]
-    outcomes: list[Outcome]
+    def solve(views: StackedViews, images: list[np.ndarray]) -> Solved:
+        rounds, alternations = settings.fast_max_rounds, 3 * settings.max_alternations
+        if settings.mode == "transfer":
+            with job.progress("rounds", rounds) as step:
+                return solutions.by_transfer(views, images, transfer, _turns(settings), job.threads, step)
+        if settings.solver == "fast":
+            with job.progress("rounds", rounds) as step:
+                return solutions.fast(views, images, _fast(settings), job.threads, step)
+        with job.progress("alternations", alternations) as step:
+            return solutions.as_the_paper(views, images, _alternation(settings), job.executor, step)
+
+    return solve
 
 
-def _solve_fast(
-    job: Job, settings: DecompositionSettings, views: StackedViews, images: list[np.ndarray]
-) -> Solved:
-    from stages.photometry.energy_history import rounds_as_json
-    from stages.photometry.fast_alternation import solve
+def _pixel_transfer(
+    job: Job,
+    settings: DecompositionSettings,
+    cameras: list[Camera],
+    masks: list[np.ndarray],
+    normals: list[np.ndarray],
+) -> PixelTransfer:
+    """What the masked pixels see, from the transfer of the mesh."""
+    import numpy as np
 
-    how = _fast(settings)
-    with job.progress("rounds", how.max_rounds) as step:
-        descent = solve(views, images, how, job.threads, step)
-    histories = rounds_as_json(descent, how.weights)
-    return Solved(descent.albedo, descent.light, histories, [descent.outcome] * len(images))
+    from stages.photometry.pixel_transfer import PixelTransfer, blend_of_pixels
+    from stages.photometry.transfer import Occlusion
+    from stages.scene.meshes import read_mesh
+    from stages.scene.transfer_file import read_transfer
+    from stages.scene.view_files import read_surface_points
+
+    stored, faces = read_transfer(job.inputs["transfer"]), read_mesh(job.inputs["mesh"]).faces
+    if (settings.degree + 1) ** 2 > stored.blocked.shape[1]:
+        raise UserError(
+            f"decomposition.degree is {settings.degree}, but the transfer vectors end at "
+            f"{int(stored.blocked.shape[1] ** 0.5) - 1}; raise transfer.degree or lower decomposition.degree."
+        )
+    points = read_surface_points(job.inputs, cameras, masks)
+    blend = blend_of_pixels(*points, faces, stored.corners, stored.weights, len(stored.blocked))
+    seen = Occlusion(stored.blocked, stored.form_factors, stored.behind)
+    own = np.concatenate([image[mask] for image, mask in zip(normals, masks, strict=True)])
+    return PixelTransfer.of(own, blend, seen, stored.normals, settings.degree)
 
 
 def _solve_as_the_paper(
@@ -166,11 +219,19 @@ def _solve_as_the_paper(
         exact = [image.astype(np.float64) for image in images]
         descents = decompose_channels(views, exact, _alternation(settings), job.executor, step)
     return Solved(
+        views=views,
         albedo=np.stack([descent.state.albedo for descent in descents], axis=-1),
         light=np.stack([descent.state.light for descent in descents], axis=1),
         histories=[descent_as_json(descent) for descent in descents],
         outcomes=[descent.outcome for descent in descents],
     )
+
+
+def _turns(settings: DecompositionSettings) -> TransferAlternation:
+    from stages.photometry.pixel_transfer import Bounces
+    from stages.photometry.transfer_alternation import TransferAlternation
+
+    return TransferAlternation(_fast(settings), Bounces(settings.bounces, settings.brightest))
 
 
 def _fast(settings: DecompositionSettings) -> FastSettings:
@@ -202,26 +263,22 @@ def _write_maps(
     job: Job,
     cameras: list[Camera],
     masks: list[np.ndarray],
-    views: StackedViews,
     solved: Solved,
     scale: float,
 ) -> None:
     """Albedo in the images' own units, shading σ·ν as it is, and the light."""
-    import numpy as np
-
     from stages.photometry.stack import unstack_pixels
     from stages.scene.exr import write_exr
     from stages.scene.lighting_file import write_lighting
 
-    albedo, light = solved.albedo * scale, solved.light
-    shading = np.stack([views.shading(light[:, k]) for k in range(3)], axis=-1)
+    albedo, shading = solved.albedo * scale, solved.shading()
     for name, stacked in (("albedo", albedo), ("shading", shading)):
         for camera, image in zip(cameras, unstack_pixels(masks, stacked), strict=True):
             write_exr(job.outputs[name] / f"{camera.name}.exr", image)
-    write_lighting(job.outputs["lighting"], cameras, light, scale)
+    write_lighting(job.outputs["lighting"], cameras, solved.light, scale, job.settings.mode == "transfer")
     job.note(
         pixels=len(albedo),
-        links=views.link_count,
+        links=solved.views.link_count,
         negative_shading={c: int((shading[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
         negative_albedo={c: int((albedo[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
     )
@@ -264,4 +321,9 @@ DECOMPOSITION = Stage(
     ),
     run=run,
     tools=("numpy", "scipy", "numba", "opencv-python-headless"),
+)
+
+# The same stage in `mode: transfer`: it takes what that mode stands on, which the paper does not need.
+DECOMPOSITION_BY_TRANSFER = replace(
+    DECOMPOSITION, takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer")
 )

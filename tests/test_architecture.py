@@ -137,7 +137,9 @@ def test_every_dataflow_is_sound():
     from pipeline.request import check_flow
 
     for given in (["images"], ["images", "colmap"], ["images", "colmap", "mesh_file"], ["images", "masks"]):
-        check_flow(stages.dataflow(given), stages.SOURCES)
+        for mode in ("paper", "transfer"):
+            check_flow(stages.dataflow(given, mode), stages.SOURCES)
     for given in ([], ["object"], ["environment"], ["object", "environment"]):
-        flow = stages.experiment(given)
-        check_flow(flow, stages.kinds_of_sources(flow))
+        for mode in ("paper", "transfer"):
+            flow = stages.experiment(given, mode)
+            check_flow(flow, stages.kinds_of_sources(flow))

@@ -15,7 +15,7 @@ import pycolmap
 import pytest
 
 from pipeline.store import Store
-from stages import DATAFLOW
+from stages import dataflow
 from stages.cli import main
 from stages.scene.exr import read_exr
 from stages.scene.meshes import read_points
@@ -24,7 +24,7 @@ from stages.scene.photos import read_mask
 ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data"
 QUICK = ["--set", "raycast.reduce=3", "--set", "decomposition.max_alternations=5"]
-STAGES = [stage.name for stage in DATAFLOW]
+STAGES = [stage.name for stage in dataflow(["images"])]
 LINEAR = ["--colmap", str(SAMPLE / "linear"), "--images", str(SAMPLE / "linear/images")]
 LINEAR += ["--mesh", str(SAMPLE / "truth/mesh.ply")]
 

@@ -35,13 +35,14 @@ def request_of(command: Run) -> Request:
     config = config_of(command)
     sources = sources_of(command, config)
     given = override(config.settings, command.assignments)
-    flow = stages.experiment(sources) if "render" in given else stages.dataflow(sources)
+    settings = check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given)
+    flow_of = stages.experiment if "render" in given else stages.dataflow
+    flow = flow_of(sources, settings["decomposition"].mode)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
-    declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
     return Request(
         flow=flow,
-        settings=check_settings(declared, given),
+        settings=settings,
         sources=sources,
         kinds=kinds,
         workspace=workspace_of(command, config, sources),

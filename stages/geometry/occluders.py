@@ -43,3 +43,9 @@ class Occluders:
         facing = np.einsum("rk,rk->r", found["primitive_normals"].numpy()[met], directions[met])
         behind[met] = facing > 0
         return vertex, behind
+
+
+def mean_edge(surface: Surface) -> float:
+    """Mean length of the faces' first edges, model units."""
+    ends = surface.vertices[surface.faces[:, :2]]
+    return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())

@@ -56,9 +56,7 @@ def problem_of(level: Level) -> Problem:
         slices=slices,
         graph=graph,
         image=slices.spread(level.image),
-        basis=slices.spread(level.basis.reshape(len(level.basis), -1)).reshape(
-            slices.count, *level.basis.shape[1:], -1
-        ),
+        basis=slices.spread_basis(level.basis),
         share=slices.spread(level.share[:, None]),
         gauge_of_view=level.gauge_of_view,
         wanted=_brightness(level),

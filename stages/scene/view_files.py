@@ -48,6 +48,24 @@ def read_views(
         yield mask, read_exr(paths["normal"] / f"{camera.name}.exr"), linear
 
 
+def read_surface_points(
+    paths: Mapping[str, Path], cameras: Sequence[Camera], masks: Sequence[np.ndarray]
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Where on the mesh the masked pixels of every view are.
+
+    Returns
+    -------
+    tuple of two lists of ndarray
+        Faces, (N_i,); barycentric coordinates (u, v), (N_i, 2).
+    """
+    faces, barycentric = [], []
+    for camera, mask in zip(cameras, masks, strict=True):
+        with np.load(paths["triangles"] / f"{camera.name}.npz", allow_pickle=False) as file:
+            faces.append(file["triangles"][mask])
+            barycentric.append(file["barycentric"][mask])
+    return faces, barycentric
+
+
 def scaled_channels(pixels: np.ndarray) -> tuple[list[np.ndarray], float]:
     """Divide all images by one number, so that δ means something.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -188,6 +188,10 @@ class PrimalDual:
             steps=self._steps,
             free_light=self._free,
         )
+
+    def stand_on(self, basis: np.ndarray) -> None:
+        """Go on with another basis, (N, K) or (N, K, 3): one that has come to know more."""
+        self.problem = replace(self.problem, basis=self.problem.slices.spread_basis(basis))
 
     def iterate(self, count: int) -> None:
         """Do `count` iterations."""

@@ -69,6 +69,11 @@ class Slices:
             sliced[:, kind] = padded.reshape(-1, COUNT)
         return sliced
 
+    def spread_basis(self, basis: np.ndarray) -> np.ndarray:
+        """ν, (N, K) or (N, K, 1 or 3), as (S, K, 1 or 3, 8)."""
+        kinds = int(np.prod(basis.shape[2:]))
+        return self.spread(basis.reshape(len(basis), -1)).reshape(self.count, -1, kinds, COUNT)
+
     def collect(self, sliced: np.ndarray) -> np.ndarray:
         """Values (S, k, 8) as (N, k)."""
         values = np.empty((self.places.size, sliced.shape[1]), sliced.dtype)

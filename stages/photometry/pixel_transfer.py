@@ -1,0 +1,151 @@
+"""The shading basis of pixels whose surface points know what they can see, and what shines back on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from stages.photometry.harmonics import shading_basis
+from stages.photometry.transfer import Occlusion, bounced
+
+BRIGHT_QUANTILE = 0.99  # of all albedo values: what counts as the brightest material
+MOST = 0.95  # no surface gives back more: bounces would not die out
+
+
+@dataclass(frozen=True)
+class Bounces:
+    """How light goes on from surface to surface.
+
+    Attributes
+    ----------
+    count : int
+        How often it is passed on; 0: not at all.
+    brightest : float
+        What the brightest material is taken to reflect, since images do not tell.
+    """
+
+    count: int
+    brightest: float
+
+
+@dataclass(frozen=True, eq=False)
+class PixelTransfer:
+    """N pixels above P vertices.
+
+    Attributes
+    ----------
+    open_sky : ndarray, shape (N, K), float32
+        ν of the pixels' own normals, as if they saw the whole sky.
+    blend : csr_array, shape (N, P), float32
+        Every pixel as a blend of vertices; rows sum to 1.
+    seen : Occlusion
+        Of the vertices, K harmonics.
+    vertex_sky : ndarray, shape (P, K), float32
+        ν of the vertices' normals.
+    """
+
+    open_sky: np.ndarray
+    blend: sp.csr_array
+    seen: Occlusion
+    vertex_sky: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        normals: np.ndarray,
+        blend: sp.csr_array,
+        seen: Occlusion,
+        vertex_normals: np.ndarray,
+        degree: int,
+    ) -> PixelTransfer:
+        """Put it together for harmonics up to a degree; normals (N, 3) and (P, 3), unit, world axes."""
+        size = (degree + 1) ** 2
+        return cls(
+            open_sky=shading_basis(normals, degree).astype(np.float32),
+            blend=blend,
+            seen=Occlusion(seen.blocked[:, :size], seen.form_factors, seen.behind),
+            vertex_sky=shading_basis(vertex_normals, degree).astype(np.float32),
+        )
+
+    def direct(self) -> np.ndarray:
+        """What reaches the pixels from the sky itself, (N, K), float32."""
+        return self.open_sky - self.blend @ self.seen.blocked
+
+    def with_bounces(self, albedo: np.ndarray, bounces: Bounces) -> np.ndarray:
+        """The same with what other surface sends on, channel by channel.
+
+        Parameters
+        ----------
+        albedo : ndarray, shape (N, 3)
+            On any scale.
+        bounces : Bounces
+
+        Returns
+        -------
+        ndarray, shape (N, K, 3), float32
+        """
+        absolute = on_absolute_scale(albedo, bounces.brightest)
+        direct, of_vertices = self.direct(), self.vertex_sky - self.seen.blocked
+        basis = np.empty((*direct.shape, albedo.shape[1]), np.float32)
+        for c in range(albedo.shape[1]):
+            values, typical = self.at_vertices(absolute[:, c]), float(np.median(absolute[:, c]))
+            there = bounced(of_vertices, self.seen, values.astype(np.float32), typical, bounces.count)
+            basis[:, :, c] = direct + self.blend @ (there - of_vertices).astype(np.float32)
+        return basis
+
+    def at_vertices(self, values: np.ndarray) -> np.ndarray:
+        """Mean of the pixels around every vertex, (P,); their median where no view saw it."""
+        weight = self.blend.sum(axis=0)
+        means = (self.blend.T @ values) / np.where(weight > 0, weight, 1)
+        return np.where(weight > 0, means, np.median(values))
+
+
+def on_absolute_scale(albedo: np.ndarray, brightest: float) -> np.ndarray:
+    """Scale it, all channels alike, so that the brightest material reflects so much; clipped to [0, 0.95]."""
+    bright = float(np.quantile(albedo, BRIGHT_QUANTILE)) if albedo.size else 0.0
+    return np.clip(albedo * (brightest / bright if bright > 0 else 0.0), 0.0, MOST)
+
+
+def blend_of_pixels(
+    triangles: Sequence[np.ndarray],
+    barycentric: Sequence[np.ndarray],
+    faces: np.ndarray,
+    corners: np.ndarray,
+    weights: np.ndarray,
+    vertex_count: int,
+) -> sp.csr_array:
+    """Every pixel as a blend of a proxy's vertices.
+
+    Parameters
+    ----------
+    triangles : sequence of ndarray, shape (N_i,)
+        Face behind every masked pixel, view by view.
+    barycentric : sequence of ndarray, shape (N_i, 2)
+        (u, v): the point is (1 − u − v) a + u b + v c.
+    faces : ndarray, shape (F, 3)
+    corners, weights : ndarray, shape (V, 3)
+        Every vertex of the mesh as a blend of the proxy's.
+    vertex_count : int
+        P.
+
+    Returns
+    -------
+    csr_array, shape (N, P), float32
+    """
+    to_proxy = _rows_of_three(corners, weights, vertex_count)
+    views = []
+    for seen, uv in zip(triangles, barycentric, strict=True):
+        shares = np.column_stack([1 - uv.sum(axis=1), uv]).astype(np.float32)
+        views.append(_rows_of_three(faces[seen], shares, len(corners)) @ to_proxy)
+    return sp.csr_array(sp.vstack(views, format="csr"))
+
+
+def _rows_of_three(columns: np.ndarray, values: np.ndarray, width: int) -> sp.csr_array:
+    """A matrix with three entries in every row; those that are 0 are left out."""
+    kept = values.ravel() != 0
+    ends = np.concatenate([[0], np.cumsum(kept)])[::3]
+    parts = values.ravel()[kept], columns.ravel()[kept].astype(np.int32), ends.astype(np.int32)
+    return sp.csr_array(parts, shape=(len(columns), width))

@@ -1,0 +1,87 @@
+"""`mode: transfer`: the energy of Eq. 2 under light that knows what it can see, bounces included."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stages.photometry.fast_alternation import (
+    FastDescent,
+    FastSettings,
+    finish,
+    from_coarse_to_fine,
+    threads_for,
+)
+from stages.photometry.pixel_transfer import Bounces, PixelTransfer
+from stages.photometry.saddle import finest_level
+from stages.photometry.stack import StackedViews
+from stages.solvers.threading_layer import use_threads
+
+
+@dataclass(frozen=True)
+class TransferAlternation:
+    """How the two take turns.
+
+    Attributes
+    ----------
+    descent : FastSettings
+    bounces : Bounces
+    refreshes : int
+        How often interreflection is found anew from the albedo so far, before the last descent.
+    iterations : int
+        Between two of them.
+    """
+
+    descent: FastSettings
+    bounces: Bounces
+    refreshes: int = 3
+    iterations: int = 120
+
+
+def solve_with_transfer(
+    views: StackedViews,
+    images: list[np.ndarray],
+    transfer: PixelTransfer,
+    settings: TransferAlternation,
+    threads: int,
+    step: Callable[[], None],
+) -> tuple[FastDescent, StackedViews]:
+    """Minimise Eq. 2 with transfer vectors for ν.
+
+    Parameters
+    ----------
+    views : StackedViews
+        Their basis is not looked at.
+    images : list of 3 ndarray, shape (N,)
+        Scaled.
+    transfer : PixelTransfer
+    settings : TransferAlternation
+    threads : int
+        Never changes the result.
+    step : callable
+        Called after every round.
+
+    Returns
+    -------
+    tuple of FastDescent and StackedViews
+        The solution, and the views with the basis that it stands on.
+
+    Notes
+    -----
+    Coarser levels know the direct light only. What bounces depends on the albedo, a little: at every refresh
+    the basis takes in the albedo so far, and the descent goes on from where it is.
+    """
+    views = replace(views, basis=transfer.direct())
+    descent = from_coarse_to_fine(
+        finest_level(views, images, settings.descent.weights), settings.descent, threads
+    )
+    use_threads(threads_for(descent.problem.slices.pixels, threads))
+    if settings.bounces.count:
+        for _ in range(settings.refreshes):
+            albedo = descent.problem.slices.collect(descent.albedo)
+            views = replace(views, basis=transfer.with_bounces(albedo, settings.bounces))
+            descent.stand_on(views.basis)
+            descent.iterate(settings.iterations)
+    return finish(views, images, descent, settings.descent, step), views

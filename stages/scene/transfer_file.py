@@ -1,0 +1,71 @@
+"""`transfer.npz`: what stands between a mesh and the sky, and how its pixels find it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from pipeline import UserError
+
+MATRICES = ("form_factors", "behind")
+
+
+@dataclass(frozen=True, eq=False)
+class StoredTransfer:
+    """As the `transfer` stage leaves it; P vertices of a proxy stand for V of the mesh.
+
+    Attributes
+    ----------
+    blocked : ndarray, shape (P, K), float32
+        What a vertex lacks of the open sky's ν, per harmonic.
+    normals : ndarray, shape (P, 3), float32
+        Unit, world axes.
+    form_factors, behind : csr_array, shape (P, P), float32
+        Shares of what a vertex sees instead of the sky: fronts, backs.
+    corners : ndarray, shape (V, 3), int32
+    weights : ndarray, shape (V, 3), float32
+        Every vertex of the mesh as a blend of the proxy's.
+    """
+
+    blocked: np.ndarray
+    normals: np.ndarray
+    form_factors: sp.csr_array
+    behind: sp.csr_array
+    corners: np.ndarray
+    weights: np.ndarray
+
+
+def write_transfer(path: Path, transfer: StoredTransfer) -> None:
+    """Write it uncompressed: form factors hardly shrink."""
+    arrays = {name: getattr(transfer, name) for name in ("blocked", "normals", "corners", "weights")}
+    for name in MATRICES:
+        matrix = getattr(transfer, name)
+        for part in ("data", "indices", "indptr"):
+            arrays[f"{name}_{part}"] = getattr(matrix, part)
+    np.savez(path, **arrays)
+
+
+def read_transfer(path: Path) -> StoredTransfer:
+    """Read what `write_transfer` wrote.
+
+    Raises
+    ------
+    UserError
+        The file holds something else.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        count = len(arrays["blocked"])
+        for name in MATRICES:
+            parts = tuple(arrays.pop(f"{name}_{part}") for part in ("data", "indices", "indptr"))
+            arrays[name] = sp.csr_array(parts, shape=(count, count))
+        return StoredTransfer(**arrays)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UserError(
+            f"{path} cannot be read as transfer vectors ({type(error).__name__}: {error}); expected "
+            "transfer.npz as in cache/transfer/KEY."
+        ) from error

@@ -1,0 +1,102 @@
+"""From vertices to pixels: blends, the direct basis, bounces, and the absolute scale of albedo."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from stages.geometry.proxy import blend_of, proxy_of
+from stages.photometry.harmonics import shading_basis
+from stages.photometry.pixel_transfer import Bounces, PixelTransfer, blend_of_pixels, on_absolute_scale
+from stages.photometry.transfer import Occlusion
+from tests.bowls import bowl
+
+VERTICES, PIXELS = 5, 12
+
+
+@pytest.fixture
+def transfer() -> PixelTransfer:
+    """Random blends of vertices that see a third of each other, degree 1."""
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(PIXELS + VERTICES, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    shares = rng.random((PIXELS, VERTICES)) * (rng.random((PIXELS, VERTICES)) < 0.5)
+    shares[:, 0] += 0.1
+    shares[:, 4] = 0  # which no pixel sees
+    blend = sp.csr_array((shares / shares.sum(axis=1, keepdims=True)).astype(np.float32))
+    factors = sp.csr_array((rng.random((VERTICES, VERTICES)) / 3 / VERTICES).astype(np.float32))
+    seen = Occlusion(0.05 * rng.random((VERTICES, 9)).astype(np.float32), factors, 0 * factors)
+    return PixelTransfer.of(normals[:PIXELS], blend, seen, normals[PIXELS:], degree=1)
+
+
+def test_the_direct_basis_is_the_open_skys_less_what_is_blocked(transfer):
+    assert transfer.direct().shape == (PIXELS, 4)
+    lacking = transfer.blend.toarray() @ transfer.seen.blocked
+    assert np.allclose(transfer.direct(), transfer.open_sky - lacking, atol=1e-6)
+
+
+def test_black_surface_sends_nothing_on_and_each_channel_has_its_own_bounces(transfer):
+    albedo = np.ones((PIXELS, 3)) * [0.0, 0.4, 0.8]
+    basis = transfer.with_bounces(albedo, Bounces(count=3, brightest=0.8))
+    assert basis.shape == (PIXELS, 4, 3)
+    assert np.array_equal(basis[:, :, 0], transfer.direct())
+    once = transfer.with_bounces(albedo, Bounces(count=1, brightest=0.8)) - transfer.direct()[:, :, None]
+    assert np.allclose(once[:, :, 2], 2 * once[:, :, 1], atol=1e-6)
+    assert np.array_equal(basis, transfer.with_bounces(3 * albedo, Bounces(count=3, brightest=0.8)))
+
+
+def test_without_bounces_the_channels_share_the_direct_basis(transfer):
+    basis = transfer.with_bounces(np.ones((PIXELS, 3)), Bounces(count=0, brightest=0.8))
+    assert all(np.array_equal(basis[:, :, c], transfer.direct()) for c in range(3))
+
+
+def test_vertices_get_the_mean_of_their_pixels_and_unseen_ones_the_median(transfer):
+    values = np.random.default_rng(1).random(PIXELS)
+    found, shares = transfer.at_vertices(values), transfer.blend.toarray()
+    for vertex in range(VERTICES - 1):
+        assert found[vertex] == pytest.approx(np.average(values, weights=shares[:, vertex]), rel=1e-5)
+    assert found[4] == np.median(values)
+
+
+def test_the_brightest_material_reflects_what_is_said_and_nothing_more_than_95_percent():
+    albedo = np.linspace(0, 2, 1000).reshape(-1, 1) * np.ones(3)
+    scaled = on_absolute_scale(albedo, 0.8)
+    assert np.quantile(scaled, 0.99) == pytest.approx(0.8)
+    assert on_absolute_scale(albedo, 0.95).max() == 0.95
+    assert on_absolute_scale(-albedo, 0.8).min() == 0
+    assert not on_absolute_scale(np.zeros((4, 3)), 0.8).any()
+
+
+def test_pixels_are_blends_of_their_faces_corners():
+    surface = bowl(0.5, rings=4, around=8)
+    corners, weights = blend_of(surface, surface)
+    rng = np.random.default_rng(2)
+    faces = [rng.integers(0, len(surface.faces), 6), rng.integers(0, len(surface.faces), 3)]
+    uv = [rng.dirichlet([1, 1, 1], len(one))[:, 1:] for one in faces]
+    blend = blend_of_pixels(faces, uv, surface.faces, corners, weights, len(surface.vertices))
+    assert blend.shape == (9, len(surface.vertices))
+    of_faces, (u, v) = surface.vertices[surface.faces[np.concatenate(faces)]], np.concatenate(uv).T
+    expected = (
+        (1 - u - v)[:, None] * of_faces[:, 0] + u[:, None] * of_faces[:, 1] + v[:, None] * of_faces[:, 2]
+    )
+    assert np.allclose(blend @ surface.vertices, expected, atol=1e-6)
+
+
+def test_a_proxy_is_small_and_its_blend_lies_on_the_surface():
+    surface = bowl(0.5)
+    assert proxy_of(surface, len(surface.vertices)) is surface
+    proxy = proxy_of(surface, 300)
+    assert 200 < len(proxy.vertices) < 450
+    corners, weights = blend_of(surface, proxy)
+    there = np.einsum("vc,vck->vk", weights, proxy.vertices[corners])
+    assert np.abs(there - surface.vertices).max() < 0.06
+    assert np.allclose(weights.sum(axis=1), 1, atol=1e-6) and weights.min() >= 0
+
+
+def test_without_occlusion_the_basis_is_eq_1s():
+    normals = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]])
+    nothing = Occlusion(
+        np.zeros((1, 9), np.float32), *(sp.csr_array((1, 1), dtype=np.float32) for _ in range(2))
+    )
+    blend = sp.csr_array(np.ones((2, 1), np.float32))
+    open_sky = PixelTransfer.of(normals, blend, nothing, normals[:1], degree=2)
+    assert np.allclose(open_sky.direct(), shading_basis(normals), atol=1e-7)

@@ -1,0 +1,96 @@
+"""`mode: transfer` on the command line: what it takes and refuses, and that it beats the paper's light."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stages.cli import main
+from stages.scene.exr import read_exr
+from stages.scene.photos import read_mask
+from stages.scene.transfer_file import read_transfer
+from tests.rendered_scene import TINY, artefact, unshade, write_config
+
+DOME = TINY | {"views": 4, "width_px": 54, "height_px": 96, "arc_deg": 90.0, "noise": 0.03, "spacing": 0.02}
+TRANSFER = {"directions": 64, "degree": 3}
+BY_TRANSFER = {"mode": "transfer", "degree": 3, "lambda": 0.4}
+NAMES = ["000", "001", "002", "003"]
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory) -> Path:
+    """A bust under the sky dome, with bounces; not to be changed by a test."""
+    path = write_config(
+        tmp_path_factory.mktemp("dome") / "dome.yaml",
+        render=DOME,
+        transfer=TRANSFER,
+        decomposition=BY_TRANSFER,
+    )
+    assert main(["run", str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def output(config) -> Path:
+    return config.parent / "w/output"
+
+
+def errors(output: Path, capsys) -> np.ndarray:
+    code, told, said = unshade(capsys, "evaluate", output / "albedo", output / "truth", "--json")
+    assert code == 0, said
+    return np.array(list(json.loads(told)["si_rmse"].values()))
+
+
+def test_albedo_times_shading_is_the_image_and_the_light_says_what_it_meets(config, output):
+    lighting = json.loads((output / "lighting.json").read_text(encoding="utf-8"))
+    assert "transfer vector of the point" in lighting["convention"]
+    assert np.shape(lighting["views"][0]["red"]) == (16,)
+    for name in NAMES:
+        linear = read_exr(artefact(config.parent / "w", "undistort", "linear") / f"{name}.exr")
+        mask = read_mask(output / f"mask/{name}.png")
+        albedo, shading = (read_exr(output / f"{what}/{name}.exr") for what in ("albedo", "shading"))
+        off = np.abs(albedo * shading - linear)[mask].mean() / linear[mask].mean()
+        assert off < 0.15
+
+
+def test_light_that_sees_the_mouth_leaves_less_of_it_in_the_albedo(config, output, capsys, tmp_path):
+    """The same energy, the same λ, the paper's light: worse in every channel."""
+    by_transfer = errors(output, capsys)
+    settings = ["--set", "decomposition.mode=paper", "--set", "decomposition.solver=fast"]
+    assert main(["run", str(config), "--workspace", str(config.parent / "w"), *settings]) == 0
+    by_normals = errors(output, capsys)
+    assert main(["run", str(config)]) == 0
+    assert np.all(by_transfer < 0.9 * by_normals), (by_transfer, by_normals)
+    assert np.array_equal(errors(output, capsys), by_transfer)
+
+
+def test_only_mode_transfer_knows_the_stage(config, capsys):
+    _, told, _ = unshade(capsys, "plan", config)
+    assert "\ntransfer " in told
+    code, told, _ = unshade(capsys, "plan", config, "--set", "decomposition.mode=paper")
+    assert code == 0
+    assert "\ntransfer " not in told
+
+
+def test_what_does_not_go_together_is_said(config, capsys):
+    code, _, said = unshade(capsys, "run", config, "--set", "decomposition.solver=paper")
+    assert code == 2
+    assert "the paper's solver knows the paper's light only" in said.replace("\n", " ")
+    code, _, said = unshade(capsys, "run", config, "--set", "decomposition.degree=4")
+    assert code == 2
+    assert "decomposition.degree is 4, but the transfer vectors end at 3" in said.replace("\n", " ")
+
+
+def test_a_decimated_mesh_gives_nearly_the_same_albedo(config, output):
+    before = [read_exr(output / f"albedo/{name}.exr") for name in NAMES]
+    assert main(["run", str(config), "--set", "transfer.max_vertices=1500"]) == 0
+    stored = read_transfer(artefact(config.parent / "w", "transfer", "transfer.npz"))
+    assert len(stored.blocked) < 2000 < len(stored.corners)
+    assert np.allclose(stored.weights.sum(axis=1), 1, atol=1e-5)
+    after = [read_exr(output / f"albedo/{name}.exr") for name in NAMES]
+    assert main(["run", str(config)]) == 0
+    away = np.sqrt(np.mean([np.mean((a - b) ** 2) for a, b in zip(after, before, strict=True)]))
+    assert away < 0.1 * np.sqrt(np.mean([np.mean(b**2) for b in before]))
