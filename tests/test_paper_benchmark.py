@@ -62,3 +62,31 @@ def test_the_rows_are_the_papers():
     assert [row.name for row in ROWS] == ["fig3", "fig4", "fig5", "fig6", "fig7"]
     assert {row.name for row in ROWS if row.lambda_factor == 1 / 12} == {"fig5", "fig6", "fig7"}
     assert TABLE_1["shirt"][2] == (0.0104, 0.0217)
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    """`make paper-quick`, renders included."""
+    folder = tmp_path_factory.mktemp("quick")
+    page = main(["--quick", "--workspace", str(folder), "--to", str(folder / "report")])
+    return json.loads(page.with_name("paper.json").read_text(encoding="utf-8"))["sizes"][0]["rows"]
+
+
+def red_variances(method) -> np.ndarray:
+    """Of hair and face, as in the paper's tables."""
+    cells = {(one["part"], one["channel"]): one["variance"] for one in method["scores"]["variances"]}
+    return np.array([cells["hair", "red"], cells["face", "red"]])
+
+
+@pytest.mark.slow
+def test_in_every_row_the_papers_energy_beats_image_and_cartoon(quick):
+    """Solved well, in both parts and in the error; the paper's own scheme, stopped early, beats the image."""
+    assert list(quick) == [row.name for row in ROWS]
+    for name, (image, cartoon, stopped, solved) in quick.items():
+        best_of_rivals = np.minimum(red_variances(image), red_variances(cartoon))
+        assert np.all(red_variances(solved) < best_of_rivals), name
+        assert np.all(red_variances(stopped) < red_variances(image)), name
+        errors = [np.mean(list(one["scores"]["si_rmse"].values())) for one in (image, solved)]
+        assert errors[1] < errors[0], name
+        energies = [sum(c["energy"] for c in one["energies"].values()) for one in (stopped, solved)]
+        assert energies[1] < energies[0], name
