@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
@@ -142,40 +141,34 @@ def run(job: Job) -> None:
             pixels.append(linear)
             step()
     views = stack_views(masks, normals, numbered_links(job.inputs["correspondences"], cameras))
-    solve = _solver(job, settings, cameras, masks, normals)
+    by_transfer = settings.mode == "transfer"
+    transfer = _pixel_transfer(job, settings, cameras, masks, normals) if by_transfer else None
     del normals  # the stack has its own
     images, scale = scaled_channels(np.concatenate(pixels))
     del pixels
-    solved = solve(views, images)
+    solved = _solve(job, settings, views, images, transfer)
     _write_maps(job, cameras, masks, solved, scale)
     _write_history(job, settings, solved)
 
 
-def _solver(
+def _solve(
     job: Job,
     settings: DecompositionSettings,
-    cameras: list[Camera],
-    masks: list[np.ndarray],
-    normals: list[np.ndarray],
-) -> Callable[[StackedViews, list[np.ndarray]], Solved]:
-    """Stacked views and scaled channels to what mode and solver make of them."""
+    views: StackedViews,
+    images: list[np.ndarray],
+    transfer: PixelTransfer | None,
+) -> Solved:
+    """By the mode and the solver that were asked for."""
     from stages.photometry import solutions
 
-    if settings.mode == "transfer":
-        transfer = _pixel_transfer(job, settings, cameras, masks, normals)
-
-    def solve(views: StackedViews, images: list[np.ndarray]) -> Solved:
-        rounds, alternations = settings.fast_max_rounds, 3 * settings.max_alternations
-        if settings.mode == "transfer":
-            with job.progress("rounds", rounds) as step:
-                return solutions.by_transfer(views, images, transfer, _turns(settings), job.threads, step)
-        if settings.solver == "fast":
-            with job.progress("rounds", rounds) as step:
-                return solutions.fast(views, images, _fast(settings), job.threads, step)
-        with job.progress("alternations", alternations) as step:
-            return solutions.as_the_paper(views, images, _alternation(settings), job.executor, step)
-
-    return solve
+    if transfer is not None:
+        with job.progress("rounds", settings.fast_max_rounds) as step:
+            return solutions.by_transfer(views, images, transfer, _turns(settings), job.threads, step)
+    if settings.solver == "fast":
+        with job.progress("rounds", settings.fast_max_rounds) as step:
+            return solutions.fast(views, images, _fast(settings), job.threads, step)
+    with job.progress("alternations", 3 * settings.max_alternations) as step:
+        return solutions.as_the_paper(views, images, _alternation(settings), job.executor, step)
 
 
 def _pixel_transfer(
@@ -205,26 +198,6 @@ def _pixel_transfer(
     seen = Occlusion(stored.blocked, stored.form_factors, stored.behind)
     own = np.concatenate([image[mask] for image, mask in zip(normals, masks, strict=True)])
     return PixelTransfer.of(own, blend, seen, stored.normals, settings.degree)
-
-
-def _solve_as_the_paper(
-    job: Job, settings: DecompositionSettings, views: StackedViews, images: list[np.ndarray]
-) -> Solved:
-    import numpy as np
-
-    from stages.photometry.alternation import decompose_channels
-    from stages.photometry.energy_history import descent_as_json
-
-    with job.progress("alternations", 3 * settings.max_alternations) as step:
-        exact = [image.astype(np.float64) for image in images]
-        descents = decompose_channels(views, exact, _alternation(settings), job.executor, step)
-    return Solved(
-        views=views,
-        albedo=np.stack([descent.state.albedo for descent in descents], axis=-1),
-        light=np.stack([descent.state.light for descent in descents], axis=1),
-        histories=[descent_as_json(descent) for descent in descents],
-        outcomes=[descent.outcome for descent in descents],
-    )
 
 
 def _turns(settings: DecompositionSettings) -> TransferAlternation:
