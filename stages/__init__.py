@@ -8,13 +8,13 @@ from __future__ import annotations
 # Before everything else: pycolmap exports a zlib of its own. Loaded first, it takes half of the calls that
 # OpenCV's PNG writer means for the system's, and the mixture corrupts the heap (pycolmap 4.2 with OpenCV 5).
 import zlib  # noqa: F401
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
-from pipeline import Source, Stage, UserError
+from pipeline import Settings, Source, Stage, UserError
 from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
 from stages.correspondence import CORRESPONDENCE
-from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER
+from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER, check_mode
 from stages.deliver import DELIVER
 from stages.known_geometry import KNOWN_GEOMETRY
 from stages.mesh import MESH
@@ -103,6 +103,18 @@ def experiment(given: Collection[str], mode: str = "paper") -> tuple[Stage, ...]
             "give one of the two."
         )
     return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, *light_and_paint(mode), DELIVER)
+
+
+def mode_of(settings: Mapping[str, Settings]) -> str:
+    """The decomposition's mode, from the settings of all stages.
+
+    Raises
+    ------
+    UserError
+        The solver that was asked for does not know that mode's light.
+    """
+    check_mode(settings[DECOMPOSITION.name])
+    return settings[DECOMPOSITION.name].mode
 
 
 def light_and_paint(mode: str) -> tuple[Stage, ...]:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from stages.scene.cameras import Camera
 
 CHANNELS = ("red", "green", "blue")
+GAPS = {"paper": 0.03, "transfer": 0.08}  # where none is set
 
 
 class DecompositionSettings(Settings):
@@ -37,9 +38,9 @@ class DecompositionSettings(Settings):
         "the same energy by a primal-dual scheme on the graph of pixels, lower and sooner. none: paper in "
         "`mode: paper`, else fast.",
     )
-    degree: int = setting(
-        4,
-        "`mode: transfer`: spherical harmonics of the light up to this degree l.",
+    degree: int | None = setting(
+        None,
+        "`mode: transfer`: the light's harmonics up to this degree l; none: all that `transfer` has.",
         ge=1,
         le=6,
     )
@@ -95,22 +96,38 @@ class DecompositionSettings(Settings):
         1e-3, "Relative change of the energy to stop at, as in the paper.", ge=0, lt=1
     )
     fast_tolerance: float = setting(
-        2e-3,
-        "What the second half of its iterations may have gained of the energy for `solver: fast` to be done: "
-        "more than further ones would, since its error falls at least as one over their number.",
+        1e-3,
+        "Relative energy that `solver: fast` may still gain to be done, estimated from what the last two "
+        "doublings of its iterations have gained.",
         ge=0,
         lt=1,
     )
-    fast_gap: float = setting(
-        0.03,
-        "And how far, relative to the energy, the albedo may then be from the best one under its light: a "
-        "bound from the dual problem, several times what is really missing.",
+    fast_gap: float | None = setting(
+        None,
+        "And how far, relative to the energy, the albedo may then be from the best one of its range under "
+        "its light: a bound from the dual problem, several times what is really missing. none: 0.03, or 0.08 "
+        "in `mode: transfer`, whose light leaves more pixels nearly dark and the bound looser.",
         gt=0,
         le=1,
     )
     fast_max_rounds: int = setting(
         100, "Rounds of `solver: fast` at most; some ten to twenty are usual.", unit="rounds", ge=1
     )
+
+
+def check_mode(settings: DecompositionSettings) -> None:
+    """Refuse a solver that does not know the mode's light.
+
+    Raises
+    ------
+    UserError
+        It does not.
+    """
+    if settings.mode == "transfer" and settings.solver == "paper":
+        raise UserError(
+            "decomposition.solver is paper and decomposition.mode transfer; the paper's solver knows the "
+            "paper's light only. Leave the solver out, or set the mode to paper."
+        )
 
 
 def run(job: Job) -> None:
@@ -127,11 +144,6 @@ def run(job: Job) -> None:
     from stages.scene.view_files import read_views, scaled_channels
 
     settings: DecompositionSettings = job.settings
-    if settings.mode == "transfer" and settings.solver == "paper":
-        raise UserError(
-            "decomposition.solver is paper and decomposition.mode transfer; the paper's solver knows the "
-            "paper's light only. Leave the solver out, or set the mode to paper."
-        )
     cameras = read_cameras(job.inputs["cameras"])
     masks, normals, pixels = [], [], []
     with job.progress("views", len(cameras)) as step:
@@ -163,7 +175,7 @@ def _solve(
 
     if transfer is not None:
         with job.progress("rounds", settings.fast_max_rounds) as step:
-            return solutions.by_transfer(views, images, transfer, _turns(settings), job.threads, step)
+            return solutions.by_transfer(views, images, transfer, _transfer(settings), job.threads, step)
     if settings.solver == "fast":
         with job.progress("rounds", settings.fast_max_rounds) as step:
             return solutions.fast(views, images, _fast(settings), job.threads, step)
@@ -188,19 +200,28 @@ def _pixel_transfer(
     from stages.scene.view_files import read_surface_points
 
     stored, faces = read_transfer(job.inputs["transfer"]), read_mesh(job.inputs["mesh"]).faces
-    if (settings.degree + 1) ** 2 > stored.blocked.shape[1]:
+    known = int(stored.blocked.shape[1] ** 0.5) - 1
+    degree = known if settings.degree is None else settings.degree
+    if degree > known:
         raise UserError(
-            f"decomposition.degree is {settings.degree}, but the transfer vectors end at "
-            f"{int(stored.blocked.shape[1] ** 0.5) - 1}; raise transfer.degree or lower decomposition.degree."
+            f"decomposition.degree is {degree}, but the transfer vectors end at {known}; raise "
+            "transfer.degree or lower decomposition.degree."
         )
     points = read_surface_points(job.inputs, cameras, masks)
     blend = blend_of_pixels(*points, faces, stored.corners, stored.weights, len(stored.blocked))
     seen = Occlusion(stored.blocked, stored.form_factors, stored.behind)
     own = np.concatenate([image[mask] for image, mask in zip(normals, masks, strict=True)])
-    return PixelTransfer.of(own, blend, seen, stored.normals, settings.degree)
+    transfer, opposed = PixelTransfer.of(own, blend, seen, stored.normals, degree)
+    job.note(opposed_pixels=opposed)
+    if 2 * opposed > len(own):
+        job.warn(
+            f"{opposed} of {len(own)} pixels see the back of the mesh; they count as seeing the whole sky. "
+            "Turn the mesh's faces outwards if it is inside out."
+        )
+    return transfer
 
 
-def _turns(settings: DecompositionSettings) -> TransferAlternation:
+def _transfer(settings: DecompositionSettings) -> TransferAlternation:
     from stages.photometry.pixel_transfer import Bounces
     from stages.photometry.transfer_alternation import TransferAlternation
 
@@ -214,7 +235,7 @@ def _fast(settings: DecompositionSettings) -> FastSettings:
     return FastSettings(
         weights=EnergyWeights(settings.lambda_, settings.mu, settings.delta),
         tolerance=settings.fast_tolerance,
-        gap_tolerance=settings.fast_gap,
+        gap_tolerance=settings.fast_gap or GAPS[settings.mode],
         max_rounds=settings.fast_max_rounds,
     )
 

@@ -5,9 +5,11 @@ import pytest
 import scipy.sparse as sp
 
 from stages.geometry.proxy import blend_of, proxy_of
+from stages.geometry.rays import vertex_normals
 from stages.photometry.harmonics import shading_basis
 from stages.photometry.pixel_transfer import Bounces, PixelTransfer, blend_of_pixels, on_absolute_scale
 from stages.photometry.transfer import Occlusion
+from stages.scene.meshes import Surface
 from tests.bowls import bowl
 
 VERTICES, PIXELS = 5, 12
@@ -25,7 +27,12 @@ def transfer() -> PixelTransfer:
     blend = sp.csr_array((shares / shares.sum(axis=1, keepdims=True)).astype(np.float32))
     factors = sp.csr_array((rng.random((VERTICES, VERTICES)) / 3 / VERTICES).astype(np.float32))
     seen = Occlusion(0.05 * rng.random((VERTICES, 9)).astype(np.float32), factors, 0 * factors)
-    return PixelTransfer.of(normals[:PIXELS], blend, seen, normals[PIXELS:], degree=1)
+    normals[PIXELS:, 2] = np.abs(normals[PIXELS:, 2])  # all of a side
+    normals[:PIXELS] = blend @ normals[PIXELS:]
+    normals[:PIXELS] /= np.linalg.norm(normals[:PIXELS], axis=1, keepdims=True)
+    transfer, opposed = PixelTransfer.of(normals[:PIXELS], blend, seen, normals[PIXELS:], degree=1)
+    assert opposed == 0
+    return transfer
 
 
 def test_the_direct_basis_is_the_open_skys_less_what_is_blocked(transfer):
@@ -68,7 +75,7 @@ def test_the_brightest_material_reflects_what_is_said_and_nothing_more_than_95_p
 
 def test_pixels_are_blends_of_their_faces_corners():
     surface = bowl(0.5, rings=4, around=8)
-    corners, weights = blend_of(surface, surface)
+    corners, weights = blend_of(surface, np.zeros((0, 3)), surface)
     rng = np.random.default_rng(2)
     faces = [rng.integers(0, len(surface.faces), 6), rng.integers(0, len(surface.faces), 3)]
     uv = [rng.dirichlet([1, 1, 1], len(one))[:, 1:] for one in faces]
@@ -86,10 +93,36 @@ def test_a_proxy_is_small_and_its_blend_lies_on_the_surface():
     assert proxy_of(surface, len(surface.vertices)) is surface
     proxy = proxy_of(surface, 300)
     assert 200 < len(proxy.vertices) < 450
-    corners, weights = blend_of(surface, proxy)
+    corners, weights = blend_of(surface, vertex_normals(surface.vertices, surface.faces), proxy)
     there = np.einsum("vc,vck->vk", weights, proxy.vertices[corners])
     assert np.abs(there - surface.vertices).max() < 0.06
     assert np.allclose(weights.sum(axis=1), 1, atol=1e-6) and weights.min() >= 0
+
+
+def test_vertices_that_lie_on_one_another_are_one_before_they_are_decimated():
+    """A mesh of loose triangles, as STL has it."""
+    whole = bowl(0.5)
+    loose = Surface(
+        whole.vertices[whole.faces.ravel()], np.arange(whole.faces.size, dtype=np.int32).reshape(-1, 3)
+    )
+    assert len(proxy_of(loose, 10**6).vertices) == len(whole.vertices)
+    assert len(proxy_of(loose, 300).vertices) < 450
+
+
+def test_the_two_sides_of_a_thin_sheet_are_not_taken_for_one_another():
+    """Two bowls, one within the other, closer than the proxy follows them."""
+    inner, rng = bowl(0.5), np.random.default_rng(3)
+    count = len(inner.vertices)
+    inner = Surface(inner.vertices + rng.normal(0, 0.002, (count, 3)), inner.faces)
+    both = Surface(
+        np.concatenate([inner.vertices, 1.004 * inner.vertices]),
+        np.concatenate([inner.faces, inner.faces[:, ::-1] + count]),
+    )
+    normals, proxy = vertex_normals(both.vertices, both.faces), proxy_of(both, 800)
+    corners, weights = blend_of(both, normals, proxy)
+    there = np.einsum("vc,vck->vk", weights, vertex_normals(proxy.vertices, proxy.faces)[corners])
+    opposed = np.einsum("vk,vk->v", there, normals) < 0
+    assert opposed.mean() < 0.02
 
 
 def test_without_occlusion_the_basis_is_eq_1s():
@@ -98,5 +131,14 @@ def test_without_occlusion_the_basis_is_eq_1s():
         np.zeros((1, 9), np.float32), *(sp.csr_array((1, 1), dtype=np.float32) for _ in range(2))
     )
     blend = sp.csr_array(np.ones((2, 1), np.float32))
-    open_sky = PixelTransfer.of(normals, blend, nothing, normals[:1], degree=2)
+    open_sky, _ = PixelTransfer.of(normals, blend, nothing, normals[:1], degree=2)
     assert np.allclose(open_sky.direct(), shading_basis(normals), atol=1e-7)
+
+
+def test_pixels_that_see_the_back_of_the_mesh_count_as_open_to_the_sky():
+    normals, blend = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]), sp.csr_array(np.ones((2, 1), np.float32))
+    seen = Occlusion(np.full((1, 9), 0.1, np.float32), *(sp.csr_array((1, 1), dtype=np.float32),) * 2)
+    transfer, opposed = PixelTransfer.of(normals, blend, seen, np.array([[0.0, 0.6, 0.8]]), degree=2)
+    assert opposed == 1
+    assert np.allclose(transfer.direct()[0], shading_basis(normals[0]) - 0.1, atol=1e-6)
+    assert np.allclose(transfer.direct()[1], shading_basis(normals[1]), atol=1e-6)

@@ -109,13 +109,16 @@ def test_no_bounce_or_black_surface_leaves_the_direct_transfer():
     assert np.array_equal(bounced(direct, seen, np.zeros(len(direct)), 0.0, bounces=3), direct)
 
 
-def test_occlusion_is_the_same_whatever_the_threads(monkeypatch):
-    surface = bowl(0.5, rings=12, around=24)
+def test_occlusion_is_the_same_whatever_the_threads():
+    surface = bowl(0.5, rings=160, around=160)
     normals = vertex_normals(surface.vertices, surface.faces)
     found = []
     for threads in (1, 2):
         caster = Occluders(surface, threads)
         origins = surface.vertices - caster.origin + OFF * normals
-        found.append(occlusion(origins, normals, caster.cast, len(origins), 4, 64))
+        few = slice(0, None, 50)
+        found.append(occlusion(origins[few], normals[few], caster.cast, len(origins), 4, 64))
     assert np.array_equal(found[0].blocked, found[1].blocked)
-    assert np.array_equal(found[0].form_factors.toarray(), found[1].form_factors.toarray())
+    for name in ("form_factors", "behind"):
+        one, two = (getattr(each, name) for each in found)
+        assert (one != two).nnz == 0

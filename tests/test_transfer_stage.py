@@ -56,7 +56,7 @@ def test_albedo_times_shading_is_the_image_and_the_light_says_what_it_meets(conf
         assert off < 0.15
 
 
-def test_light_that_sees_the_mouth_leaves_less_of_it_in_the_albedo(config, output, capsys, tmp_path):
+def test_light_that_sees_the_mouth_leaves_less_of_it_in_the_albedo(config, output, capsys):
     """The same energy, the same λ, the paper's light: worse in every channel."""
     by_transfer = errors(output, capsys)
     settings = ["--set", "decomposition.mode=paper", "--set", "decomposition.solver=fast"]

@@ -37,7 +37,7 @@ def request_of(command: Run) -> Request:
     given = override(config.settings, command.assignments)
     settings = check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given)
     flow_of = stages.experiment if "render" in given else stages.dataflow
-    flow = flow_of(sources, settings["decomposition"].mode)
+    flow = flow_of(sources, stages.mode_of(settings))
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     return Request(

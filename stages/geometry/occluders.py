@@ -12,11 +12,8 @@ class Occluders:
     """A mesh made ready for rays between its own points, float32, relative to the mean of its vertices."""
 
     def __init__(self, surface: Surface, threads: int = 0) -> None:
-        self.origin = surface.vertices.mean(axis=0)
         self._faces, self._threads = surface.faces, threads
-        local = (surface.vertices - self.origin).astype(np.float32)
-        self._scene = o3d.t.geometry.RaycastingScene(nthreads=threads)
-        self._scene.add_triangles(o3d.core.Tensor(local), o3d.core.Tensor(surface.faces.astype(np.uint32)))
+        self._scene, self.origin = scene_of(surface, threads)
 
     def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What rays meet first.
@@ -45,7 +42,15 @@ class Occluders:
         return vertex, behind
 
 
-def mean_edge(surface: Surface) -> float:
-    """Mean length of the faces' first edges, model units."""
-    ends = surface.vertices[surface.faces[:, :2]]
-    return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
+def scene_of(surface: Surface, threads: int = 0) -> tuple[o3d.t.geometry.RaycastingScene, np.ndarray]:
+    """A surface for open3d's rays, and the origin, (3,), that its float32 coordinates are relative to.
+
+    The mean of the vertices: a georeferenced model with coordinates in the millions keeps its millimetres.
+    """
+    origin = surface.vertices.mean(axis=0)
+    scene = o3d.t.geometry.RaycastingScene(nthreads=threads)
+    scene.add_triangles(
+        o3d.core.Tensor((surface.vertices - origin).astype(np.float32)),
+        o3d.core.Tensor(surface.faces.astype(np.uint32)),
+    )
+    return scene, origin

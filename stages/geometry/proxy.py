@@ -5,21 +5,43 @@ from __future__ import annotations
 import numpy as np
 import open3d as o3d
 
-from stages.geometry.surface import decimated
+from stages.geometry.occluders import scene_of
+from stages.geometry.surface import decimated, mean_edge
 from stages.scene.meshes import Surface
 
 FACES_PER_VERTEX = 2  # of a closed mesh
 
 
 def proxy_of(surface: Surface, most_vertices: int) -> Surface:
-    """The surface itself, or a quadric decimation of it to about so many vertices."""
+    """The surface itself, or a quadric decimation of it to about so many vertices.
+
+    Vertices that lie on one another are one first, as in STL or at the seams of a texture: otherwise nothing
+    could be decimated.
+    """
+    places, number = np.unique(surface.vertices, axis=0, return_inverse=True)
+    if len(places) < len(surface.vertices):
+        faces = number.reshape(-1)[surface.faces].astype(np.int32)
+        collapsed = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+        surface = Surface(places, faces[~collapsed])
     if len(surface.vertices) <= most_vertices:
         return surface
     return decimated(surface, FACES_PER_VERTEX * most_vertices)
 
 
-def blend_of(surface: Surface, proxy: Surface) -> tuple[np.ndarray, np.ndarray]:
+def blend_of(
+    surface: Surface, normals: np.ndarray, proxy: Surface, threads: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
     """Every vertex of the surface as a blend of the corners of the proxy's nearest face.
+
+    Parameters
+    ----------
+    surface : Surface
+    normals : ndarray, shape (V, 3)
+        Its vertices'. Of a thin sheet the nearest face may be that of the other side: there, the one
+        nearest to a point a little above the vertex is taken.
+    proxy : Surface
+    threads : int
+        0: all.
 
     Returns
     -------
@@ -30,14 +52,21 @@ def blend_of(surface: Surface, proxy: Surface) -> tuple[np.ndarray, np.ndarray]:
     if proxy is surface:
         own = np.repeat(np.arange(count, dtype=np.int32)[:, None], 3, axis=1)
         return own, np.tile(np.float32([1, 0, 0]), (count, 1))
-    origin = proxy.vertices.mean(axis=0)
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor((proxy.vertices - origin).astype(np.float32)),
-        o3d.core.Tensor(proxy.faces.astype(np.uint32)),
-    )
-    nearest = scene.compute_closest_points(o3d.core.Tensor((surface.vertices - origin).astype(np.float32)))
+    scene, origin = scene_of(proxy, threads)
+    places = (surface.vertices - origin).astype(np.float32)
+    faces, weights, facing = _nearest(scene, places, normals)
+    above = places + mean_edge(proxy) * normals.astype(np.float32)
+    other_faces, other_weights, _ = _nearest(scene, above, normals)
+    faces = np.where(facing, faces, other_faces)
+    return proxy.faces[faces].astype(np.int32), np.where(facing[:, None], weights, other_weights)
+
+
+def _nearest(
+    scene: o3d.t.geometry.RaycastingScene, places: np.ndarray, normals: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nearest face, weights of its corners, and whether it looks the way of the normal."""
+    nearest = scene.compute_closest_points(o3d.core.Tensor(places))
     u, v = nearest["primitive_uvs"].numpy().T
     weights = np.clip(np.stack([1 - u - v, u, v], axis=1), 0, 1)
-    corners = proxy.faces[nearest["primitive_ids"].numpy()].astype(np.int32)
-    return corners, (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+    facing = np.einsum("vk,vk->v", nearest["primitive_normals"].numpy(), normals) >= 0
+    return nearest["primitive_ids"].numpy(), weights / weights.sum(axis=1, keepdims=True), facing

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import open3d as o3d
 
+from stages.geometry.occluders import scene_of
 from stages.scene.cameras import Camera, rays_in_world
 from stages.scene.meshes import Surface
 
@@ -50,10 +51,7 @@ class RayCaster:
         self._faces = surface.faces
         local = surface.vertices - self._origin
         self._vertex_normals = vertex_normals(local, surface.faces)
-        self._scene = o3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(
-            o3d.core.Tensor(local.astype(np.float32)), o3d.core.Tensor(surface.faces.astype(np.uint32))
-        )
+        self._scene, _ = scene_of(surface)
 
     def see(self, camera: Camera, threads: int = 0) -> Seen:
         """Cast the rays of all pixel centres of one view. Memory: about 130 bytes per pixel."""

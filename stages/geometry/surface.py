@@ -110,3 +110,9 @@ def with_faces(surface: Surface, keep: np.ndarray) -> Surface:
     faces = surface.faces[keep]
     used, renumbered = np.unique(faces, return_inverse=True)
     return Surface(surface.vertices[used], renumbered.reshape(faces.shape).astype(np.int32))
+
+
+def mean_edge(surface: Surface) -> float:
+    """Mean length of the faces' first edges, model units."""
+    ends = surface.vertices[surface.faces[:, :2]]
+    return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())

@@ -29,7 +29,7 @@ class FastSettings:
     ----------
     weights : EnergyWeights
     tolerance : float
-        What the second half of the finest level's iterations may have gained, relative energy, to be done.
+        What may be left to gain, relative energy, for the finest level to be done.
     gap_tolerance : float
         How far the albedo may then be from its optimum under the light it has, relative energy.
     max_rounds : int
@@ -45,7 +45,7 @@ class FastSettings:
     """
 
     weights: EnergyWeights
-    tolerance: float = 2e-3
+    tolerance: float = 1e-3
     gap_tolerance: float = 0.03
     max_rounds: int = 100
     round_iterations: int = 60
@@ -65,8 +65,8 @@ class FastDescent:
     terms : tuple of EnergyTerms
         Eq. 2's, per channel, in the gauge.
     rounds : tuple of Round
-        The first is the state that the coarser levels left, the last the solution: an earlier one again
-        where the energy has risen since.
+        The first is the state that they began with, the last the solution: an earlier one again where the
+        energy has risen since.
     outcome : Outcome
     """
 
@@ -98,7 +98,6 @@ def solve(
         Called after every round.
     """
     descent = from_coarse_to_fine(finest_level(views, images, settings.weights), settings, threads)
-    use_threads(threads_for(descent.problem.slices.pixels, threads))
     return finish(views, images, descent, settings, step)
 
 
@@ -118,6 +117,7 @@ def from_coarse_to_fine(finest: Level, settings: FastSettings, threads: int) -> 
         descent = PrimalDual.inheriting(legacy, problem, group)
         group = finer_group
         del legacy
+    use_threads(threads_for(descent.problem.slices.pixels, threads))
     return descent
 
 
@@ -143,12 +143,12 @@ def finish(
     step: Callable[[], None],
 ) -> FastDescent:
     """Go in rounds on the finest level until the energy settles; the best state seen is kept."""
-    rounds = [_look(descent, 0)]
+    rounds = [_look(descent)]
     best, kept = rounds[0], (descent.albedo.copy(), descent.light)
     outcome = None
-    for k in range(1, settings.max_rounds + 1):
+    for _ in range(settings.max_rounds):
         descent.iterate(settings.round_iterations)
-        rounds.append(_look(descent, k * settings.round_iterations))
+        rounds.append(_look(descent))
         step()
         if sum(rounds[-1].energy) <= sum(best.energy):
             np.copyto(kept[0], descent.albedo)
@@ -163,6 +163,6 @@ def finish(
     return FastDescent(albedo, light, terms, tuple(rounds), outcome or Outcome.LIMIT_REACHED)
 
 
-def _look(descent: PrimalDual, iterations: int) -> Round:
+def _look(descent: PrimalDual) -> Round:
     bounds = descent.bounds()
-    return Round(iterations, tuple(bounds.energy.tolist()), bounds.gap)
+    return Round(descent.iterations, tuple(bounds.energy.tolist()), bounds.gap)

@@ -24,7 +24,8 @@ class Bounces:
     count : int
         How often it is passed on; 0: not at all.
     brightest : float
-        What the brightest material is taken to reflect, since images do not tell.
+        What the brightest material is taken to reflect, since images do not tell: in the channel where it is
+        brightest. Under coloured light the others are underestimated by as much.
     """
 
     count: int
@@ -40,7 +41,7 @@ class PixelTransfer:
     open_sky : ndarray, shape (N, K), float32
         ν of the pixels' own normals, as if they saw the whole sky.
     blend : csr_array, shape (N, P), float32
-        Every pixel as a blend of vertices; rows sum to 1.
+        Every pixel as a blend of vertices; rows sum to 1, or to 0 where the back of the mesh is seen.
     seen : Occlusion
         Of the vertices, K harmonics.
     vertex_sky : ndarray, shape (P, K), float32
@@ -60,15 +61,22 @@ class PixelTransfer:
         seen: Occlusion,
         vertex_normals: np.ndarray,
         degree: int,
-    ) -> PixelTransfer:
-        """Put it together for harmonics up to a degree; normals (N, 3) and (P, 3), unit, world axes."""
+    ) -> tuple[PixelTransfer, int]:
+        """Put it together for harmonics up to a degree; normals (N, 3) and (P, 3), unit, world axes.
+
+        Pixels' normals look at the camera, vertices' out of the mesh. Where the two are opposed the mesh is
+        seen from its back, of which nothing is known: such pixels are taken to see the whole sky, and
+        counted.
+        """
         size = (degree + 1) ** 2
-        return cls(
+        facing = np.einsum("pk,pk->p", normals, blend @ vertex_normals) > 0
+        transfer = cls(
             open_sky=shading_basis(normals, degree).astype(np.float32),
-            blend=blend,
+            blend=sp.csr_array(sp.diags_array(facing.astype(np.float32)) @ blend),
             seen=Occlusion(seen.blocked[:, :size], seen.form_factors, seen.behind),
             vertex_sky=shading_basis(vertex_normals, degree).astype(np.float32),
         )
+        return transfer, int(np.count_nonzero(~facing))
 
     def direct(self) -> np.ndarray:
         """What reaches the pixels from the sky itself, (N, K), float32."""

@@ -29,7 +29,8 @@ class StackedViews:
     starts : ndarray, shape (n + 1,), int64
         View i owns the places ``starts[i]:starts[i + 1]``.
     basis : ndarray, shape (N, K) or (N, K, 3), float32
-        ν of Eq. 1, K = 9 harmonics; or that of each channel, where light that bounces makes them differ.
+        ν of Eq. 1, K = 9 harmonics in `mode: paper`; or that of each channel, where light that bounces
+        makes them differ.
     masks : tuple of ndarray, shape (h_i, w_i), bool
         Ω of every view.
     links : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from stages.photometry.alternation import Outcome
 
 FEWEST = 4  # rounds before anything is concluded
-WASTE = 0.25  # of the tolerance: where less than that is gained, an open gap is not going to close soon
+WASTE = 0.25  # of the tolerance: where less than that is left, an open gap is not going to close soon
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,7 @@ class Round:
     Attributes
     ----------
     iterations : int
-        So far, on the finest level.
+        So far, on the finest level, all of them.
     energy : tuple of float
         Eq. 2 per channel, in the gauge; summed in float32 within every eight pixels.
     gap : float
@@ -36,29 +38,35 @@ def verdict(rounds: Sequence[Round], tolerance: float, gap_tolerance: float) -> 
     Parameters
     ----------
     rounds : sequence of Round
-        The first is the state before any iteration on the finest level.
+        The first is the state that they began with.
     tolerance : float
-        Relative energy that the alternation may still gain; see `gained`.
+        Relative energy that the alternation may still gain; see `left_to_gain`.
     gap_tolerance : float
         How far the albedo may then be from its optimum under the light it has, relative energy.
     """
     if len(rounds) <= FEWEST:
         return None
-    gain = gained(rounds)
-    if gain <= tolerance and rounds[-1].gap <= gap_tolerance:
+    left = left_to_gain(rounds)
+    if left <= tolerance and rounds[-1].gap <= gap_tolerance:
         return Outcome.CONVERGED
-    return Outcome.STALLED if gain <= WASTE * tolerance else None
+    return Outcome.STALLED if left <= WASTE * tolerance else None
 
 
-def gained(rounds: Sequence[Round]) -> float:
-    """What the second half of all iterations has gained, relative to the energy now.
+def left_to_gain(rounds: Sequence[Round]) -> float:
+    """Estimate what is left to gain, relative to the energy now; infinite where nothing slows down.
 
     Notes
     -----
-    The error of a primal-dual descent falls at least as fast as one over the number of iterations. What it
-    has gained since half their number is then at least what is still to be gained, however slow it is: a
-    descent that crawls looks settled from one round to the next, but not from half of its way on.
+    From what the last doubling of all rounds has gained, b, and the one before, a: were it to go on like
+    that, every doubling gaining b/a of the one before, ``b²/(a − b)`` would be left. That is the whole of an
+    error that falls as any power of their number. A descent that crawls looks settled from one round to the
+    next, but gains more with every doubling: a < b. It is an estimate: a plateau as long as all
+    rounds before it would pass for the end.
     """
-    energies = [sum(one.energy) for one in rounds]
-    least, before = min(energies), min(energies[: (len(rounds) + 1) // 2])
-    return (before - least) / least if least > 0 else 0.0
+    energies = np.minimum.accumulate([sum(one.energy) for one in rounds])
+    last = len(energies) - 1
+    quarter, half, now = np.interp([last / 4, last / 2, last], np.arange(len(energies)), energies).tolist()
+    before, lately = quarter - half, half - now
+    if lately <= 0 or now <= 0:
+        return 0.0
+    return lately**2 / (before - lately) / now if before > lately else float("inf")

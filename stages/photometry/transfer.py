@@ -138,9 +138,10 @@ def bounced(
     albedo : ndarray, shape (V,)
         ρ, on the absolute scale: within [0, 1).
     of_backs : float
-        ρ of surface that is hit from behind.
+        ρ of surface that is hit from behind; its light is taken to be that of its front.
     bounces : int
-        How often light is passed on; what is left out is below ``max(ρ)`` to the power of that, plus one.
+        How often light is passed on. What is left out is at most ``ρ^(bounces + 1)`` of all that would
+        arrive, ρ the brightest there is.
 
     Returns
     -------

@@ -12,12 +12,10 @@ from stages.photometry.fast_alternation import (
     FastSettings,
     finish,
     from_coarse_to_fine,
-    threads_for,
 )
 from stages.photometry.pixel_transfer import Bounces, PixelTransfer
 from stages.photometry.saddle import finest_level
 from stages.photometry.stack import StackedViews
-from stages.solvers.threading_layer import use_threads
 
 
 @dataclass(frozen=True)
@@ -73,15 +71,16 @@ def solve_with_transfer(
     Coarser levels know the direct light only. What bounces depends on the albedo, a little: at every refresh
     the basis takes in the albedo so far, and the descent goes on from where it is.
     """
-    views = replace(views, basis=transfer.direct())
-    descent = from_coarse_to_fine(
-        finest_level(views, images, settings.descent.weights), settings.descent, threads
-    )
-    use_threads(threads_for(descent.problem.slices.pixels, threads))
-    if settings.bounces.count:
-        for _ in range(settings.refreshes):
-            albedo = descent.problem.slices.collect(descent.albedo)
-            views = replace(views, basis=transfer.with_bounces(albedo, settings.bounces))
-            descent.stand_on(views.basis)
-            descent.iterate(settings.iterations)
+    basis = transfer.direct()
+    finest = finest_level(replace(views, basis=basis), images, settings.descent.weights)
+    descent = from_coarse_to_fine(finest, settings.descent, threads)
+    del finest
+    for _ in range(settings.refreshes if settings.bounces.count else 0):
+        albedo = descent.problem.slices.collect(descent.albedo)
+        del basis  # before the next takes its place
+        basis = transfer.with_bounces(albedo, settings.bounces)
+        descent.stand_on(basis)
+        descent.iterate(settings.iterations)
+        step()
+    views = replace(views, basis=basis)
     return finish(views, images, descent, settings.descent, step), views

@@ -12,7 +12,7 @@ from stages.scene.cameras import Camera
 CONVENTION = (
     "shading = sum over k of light[k] (A_l / pi) Y_k(n), image = albedo * shading, linear; Y_k: real "
     "orthonormal spherical harmonics without Condon-Shortley phase, ordered by (l, m), of the normal in "
-    "world axes; A_0 = pi, A_1 = 2 pi / 3, A_2 = pi / 4, A_3 = 0, A_4 = -pi / 24"
+    "world axes; A_0 = pi, A_1 = 2 pi / 3, A_2 = pi / 4, A_3 = 0, A_4 = -pi / 24, A_5 = 0, A_6 = pi / 64"
 )
 BY_TRANSFER = (
     "; instead of (A_l / pi) Y_k(n), which is for points that see the whole sky, the transfer vector of the "

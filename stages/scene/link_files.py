@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from zipfile import BadZipFile
 
 import scipy.sparse as sp
 
@@ -23,7 +24,7 @@ def read_links(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
     try:
         rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))
         return {(row["i"], row["j"]): sp.csr_array(sp.load_npz(folder / row["file"])) for row in rows}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, EOFError, BadZipFile, ValueError, KeyError, TypeError) as error:
         raise UserError(
             f"{folder} cannot be read as correspondences ({type(error).__name__}: {error}); expected "
             "index.json and its matrices, as in cache/correspondence/KEY/correspondences."

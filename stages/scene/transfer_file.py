@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import scipy.sparse as sp
@@ -64,7 +65,7 @@ def read_transfer(path: Path) -> StoredTransfer:
             parts = tuple(arrays.pop(f"{name}_{part}") for part in ("data", "indices", "indptr"))
             arrays[name] = sp.csr_array(parts, shape=(count, count))
         return StoredTransfer(**arrays)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, EOFError, BadZipFile, ValueError, KeyError, TypeError) as error:
         raise UserError(
             f"{path} cannot be read as transfer vectors ({type(error).__name__}: {error}); expected "
             "transfer.npz as in cache/transfer/KEY."

@@ -28,7 +28,10 @@ WIDTHS = (1.0, 1.5, 3.0)  # ranges of albedo that the bound looks at, in units o
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What an albedo costs, and what the best one costs at least, per channel, (3,) each, float64."""
+    """What an albedo costs, and the best one at least, per channel, (3,) each, float64.
+
+    The best in a gauge: of those within the range of the bound that counts (see `bounds`).
+    """
 
     energy: np.ndarray
     least: np.ndarray
@@ -96,9 +99,11 @@ def bounds(
 
 def _widened(of_albedo: np.ndarray, of_quotients: np.ndarray) -> np.ndarray:
     """The ranges to try, (R, 3, 2), float32."""
+    # Not finite: no pixels, a channel without light, or with hardly any.
     found, quotients = (
-        np.where(np.isfinite(ends), ends, 0) for ends in (of_albedo, of_quotients)
-    )  # no light
+        np.where(np.isfinite(ends).all(axis=-1, keepdims=True), ends, np.float32(0))
+        for ends in (of_albedo, of_quotients)
+    )
     half = (found[:, 1:] - found[:, :1]) / 2 * np.array([-1, 1], np.float32)
     return np.stack([*(found + np.float32(width - 1) * half for width in WIDTHS), quotients])
 
@@ -182,9 +187,8 @@ def _least(value, light, pull, gain, ends):
     """What the pixels of a slice cost at least, as the Notes above say."""
     zero, one = spread(np.float32(0)), spread(np.float32(1))
     low, high, size = spread(ends[0]), spread(ends[1]), magnitude(light)
-    middle, half = spread(np.float32(0.5)) * (low + high), spread(np.float32(0.5)) * (high - low)
-    quotient = value / where_above(size, zero, light, one)
-    fit = middle + clipped(quotient - middle, half)
+    fit = value / where_above(size, zero, light, one)
+    fit = where_above(fit, high, high, where_above(low, fit, low, fit))
     least = pull * fit - gain * magnitude(fit)
     for end in (low, high):
         there = size * magnitude(fit - end) + pull * end - gain * magnitude(end)

@@ -137,7 +137,7 @@ class PrimalDual:
     def __init__(
         self, problem: Problem, albedo: np.ndarray, light: np.ndarray, steps: Steps, free_light: bool = True
     ):
-        self.problem, self._steps, self._free = problem, steps, free_light
+        self.problem, self._steps, self._free, self.iterations = problem, steps, free_light, 0
         self.albedo, self.light = albedo, light.astype(np.float64)
         self._ahead = np.zeros((COUNT * problem.slices.count, 4), np.float32)  # a load per neighbour
         interleave(self.albedo.ravel(), self._ahead.ravel())
@@ -202,9 +202,10 @@ class PrimalDual:
             self._iterate_once()
         if self._free:
             self._restore_gauge()
+        self.iterations += count
 
     def bounds(self) -> Bounds:
-        """Energy of the albedo under the light as it is, and what no albedo can go below."""
+        """Energy of the albedo under the light as it is, and what no albedo of its range can go below."""
         return bounds(
             self.problem.slices.blocks,
             self.problem.graph,
