@@ -175,7 +175,9 @@ def _solve(
 
     if transfer is not None:
         with job.progress("rounds", settings.fast_max_rounds) as step:
-            return solutions.by_transfer(views, images, transfer, _transfer(settings), job.threads, step)
+            return solutions.by_transfer(
+                views, images, transfer, _transfer_alternation(settings), job.threads, step
+            )
     if settings.solver == "fast":
         with job.progress("rounds", settings.fast_max_rounds) as step:
             return solutions.fast(views, images, _fast(settings), job.threads, step)
@@ -221,7 +223,7 @@ def _pixel_transfer(
     return transfer
 
 
-def _transfer(settings: DecompositionSettings) -> TransferAlternation:
+def _transfer_alternation(settings: DecompositionSettings) -> TransferAlternation:
     from stages.photometry.pixel_transfer import Bounces
     from stages.photometry.transfer_alternation import TransferAlternation
 

@@ -46,7 +46,10 @@ def main(argv: Sequence[str] | None = None) -> None:
         found = {name: solve_from(name, problem, given.threads) for name in STARTS}
         for row in rows(problem, found):
             print(row, flush=True)
-        print(f"{problem.name}: si-RMSE between two solutions, of their own size: {apart(found)}", flush=True)
+        print(
+            f"{problem.name}: root mean square between two albedos after one scale: {apart(found)}",
+            flush=True,
+        )
     for sentence in sentences:
         terminal.say(sentence)
 

@@ -55,10 +55,10 @@ def blend_of(
     scene, origin = scene_of(proxy, threads)
     places = (surface.vertices - origin).astype(np.float32)
     faces, weights, facing = _nearest(scene, places, normals)
-    above = places + mean_edge(proxy) * normals.astype(np.float32)
-    other_faces, other_weights, _ = _nearest(scene, above, normals)
-    faces = np.where(facing, faces, other_faces)
-    return proxy.faces[faces].astype(np.int32), np.where(facing[:, None], weights, other_weights)
+    if not facing.all():
+        above = places[~facing] + mean_edge(proxy) * normals[~facing].astype(np.float32)
+        faces[~facing], weights[~facing], _ = _nearest(scene, above, normals[~facing])
+    return proxy.faces[faces].astype(np.int32), weights
 
 
 def _nearest(
@@ -69,4 +69,4 @@ def _nearest(
     u, v = nearest["primitive_uvs"].numpy().T
     weights = np.clip(np.stack([1 - u - v, u, v], axis=1), 0, 1)
     facing = np.einsum("vk,vk->v", nearest["primitive_normals"].numpy(), normals) >= 0
-    return nearest["primitive_ids"].numpy(), weights / weights.sum(axis=1, keepdims=True), facing
+    return nearest["primitive_ids"].numpy().copy(), weights / weights.sum(axis=1, keepdims=True), facing

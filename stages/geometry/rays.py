@@ -47,11 +47,9 @@ class RayCaster:
     """
 
     def __init__(self, surface: Surface) -> None:
-        self._origin = surface.vertices.mean(axis=0)
+        self._scene, self._origin = scene_of(surface)
         self._faces = surface.faces
-        local = surface.vertices - self._origin
-        self._vertex_normals = vertex_normals(local, surface.faces)
-        self._scene, _ = scene_of(surface)
+        self._vertex_normals = vertex_normals(surface.vertices - self._origin, surface.faces)
 
     def see(self, camera: Camera, threads: int = 0) -> Seen:
         """Cast the rays of all pixel centres of one view. Memory: about 130 bytes per pixel."""

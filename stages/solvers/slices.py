@@ -72,7 +72,7 @@ class Slices:
     def spread_basis(self, basis: np.ndarray) -> np.ndarray:
         """ν, (N, K) or (N, K, 1 or 3), as (S, K, 1 or 3, 8)."""
         kinds = int(np.prod(basis.shape[2:]))
-        return self.spread(basis.reshape(len(basis), -1)).reshape(self.count, -1, kinds, COUNT)
+        return self.spread(basis.reshape(len(basis), -1)).reshape(self.count, basis.shape[1], kinds, COUNT)
 
     def collect(self, sliced: np.ndarray) -> np.ndarray:
         """Values (S, k, 8) as (N, k)."""
