@@ -53,9 +53,11 @@ def test_an_open_gap_keeps_it_going_until_going_on_is_waste():
     assert outcomes[-1] is Outcome.STALLED
 
 
-def test_energies_that_swing_count_by_the_least_so_far():
+def test_energies_that_swing_count_by_the_least_so_far_and_are_not_settled_above_it():
     swinging = [Round(60 * k, (energy,), 0.0) for k, energy in enumerate([4.0, 3.0, 3.5, 3.2, 3.4, 3.3])]
-    assert left_to_gain(swinging) == 0.0
+    assert left_to_gain(swinging) == pytest.approx(0.1)
+    assert verdict(swinging, 1e-3, 0.1) is None
+    assert left_to_gain([*swinging, Round(360, (3.0,), 0.0)]) == 0.0
     assert left_to_gain([*swinging, Round(360, (2.0,), 0.0)]) == float("inf")
 
 

@@ -65,8 +65,8 @@ class FastDescent:
     terms : tuple of EnergyTerms
         Eq. 2's, per channel, in the gauge.
     rounds : tuple of Round
-        The first is the state that they began with, the last the solution: an earlier one again where the
-        energy has risen since.
+        The first is the state that they began with, the last the solution: an earlier one again where it
+        did not converge and the energy has risen since.
     outcome : Outcome
     """
 
@@ -142,7 +142,7 @@ def finish(
     settings: FastSettings,
     step: Callable[[], None],
 ) -> FastDescent:
-    """Go in rounds on the finest level until the energy settles; the best state seen is kept."""
+    """Go in rounds on the finest level until the energy settles; where it does not, the best state seen is kept."""
     rounds = [_look(descent)]
     best, kept = rounds[0], (descent.albedo.copy(), descent.light)
     outcome = None
@@ -156,7 +156,9 @@ def finish(
         outcome = verdict(rounds, settings.tolerance, settings.gap_tolerance)
         if outcome is not None:
             break
-    if rounds[-1] is not best:
+    if outcome is Outcome.CONVERGED:  # its gap is the one that was judged
+        kept = descent.albedo, descent.light
+    elif rounds[-1] is not best:
         rounds.append(best)
     albedo, light = descent.problem.slices.collect(kept[0]), kept[1]
     terms = channel_terms(views, images, albedo, light)

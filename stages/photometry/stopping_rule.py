@@ -61,12 +61,16 @@ def left_to_gain(rounds: Sequence[Round]) -> float:
     that, every doubling gaining b/a of the one before, ``b²/(a − b)`` would be left. That is the whole of an
     error that falls as any power of their number. A descent that crawls looks settled from one round to the
     next, but gains more with every doubling: a < b. It is an estimate: a plateau as long as all
-    rounds before it would pass for the end.
+    rounds before it would pass for the end. Energies count by the least so far; where the last one
+    is above that, at least the difference is left.
     """
-    energies = np.minimum.accumulate([sum(one.energy) for one in rounds])
-    last = len(energies) - 1
-    quarter, half, now = np.interp([last / 4, last / 2, last], np.arange(len(energies)), energies).tolist()
+    energies = np.array([sum(one.energy) for one in rounds])
+    least, last = np.minimum.accumulate(energies), len(energies) - 1
+    quarter, half, now = np.interp([last / 4, last / 2, last], np.arange(len(least)), least).tolist()
     before, lately = quarter - half, half - now
-    if lately <= 0 or now <= 0:
+    if now <= 0:
         return 0.0
-    return lately**2 / (before - lately) / now if before > lately else float("inf")
+    risen = (energies[-1] - now) / now
+    if lately <= 0:
+        return risen
+    return max(risen, lately**2 / (before - lately) / now) if before > lately else float("inf")
