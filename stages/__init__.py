@@ -14,11 +14,12 @@ from pipeline import Settings, Source, Stage, UserError
 from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
 from stages.correspondence import CORRESPONDENCE
-from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER, check_mode
+from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER
 from stages.deliver import DELIVER
 from stages.known_geometry import KNOWN_GEOMETRY
 from stages.mesh import MESH
 from stages.mvs import MVS
+from stages.photometry.decomposition_settings import check_mode
 from stages.raycast import RAYCAST
 from stages.render import RENDER
 from stages.sfm import SFM

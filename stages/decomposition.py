@@ -1,149 +1,50 @@
-"""Albedo, shading and light of every view (Eq. 1–4, 9–18), channel by channel: the core of the paper."""
+"""Albedo, shading and light of every view (Eq. 1–4, 9–18): the core of the paper, and what goes past it."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from pipeline import Artefact, Job, Stage, UserError
+from stages.photometry.decomposition_settings import (
+    DecompositionSettings,
+    as_alternation,
+    as_fast,
+    as_sky,
+    as_transfer,
+    weights_at,
+)
 
 if TYPE_CHECKING:
     import numpy as np
+    import scipy.sparse as sp
 
-    from stages.photometry.alternation import AlternationSettings
-    from stages.photometry.fast_alternation import FastSettings
-    from stages.photometry.pixel_transfer import PixelTransfer
     from stages.photometry.solutions import Solved
     from stages.photometry.stack import StackedViews
-    from stages.photometry.transfer_alternation import TransferAlternation
+    from stages.photometry.transfer import Occlusion
     from stages.scene.cameras import Camera
+    from stages.scene.transfer_file import StoredTransfer
 
 CHANNELS = ("red", "green", "blue")
-GAPS = {"paper": 0.03, "transfer": 0.08}  # where none is set
-
-
-class DecompositionSettings(Settings):
-    """Settings of the `decomposition` stage."""
-
-    mode: Literal["paper", "transfer"] = setting(
-        "paper",
-        "paper: nine harmonics of the normal per view and channel, channels apart, as the paper has it. "
-        "transfer: the same energy, but every point knows what of the sky it sees, and what other surface "
-        "sends on to it.",
-    )
-    solver: Literal["paper", "fast"] | None = setting(
-        None,
-        "paper: assembled normal equations, conjugate gradients, Jacobi as the only preconditioner. fast: "
-        "the same energy by a primal-dual scheme on the graph of pixels, lower and sooner. none: paper in "
-        "`mode: paper`, else fast.",
-    )
-    degree: int | None = setting(
-        None,
-        "`mode: transfer`: the light's harmonics up to this degree l; none: all that `transfer` has.",
-        ge=1,
-        le=6,
-    )
-    bounces: int = setting(
-        4,
-        "`mode: transfer`: how often light is passed on between surfaces; 0: not at all.",
-        ge=0,
-        le=100,
-    )
-    brightest: float = setting(
-        0.8,
-        "`mode: transfer`: what the brightest material is taken to reflect, since images do not tell; it "
-        "says how much light bounces.",
-        gt=0,
-        le=0.95,
-    )
-    lambda_: float = setting(
-        1.0,
-        "Weight of the albedo's smoothness (λ of Eq. 2). More takes shading out of the albedo, then paint: "
-        "on a bust in four uniform colours 5 beats 2 a little, on a speckled one 1 erases speckles already. "
-        "Provisional: to be replaced by the best of a grid on the scene of Fig. 3.",
-        name="lambda",
-        ge=0,
-        le=1e6,
-    )
-    mu: float = setting(
-        1.0,
-        "Weight of the agreement between views (μ of Eq. 2). Provisional, as `lambda` is.",
-        ge=0,
-        le=1e6,
-    )
-    delta: float = setting(
-        1e-4,
-        "Residuals below this count as fitted (δ of Eq. 12, the paper's value).",
-        unit="of the images' 99th percentile",
-        gt=0,
-        le=1,
-    )
-    cg_tolerance: float = setting(
-        1e-6,
-        "Relative residual at which the albedo's linear system counts as solved. The paper names none; at "
-        "1e-2 the energy stands still far too high and passes for converged.",
-        gt=0,
-        lt=1,
-    )
-    cg_max_steps: int = setting(
-        1000, "Steps of conjugate gradients at most; some hundreds are usual.", unit="steps", ge=1
-    )
-    max_alternations: int = setting(
-        50, "Alternations of light and albedo at most, as in the paper.", unit="alternations", ge=1
-    )
-    energy_tolerance: float = setting(
-        1e-3, "Relative change of the energy to stop at, as in the paper.", ge=0, lt=1
-    )
-    fast_tolerance: float = setting(
-        1e-3,
-        "Relative energy that `solver: fast` may still gain to be done, estimated from what the last two "
-        "doublings of its iterations have gained.",
-        ge=0,
-        lt=1,
-    )
-    fast_gap: float | None = setting(
-        None,
-        "And how far, relative to the energy, the albedo may then be from the best one of its range under "
-        "its light: a bound from the dual problem, several times what is really missing. none: 0.03, or 0.08 "
-        "in `mode: transfer`, whose light leaves more pixels nearly dark and the bound looser.",
-        gt=0,
-        le=1,
-    )
-    fast_max_rounds: int = setting(
-        100, "Rounds of `solver: fast` at most; some ten to twenty are usual.", unit="rounds", ge=1
-    )
-
-
-def check_mode(settings: DecompositionSettings) -> None:
-    """Refuse a solver that does not know the mode's light.
-
-    Raises
-    ------
-    UserError
-        It does not.
-    """
-    if settings.mode == "transfer" and settings.solver == "paper":
-        raise UserError(
-            "decomposition.solver is paper and decomposition.mode transfer; the paper's solver knows the "
-            "paper's light only. Leave the solver out, or set the mode to paper."
-        )
+GRAZING = 0.1  # cosine: more than 84° off its normal, surface shows mostly its neighbourhood
+SATURATED = 0.98  # of white, linear: the photo shows less than there was
 
 
 def run(job: Job) -> None:
-    """Open the views, decompose the channels side by side, save albedo, shading, light and history.
+    """Open the views, decompose, save albedo, shading, light and history.
 
-    Memory: `solver: fast` some 550 B per masked pixel, all channels together, and 800 B more in
-    `mode: transfer`; `solver: paper` about 500 B for what the channels share, 500 B more for each at work.
+    Memory: `solver: fast` some 550 B per masked pixel, all channels together, and 800 B more with `light:
+    harmonics`; `solver: paper` about 500 B for what the channels share, 500 B more for each at work.
     """
     import numpy as np
 
     from stages.photometry.stack import stack_views
     from stages.scene.camera_file import read_cameras
     from stages.scene.link_files import numbered_links
+    from stages.scene.transfer_file import read_transfer
     from stages.scene.view_files import read_views, scaled_channels
 
-    settings: DecompositionSettings = job.settings
     cameras = read_cameras(job.inputs["cameras"])
     masks, normals, pixels = [], [], []
     with job.progress("views", len(cameras)) as step:
@@ -153,141 +54,208 @@ def run(job: Job) -> None:
             pixels.append(linear)
             step()
     views = stack_views(masks, normals, numbered_links(job.inputs["correspondences"], cameras))
-    by_transfer = settings.mode == "transfer"
-    transfer = _pixel_transfer(job, settings, cameras, masks, normals) if by_transfer else None
-    del normals  # the stack has its own
-    images, scale = scaled_channels(np.concatenate(pixels))
-    del pixels
-    solved = _solve(job, settings, views, images, transfer)
+    pixels = np.concatenate(pixels)
+    images, scale = scaled_channels(pixels)
+    if job.settings.mode == "transfer":
+        own = np.concatenate([image[mask] for image, mask in zip(normals, masks, strict=True)])
+        del normals
+        stored = read_transfer(job.inputs["transfer"])
+        solved = _by_transfer(job, cameras, masks, views, images, own, _unsaturated(pixels), stored)
+        _write_what_transfer_knows(job, cameras, masks, solved, scale, stored)
+    else:
+        del normals, pixels  # the stack has its own
+        solved = _as_the_paper(job, views, images)
     _write_maps(job, cameras, masks, solved, scale)
-    _write_history(job, settings, solved)
+    _write_history(job, solved)
 
 
-def _solve(
-    job: Job,
-    settings: DecompositionSettings,
-    views: StackedViews,
-    images: list[np.ndarray],
-    transfer: PixelTransfer | None,
-) -> Solved:
-    """By the mode and the solver that were asked for."""
+def _as_the_paper(job: Job, views: StackedViews, images: list[np.ndarray]) -> Solved:
+    """`mode: paper`, by the solver that was asked for."""
     from stages.photometry import solutions
 
-    if transfer is not None:
-        with job.progress("rounds", settings.fast_max_rounds) as step:
-            return solutions.by_transfer(
-                views, images, transfer, _transfer_alternation(settings), job.threads, step
-            )
+    settings: DecompositionSettings = job.settings
+    weights = weights_at(settings, views.side, views.links_per_pixel)
+    job.note(weights={"lambda": weights.smoothness, "mu": weights.consistency})
     if settings.solver == "fast":
         with job.progress("rounds", settings.fast_max_rounds) as step:
-            return solutions.fast(views, images, _fast(settings), job.threads, step)
+            return solutions.fast(views, images, as_fast(settings, weights), job.threads, step)
     with job.progress("alternations", 3 * settings.max_alternations) as step:
-        return solutions.as_the_paper(views, images, _alternation(settings), job.executor, step)
+        return solutions.as_the_paper(views, images, as_alternation(settings, weights), job.executor, step)
+
+
+def _by_transfer(
+    job: Job,
+    cameras: list[Camera],
+    masks: list[np.ndarray],
+    views: StackedViews,
+    images: list[np.ndarray],
+    normals: np.ndarray,
+    trusted: np.ndarray,
+    stored: StoredTransfer,
+) -> Solved:
+    """`mode: transfer`, by either kind of light."""
+    import numpy as np
+
+    from stages.photometry import solutions
+    from stages.scene.view_files import incidence_of
+
+    settings: DecompositionSettings = job.settings
+    blend, seen = _surface_of_pixels(job, cameras, masks, stored)
+    weights = weights_at(settings, views.side, views.links_per_pixel)
+    job.note(weights={"lambda": weights.smoothness, "mu": weights.consistency})
+    incidence = incidence_of(cameras, masks, normals)
+    trusted = trusted & (incidence > GRAZING)
+    if settings.light == "harmonics":
+        transfer = _pixel_transfer(job, stored, blend, seen, normals)
+        with job.progress("rounds", settings.fast_max_rounds) as step:
+            solved = solutions.by_transfer(
+                views, images, transfer, as_transfer(settings, weights), job.threads, step
+            )
+    else:
+        scenes = _sky_scenes(job, stored, blend, seen, normals)
+        how = as_sky(settings, weights, views.side)
+        with job.progress("steps", 2 * settings.fast_max_rounds) as step:
+            solved = solutions.by_sky(views, images, scenes, trusted, how, job.threads, step)
+        distance = stored.radii[solved.sky.scene]
+        job.note(
+            light_distance=float(distance) if np.isfinite(distance) else "infinitely far",
+            disagreement=dict(zip(map(str, stored.radii.tolist()), solved.sky.disagreements, strict=True)),
+            lights=int(solved.sky.light_of_view.max()) + 1,
+            spread_between_views=round(solved.sky.gains.spread, 4),
+        )
+        trusted = solved.sky.trusted
+    job.note(untrusted_pixels=int(np.count_nonzero(~trusted)))
+    return solved.judged(views, images, incidence, trusted)
+
+
+def _unsaturated(pixels: np.ndarray) -> np.ndarray:
+    """Pixels that no channel of a photo has clipped; linear images that go beyond 1 have no white."""
+    import numpy as np
+
+    if pixels.max(initial=0.0) > 1.0001:
+        return np.ones(len(pixels), bool)
+    return (pixels < SATURATED).all(axis=1)
+
+
+def _surface_of_pixels(
+    job: Job, cameras: list[Camera], masks: list[np.ndarray], stored: StoredTransfer
+) -> tuple[sp.csr_array, Occlusion]:
+    """Every pixel as a blend of the proxy's vertices, and what those see of one another."""
+    from stages.photometry.pixel_transfer import blend_of_pixels
+    from stages.photometry.transfer import Occlusion
+    from stages.scene.meshes import read_mesh
+    from stages.scene.view_files import read_surface_points
+
+    faces = read_mesh(job.inputs["mesh"]).faces
+    points = read_surface_points(job.inputs, cameras, masks)
+    blend = blend_of_pixels(*points, faces, stored.corners, stored.weights, len(stored.blocked))
+    return blend, Occlusion(stored.blocked, stored.form_factors, stored.behind)
 
 
 def _pixel_transfer(
-    job: Job,
-    settings: DecompositionSettings,
-    cameras: list[Camera],
-    masks: list[np.ndarray],
-    normals: list[np.ndarray],
-) -> PixelTransfer:
-    """What the masked pixels see, from the transfer of the mesh."""
-    import numpy as np
+    job: Job, stored: StoredTransfer, blend: sp.csr_array, seen: Occlusion, normals: np.ndarray
+):
+    """What the masked pixels see, in harmonics."""
+    from stages.photometry.pixel_transfer import PixelTransfer
 
-    from stages.photometry.pixel_transfer import PixelTransfer, blend_of_pixels
-    from stages.photometry.transfer import Occlusion
-    from stages.scene.meshes import read_mesh
-    from stages.scene.transfer_file import read_transfer
-    from stages.scene.view_files import read_surface_points
-
-    stored, faces = read_transfer(job.inputs["transfer"]), read_mesh(job.inputs["mesh"]).faces
     known = int(stored.blocked.shape[1] ** 0.5) - 1
-    degree = known if settings.degree is None else settings.degree
+    degree = known if job.settings.degree is None else job.settings.degree
     if degree > known:
         raise UserError(
             f"decomposition.degree is {degree}, but the transfer vectors end at {known}; raise "
             "transfer.degree or lower decomposition.degree."
         )
-    points = read_surface_points(job.inputs, cameras, masks)
-    blend = blend_of_pixels(*points, faces, stored.corners, stored.weights, len(stored.blocked))
-    seen = Occlusion(stored.blocked, stored.form_factors, stored.behind)
-    own = np.concatenate([image[mask] for image, mask in zip(normals, masks, strict=True)])
-    transfer, opposed = PixelTransfer.of(own, blend, seen, stored.normals, degree)
-    job.note(opposed_pixels=opposed)
-    if 2 * opposed > len(own):
-        job.warn(
-            f"{opposed} of {len(own)} pixels see the back of the mesh; they count as seeing the whole sky. "
-            "Turn the mesh's faces outwards if it is inside out."
-        )
+    transfer, opposed = PixelTransfer.of(normals, blend, seen, stored.normals, degree)
+    _tell_opposed(job, opposed, len(normals))
     return transfer
 
 
-def _transfer_alternation(settings: DecompositionSettings) -> TransferAlternation:
-    from stages.photometry.pixel_transfer import Bounces
-    from stages.photometry.transfer_alternation import TransferAlternation
+def _sky_scenes(
+    job: Job, stored: StoredTransfer, blend: sp.csr_array, seen: Occlusion, normals: np.ndarray
+) -> list:
+    """What the masked pixels see, direction by direction: a scene for each distance of the light."""
+    import numpy as np
 
-    return TransferAlternation(_fast(settings), Bounces(settings.bounces, settings.brightest))
+    from stages.photometry.pixel_transfer import without_opposed
+    from stages.photometry.sky import Sphere
+    from stages.photometry.sky_light import SkyScene
+
+    blend, opposed = without_opposed(normals, blend, stored.normals)
+    _tell_opposed(job, opposed, len(normals))
+    scenes = []
+    for radius, visible in zip(stored.radii.tolist(), stored.visible, strict=True):
+        sphere = Sphere(tuple(stored.centre), radius) if np.isfinite(radius) else None
+        about = (stored.vertices, stored.normals, seen, visible, int(stored.directions))
+        scenes.append(SkyScene.of(normals, blend, *about, sphere))
+    return scenes
 
 
-def _fast(settings: DecompositionSettings) -> FastSettings:
-    from stages.photometry.energy import EnergyWeights
-    from stages.photometry.fast_alternation import FastSettings
-
-    return FastSettings(
-        weights=EnergyWeights(settings.lambda_, settings.mu, settings.delta),
-        tolerance=settings.fast_tolerance,
-        gap_tolerance=settings.fast_gap or GAPS[settings.mode],
-        max_rounds=settings.fast_max_rounds,
-    )
-
-
-def _alternation(settings: DecompositionSettings) -> AlternationSettings:
-    from stages.photometry.alternation import AlternationSettings
-    from stages.photometry.energy import EnergyWeights
-
-    return AlternationSettings(
-        weights=EnergyWeights(settings.lambda_, settings.mu, settings.delta),
-        max_alternations=settings.max_alternations,
-        energy_tolerance=settings.energy_tolerance,
-        cg_tolerance=settings.cg_tolerance,
-        cg_max_steps=settings.cg_max_steps,
-    )
+def _tell_opposed(job: Job, opposed: int, pixels: int) -> None:
+    job.note(opposed_pixels=opposed)
+    if 2 * opposed > pixels:
+        job.warn(
+            f"{opposed} of {pixels} pixels see the back of the mesh; they count as seeing the whole sky. "
+            "Turn the mesh's faces outwards if it is inside out."
+        )
 
 
 def _write_maps(
+    job: Job, cameras: list[Camera], masks: list[np.ndarray], solved: Solved, scale: float
+) -> None:
+    """Albedo in the images' own units, and the shading as it is; the light, where it is harmonics."""
+    from stages.scene.lighting_file import write_lighting
+    from stages.scene.view_files import write_maps
+
+    albedo = solved.albedo * scale
+    write_maps(job.outputs["albedo"], cameras, masks, albedo)
+    write_maps(job.outputs["shading"], cameras, masks, solved.shading)
+    if solved.sky is None:
+        by_transfer = job.settings.mode == "transfer"
+        write_lighting(job.outputs["lighting"], cameras, solved.light, scale, by_transfer)
+    job.note(
+        pixels=len(albedo),
+        links=solved.views.link_count,
+        negative_shading={c: int((solved.shading[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
+        negative_albedo={c: int((albedo[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
+    )
+
+
+def _write_what_transfer_knows(
     job: Job,
     cameras: list[Camera],
     masks: list[np.ndarray],
     solved: Solved,
     scale: float,
+    stored: StoredTransfer,
 ) -> None:
-    """Albedo in the images' own units, shading σ·ν as it is, and the light."""
-    from stages.photometry.stack import unstack_pixels
-    from stages.scene.exr import write_exr
-    from stages.scene.lighting_file import write_lighting
+    """Eq. 2's own albedo, the confidence, and the light as pictures of all directions."""
+    from stages.photometry.environment import picture_of_light
+    from stages.scene.lighting_file import LightSource, write_sky_lighting
+    from stages.scene.view_files import write_maps, write_pictures_of_light
 
-    albedo, shading = solved.albedo * scale, solved.shading()
-    for name, stacked in (("albedo", albedo), ("shading", shading)):
-        for camera, image in zip(cameras, unstack_pixels(masks, stacked), strict=True):
-            write_exr(job.outputs[name] / f"{camera.name}.exr", image)
-    write_lighting(job.outputs["lighting"], cameras, solved.light, scale, job.settings.mode == "transfer")
-    job.note(
-        pixels=len(albedo),
-        links=solved.views.link_count,
-        negative_shading={c: int((shading[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
-        negative_albedo={c: int((albedo[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
-    )
+    write_maps(job.outputs["albedo_tv"], cameras, masks, solved.albedo_tv * scale)
+    write_maps(job.outputs["confidence"], cameras, masks, solved.confidence)
+    names = [camera.name for camera in cameras]
+    if solved.sky is None:
+        directions, lights = solved.sampled_light()
+    else:
+        sky = solved.sky
+        directions, lights = sky.directions, sky.light.radiance
+        source = LightSource(stored.centre, float(stored.radii[sky.scene]))
+        write_sky_lighting(job.outputs["lighting"], cameras, sky, scale, source)
+        names = names if len(lights) > 1 else ["shared"]
+    pictures = {name: picture_of_light(directions, one) for name, one in zip(names, lights, strict=True)}
+    write_pictures_of_light(job.outputs["light_pictures"], pictures)
 
 
-def _write_history(job: Job, settings: DecompositionSettings, solved: Solved) -> None:
+def _write_history(job: Job, solved: Solved) -> None:
     """`energy.json`; what did not converge is said."""
     from stages.photometry.alternation import Outcome
     from stages.photometry.energy_history import LEGEND
 
     content = {
         "legend": LEGEND,
-        "settings": settings.model_dump(by_alias=True),
+        "settings": job.settings.model_dump(by_alias=True),
         "channels": dict(zip(CHANNELS, solved.histories, strict=True)),
     }
     job.outputs["energy"].write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -305,7 +273,7 @@ def _write_history(job: Job, settings: DecompositionSettings, solved: Solved) ->
 
 DECOMPOSITION = Stage(
     name="decomposition",
-    version=4,
+    version=5,
     about="Albedo, shading and light of each view, from all views together.",
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),
@@ -319,7 +287,14 @@ DECOMPOSITION = Stage(
     tools=("numpy", "scipy", "numba", "opencv-python-headless"),
 )
 
-# The same stage in `mode: transfer`: it takes what that mode stands on, which the paper does not need.
+# The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
-    DECOMPOSITION, takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer")
+    DECOMPOSITION,
+    takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
+    gives=(
+        *DECOMPOSITION.gives,
+        Artefact("albedo_tv", "Eq. 2's own albedo under the same light, EXR, linear", output="albedo_tv"),
+        Artefact("confidence", "how well each pixel is known, 0 to 1, EXR", output="confidence"),
+        Artefact("light_pictures", "the light from all directions, EXR and PNG", output="environment"),
+    ),
 )

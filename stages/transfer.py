@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from pipeline import Artefact, Job, Settings, Stage, setting
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from stages.scene.meshes import Surface
 
 
 class TransferSettings(Settings):
@@ -21,6 +28,21 @@ class TransferSettings(Settings):
         unit="rays",
         ge=16,
         le=16384,
+    )
+    sky_directions: int = setting(
+        256,
+        "Directions that light is looked for in, all around: some 13° apart. Four times as many hold shadows "
+        "twice as sharp, and take four times as long.",
+        unit="directions",
+        ge=16,
+        le=4096,
+    )
+    light_distances: tuple[float, ...] = setting(
+        (8.0, 4.0),
+        "How far away the light may be, beside infinitely far: a lamp at hand lights near things more. The "
+        "decomposition takes the distance that explains the photos best. Empty: infinitely far.",
+        unit="radii of the mesh",
+        max_length=8,
     )
     max_vertices: int = setting(
         200_000,
@@ -46,6 +68,7 @@ def run(job: Job) -> None:
     from stages.geometry.proxy import blend_of, proxy_of
     from stages.geometry.rays import vertex_normals
     from stages.geometry.surface import mean_edge
+    from stages.photometry.sky import Sphere, even_directions, visible_directions
     from stages.photometry.transfer import occlusion, points_at_once
     from stages.scene.meshes import read_mesh
     from stages.scene.transfer_file import StoredTransfer, write_transfer
@@ -58,19 +81,46 @@ def run(job: Job) -> None:
     origins = proxy.vertices - occluders.origin + settings.lift * mean_edge(proxy) * normals
     with job.progress("rays", -(-count // points_at_once(settings.directions))) as step:
         seen = occlusion(origins, normals, occluders.cast, count, settings.degree, settings.directions, step)
+    centre, radius = _middle(proxy)
+    radii, visible = [np.inf, *(radius * distance for distance in settings.light_distances)], []
+    directions = even_directions(settings.sky_directions)
+    with job.progress("directions", len(radii) * len(directions)) as step:
+        for own in radii:
+            sphere = Sphere(tuple(centre - occluders.origin), own) if np.isfinite(own) else None
+            visible.append(visible_directions(origins, normals, occluders.blocked, directions, sphere, step))
     own_normals = vertex_normals(surface.vertices, surface.faces)
     corners, weights = blend_of(surface, own_normals, proxy, job.threads)
     write_transfer(
         job.outputs["transfer"],
-        StoredTransfer(seen.blocked, normals, seen.form_factors, seen.behind, corners, weights),
+        StoredTransfer(
+            blocked=seen.blocked,
+            normals=normals,
+            form_factors=seen.form_factors,
+            behind=seen.behind,
+            corners=corners,
+            weights=weights,
+            vertices=proxy.vertices,
+            directions=np.array(len(directions)),
+            centre=centre,
+            radii=np.array(radii),
+            visible=np.stack(visible),
+        ),
     )
     blocked = np.asarray(seen.form_factors.sum(axis=1)) + np.asarray(seen.behind.sum(axis=1))
     job.note(vertices=count, mean_blocked=round(float(blocked.mean()), 4))
 
 
+def _middle(surface: Surface) -> tuple[np.ndarray, float]:
+    """Middle and half the diagonal of its box, without the outermost hundredth: strays do not count."""
+    import numpy as np
+
+    low, high = np.quantile(surface.vertices, [0.005, 0.995], axis=0)
+    return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+
+
 TRANSFER = Stage(
     name="transfer",
-    version=1,
+    version=2,
     about="What of the sky each point sees, and what it sees instead.",
     settings=TransferSettings,
     takes=("mesh",),

@@ -101,6 +101,10 @@ class Laboratory:
         own = Weights(weights.smoothness * row.lambda_factor, weights.agreement)
         return self._run(row, own.at(self.size) | settings, last="decomposition")
 
+    def run_with(self, row: Row, settings: dict[str, Any]) -> Results:
+        """Decompose a row with settings as they are."""
+        return self._run(row, settings, last="decomposition")
+
     def _run(self, row: Row, decomposition: dict[str, Any], last: str) -> Results:
         given = {
             "render": {
@@ -115,11 +119,11 @@ class Laboratory:
             "known_geometry": dict(row.known_geometry),
             "decomposition": decomposition,
         }
-        flow = stages.experiment(())
+        flow = stages.experiment(row.sources, decomposition.get("mode", "paper"))
         request = Request(
             flow=flow,
             settings=check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given),
-            sources={},
+            sources=row.sources,
             kinds=stages.kinds_of_sources(flow),
             workspace=self.workspace,
             threads=self.threads,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 Section = dict[str, Any]
@@ -24,6 +26,8 @@ class Row:
         By what the λ of Fig. 3 is multiplied: the paper's is 12 times smaller for Fig. 5.
     hair_red : float or None
         The paper's variance in the part hair, red (Table 2), on its own bust.
+    sources : mapping of str to Path
+        An object instead of the bust, an environment.
     """
 
     name: str
@@ -32,6 +36,7 @@ class Row:
     known_geometry: Section = field(default_factory=dict)
     lambda_factor: float = 1.0
     hair_red: float | None = None
+    sources: Mapping[str, Path] = field(default_factory=dict)
 
 
 STRIPED = {"paint": "stripes", "stripe_period": 0.1, "light": "one_lamp"}

@@ -41,6 +41,11 @@ class Occluders:
         behind[met] = facing > 0
         return vertex, behind
 
+    def blocked(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Whether rays, given as for `cast`, meet anything at all: shape (r,), bool."""
+        packed = np.concatenate([origins, directions], axis=1)
+        return self._scene.test_occlusions(o3d.core.Tensor(packed), nthreads=self._threads).numpy()
+
 
 def scene_of(surface: Surface, threads: int = 0) -> tuple[o3d.t.geometry.RaycastingScene, np.ndarray]:
     """A surface for open3d's rays, and the origin, (3,), that its float32 coordinates are relative to.

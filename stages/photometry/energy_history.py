@@ -54,6 +54,18 @@ def rounds_as_json(descent: FastDescent, weights: EnergyWeights) -> list[dict[st
     ]
 
 
+def rounds_under_light_as_json(descent: FastDescent) -> list[dict[str, Any]]:
+    """The same of an albedo under a light that stays: no gauge, so energies are Eq. 2 as it stands."""
+    return [
+        {
+            "outcome": descent.outcome.name.lower(),
+            "outcome_text": descent.outcome.value,
+            "alternations": [_round_as_json(one, channel) for one in descent.rounds],
+        }
+        for channel in range(3)
+    ]
+
+
 def _round_as_json(one: Round, channel: int) -> dict[str, Any]:
     return {"alternation": one.iterations, "energy": one.energy[channel], "gap": one.gap}
 

@@ -18,6 +18,7 @@ from stages.solvers.primal_dual_graph import PrimalDual, Steps
 from stages.solvers.threading_layer import use_threads
 
 PIXELS_PER_THREAD = 20_000
+DARK = 0.01  # of the mean shading: the quotient of a darker pixel is no start
 UNIFORM = 1 / np.sqrt(4 * np.pi)  # ν of the first harmonic, the same for every normal
 
 
@@ -101,12 +102,17 @@ def solve(
     return finish(views, images, descent, settings, step)
 
 
-def from_coarse_to_fine(finest: Level, settings: FastSettings, threads: int) -> PrimalDual:
-    """Descend on every coarser level, the coarsest first; the finest one then begins where they end."""
+def from_coarse_to_fine(
+    finest: Level, settings: FastSettings, threads: int, light: np.ndarray | None = None
+) -> PrimalDual:
+    """Descend on every coarser level, the coarsest first; the finest one then begins where they end.
+
+    A light that is given, (n, 3, K), stays as it is.
+    """
     levels = pyramid(finest, settings.fewest_pixels)
     del finest  # a level makes room once it is arranged
     group = levels[0].group
-    descent = start(levels.pop(0), settings)
+    descent = start(levels.pop(0), settings) if light is None else under(light, levels.pop(0), settings)
     while levels:
         use_threads(threads_for(descent.problem.slices.pixels, threads))
         descent.iterate(settings.coarse_iterations * 2 ** (len(levels) - 1))
@@ -130,6 +136,18 @@ def start(level: Level, settings: FastSettings) -> PrimalDual:
     return PrimalDual(problem, problem.slices.spread(albedo), light, settings.steps)
 
 
+def under(light: np.ndarray, level: Level, settings: FastSettings) -> PrimalDual:
+    """Begin with the image divided by its shading, where there is any, and leave the light alone."""
+    view = level.view_of_pixel
+    shading = np.stack(
+        [np.einsum("pk,pk->p", level.basis[:, :, c], light[view, c]) for c in range(3)], axis=1
+    )
+    lit = shading > DARK * max(float(shading.mean()), 1e-12)
+    albedo = np.where(lit, level.image / np.where(lit, shading, 1), 0).astype(np.float32)
+    problem = problem_of(level)
+    return PrimalDual(problem, problem.slices.spread(albedo), light, settings.steps, free_light=False)
+
+
 def threads_for(pixels: int, threads: int) -> int:
     """Threads that have enough to do between two barriers."""
     return min(threads, 1 + pixels // PIXELS_PER_THREAD)
@@ -142,7 +160,10 @@ def finish(
     settings: FastSettings,
     step: Callable[[], None],
 ) -> FastDescent:
-    """Go in rounds on the finest level until the energy settles; where it does not, the best state seen is kept."""
+    """Go in rounds on the finest level until the energy settles.
+
+    Where it does not, the best state seen is kept.
+    """
     rounds = [_look(descent)]
     best, kept = rounds[0], (descent.albedo.copy(), descent.light)
     outcome = None

@@ -69,14 +69,14 @@ class PixelTransfer:
         counted.
         """
         size = (degree + 1) ** 2
-        facing = np.einsum("pk,pk->p", normals, blend @ vertex_normals) > 0
+        blend, opposed = without_opposed(normals, blend, vertex_normals)
         transfer = cls(
             open_sky=shading_basis(normals, degree).astype(np.float32),
-            blend=sp.csr_array(sp.diags_array(facing.astype(np.float32)) @ blend),
+            blend=blend,
             seen=Occlusion(seen.blocked[:, :size], seen.form_factors, seen.behind),
             vertex_sky=shading_basis(vertex_normals, degree).astype(np.float32),
         )
-        return transfer, int(np.count_nonzero(~facing))
+        return transfer, opposed
 
     def direct(self) -> np.ndarray:
         """What reaches the pixels from the sky itself, (N, K), float32."""
@@ -109,6 +109,16 @@ class PixelTransfer:
         weight = self.blend.sum(axis=0)
         means = (self.blend.T @ values) / np.where(weight > 0, weight, 1)
         return np.where(weight > 0, means, np.median(values))
+
+
+def without_opposed(
+    normals: np.ndarray, blend: sp.csr_array, vertex_normals: np.ndarray
+) -> tuple[sp.csr_array, int]:
+    """The blend without the pixels that see the back of the mesh, and how many they are."""
+    facing = np.einsum("pk,pk->p", normals, blend @ vertex_normals) > 0
+    kept = sp.csr_array(sp.diags_array(facing.astype(np.float32)) @ blend)
+    kept.eliminate_zeros()
+    return kept, int(np.count_nonzero(~facing))
 
 
 def on_absolute_scale(albedo: np.ndarray, brightest: float) -> np.ndarray:

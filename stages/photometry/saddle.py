@@ -16,25 +16,35 @@ from stages.solvers.primal_dual_graph import Problem
 from stages.solvers.sliced_graph import sliced_graph, slices_of
 
 
-def finest_level(views: StackedViews, images: list[np.ndarray], weights: EnergyWeights) -> Level:
-    """The pixels themselves; images are 3 scaled channels of (N,)."""
+def finest_level(
+    views: StackedViews,
+    images: list[np.ndarray],
+    weights: EnergyWeights,
+    smoothness: np.ndarray | None = None,
+) -> Level:
+    """The pixels themselves; images are 3 scaled channels of (N,). For `smoothness` see `graph_of`."""
     return Level(
         starts=views.starts,
         positions=views.positions(),
         basis=views.basis.reshape(*views.basis.shape[:2], -1),
         image=np.stack(images, axis=1).astype(np.float32),
         share=np.ones(len(images[0]), np.float32),
-        graph=graph_of(views, weights),
+        graph=graph_of(views, weights, smoothness),
         gauge_of_view=_linked_views(views),
     )
 
 
-def graph_of(views: StackedViews, weights: EnergyWeights) -> HalfEdges:
-    """λ times Eq. 4 plus μ times Eq. 5, as a graph of the pixels."""
+def graph_of(views: StackedViews, weights: EnergyWeights, smoothness: np.ndarray | None = None) -> HalfEdges:
+    """λ times Eq. 4 plus μ times Eq. 5, as a graph of the pixels.
+
+    λ may differ from edge to edge: `smoothness`, (E,), in the order of `StackedViews.neighbours`.
+    """
     touching, linked = list(views.neighbours()), list(views.linked_pixels())
     tails, heads = zip(*touching, *linked, strict=True)
     counts = sum(p.size for p, _ in touching), sum(p.size for p, _ in linked)
     weight = np.repeat(np.array([weights.smoothness, weights.consistency], np.float32), counts)
+    if smoothness is not None:
+        weight[: counts[0]] = smoothness
     return from_edges(int(views.starts[-1]), np.concatenate(tails), np.concatenate(heads), weight)
 
 

@@ -1,20 +1,27 @@
-"""The three ways to decompose, with one kind of answer."""
+"""The ways to decompose, with one kind of answer."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from stages.photometry.alternation import AlternationSettings, Outcome, decompose_channels
-from stages.photometry.energy_history import descent_as_json, rounds_as_json
+from stages.photometry.confidence import confidence
+from stages.photometry.energy_history import descent_as_json, rounds_as_json, rounds_under_light_as_json
 from stages.photometry.fast_alternation import FastDescent, FastSettings, solve
+from stages.photometry.harmonics import real_harmonics
 from stages.photometry.pixel_transfer import PixelTransfer
+from stages.photometry.sky import even_directions
+from stages.photometry.sky_decomposition import SkyDecomposition, SkySolution, decompose_by_sky
+from stages.photometry.sky_light import SkyScene
 from stages.photometry.stack import StackedViews
 from stages.photometry.transfer_alternation import TransferAlternation, solve_with_transfer
+
+SAMPLED = 512  # directions that harmonic light is shown at
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,23 +34,45 @@ class Solved:
         With the basis that the light is meant for.
     albedo : ndarray, shape (N, 3)
         In the unit of the scaled images.
-    light : ndarray, shape (n, 3, K)
+    shading : ndarray, shape (N, 3)
+    light : ndarray, shape (n, 3, K), or None
+        Of the basis; None where `sky` holds it.
     histories : list of dict
         Per channel, for `energy.json`.
     outcomes : list of Outcome
         Per channel.
+    albedo_tv : ndarray, shape (N, 3), or None
+        Eq. 2's own, where `albedo` is another.
+    sky : SkySolution or None
+        With `light: directions`.
+    confidence : ndarray, shape (N,), or None
+        In `mode: transfer`.
     """
 
     views: StackedViews
     albedo: np.ndarray
-    light: np.ndarray
+    shading: np.ndarray
+    light: np.ndarray | None
     histories: list[dict[str, Any]]
     outcomes: list[Outcome]
+    albedo_tv: np.ndarray | None = None
+    sky: SkySolution | None = None
+    confidence: np.ndarray | None = None
 
-    def shading(self) -> np.ndarray:
-        """S of all pixels, shape (N, 3)."""
-        channels = range(self.light.shape[1])
-        return np.stack([self.views.of_channel(c).shading(self.light[:, c]) for c in channels], axis=-1)
+    def judged(
+        self, views: StackedViews, images: list[np.ndarray], incidence: np.ndarray, trusted: np.ndarray
+    ) -> Solved:
+        """The same with the confidence of every pixel; see `confidence`."""
+        image = np.stack(images, axis=1)
+        return replace(
+            self, confidence=confidence(views, image, self.shading, self.albedo, incidence, trusted)
+        )
+
+    def sampled_light(self) -> tuple[np.ndarray, np.ndarray]:
+        """Directions (M, 3), and the harmonic light from there, (n, M, 3)."""
+        directions = even_directions(SAMPLED)
+        degree = int(self.light.shape[2] ** 0.5) - 1
+        return directions, np.einsum("mk,nck->nmc", real_harmonics(directions, degree), self.light)
 
 
 def as_the_paper(
@@ -59,6 +88,7 @@ def as_the_paper(
     return Solved(
         views=views,
         albedo=np.stack([descent.state.albedo for descent in descents], axis=-1),
+        shading=_shading(views, np.stack([descent.state.light for descent in descents], axis=1)),
         light=np.stack([descent.state.light for descent in descents], axis=1),
         histories=[descent_as_json(descent) for descent in descents],
         outcomes=[descent.outcome for descent in descents],
@@ -86,9 +116,40 @@ def by_transfer(
 ) -> Solved:
     """`mode: transfer`."""
     descent, views = solve_with_transfer(views, images, transfer, settings, threads, step)
-    return _solved(descent, views, settings.descent)
+    solved = _solved(descent, views, settings.descent)
+    return replace(solved, albedo_tv=solved.albedo)
+
+
+def by_sky(
+    views: StackedViews,
+    images: list[np.ndarray],
+    scenes: Sequence[SkyScene],
+    trusted: np.ndarray,
+    settings: SkyDecomposition,
+    threads: int,
+    step: Callable[[], None],
+) -> Solved:
+    """`mode: transfer` with `light: directions`."""
+    sky = decompose_by_sky(views, images, scenes, trusted, settings, threads, step)
+    return Solved(
+        views=views,
+        albedo=np.maximum(sky.detailed.albedo, 0),
+        shading=sky.light.shading,
+        light=None,
+        histories=rounds_under_light_as_json(sky.smooth),
+        outcomes=[sky.smooth.outcome] * 3,
+        albedo_tv=np.maximum(sky.smooth.albedo, 0),
+        sky=sky,
+    )
 
 
 def _solved(descent: FastDescent, views: StackedViews, settings: FastSettings) -> Solved:
     histories = rounds_as_json(descent, settings.weights)
-    return Solved(views, descent.albedo, descent.light, histories, [descent.outcome] * len(histories))
+    shading = _shading(views, descent.light)
+    outcomes = [descent.outcome] * len(histories)
+    return Solved(views, descent.albedo, shading, descent.light, histories, outcomes)
+
+
+def _shading(views: StackedViews, light: np.ndarray) -> np.ndarray:
+    """S of all pixels, (N, 3), under light (n, 3, K)."""
+    return np.stack([views.of_channel(c).shading(light[:, c]) for c in range(light.shape[1])], axis=-1)

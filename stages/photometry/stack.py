@@ -52,6 +52,16 @@ class StackedViews:
         """How many correspondences there are, over all pairs."""
         return sum(block.nnz for block in self.links.values())
 
+    @property
+    def links_per_pixel(self) -> float:
+        """How many links an average pixel has."""
+        return 2 * self.link_count / max(int(self.starts[-1]), 1)
+
+    @property
+    def side(self) -> float:
+        """Mean side of the views, were they squares, px."""
+        return float(np.mean([np.sqrt(mask.size) for mask in self.masks]))
+
     def view(self, i: int) -> slice:
         """Places of view i."""
         return slice(int(self.starts[i]), int(self.starts[i + 1]))

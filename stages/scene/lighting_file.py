@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +19,13 @@ CONVENTION = (
 BY_TRANSFER = (
     "; instead of (A_l / pi) Y_k(n), which is for points that see the whole sky, the transfer vector of the "
     "point: (1 / pi) times the integral of V max(0, n.w) Y_k(w), and what bounces from other surface"
+)
+BY_DIRECTIONS = (
+    "shading = gain[view] * (4 / M) * sum over the M directions d of V_d max(0, n.w_d) radiance[light of "
+    "the view][d], plus what bounces from other surface, image = albedo * shading, linear; V_d: whether the "
+    "point sees direction d; n: normal in world axes. Where the light is not infinitely far, w_d points from "
+    "the surface to centre + distance * direction, and the light falls with the square of the way and the angle "
+    "there"
 )
 GAUGE = "in each channel the sum of |albedo| equals the sum of |image| over all masked pixels"
 
@@ -56,3 +65,42 @@ def write_lighting(
         ],
     }
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+@dataclass(frozen=True, eq=False)
+class LightSource:
+    """The sphere that light comes from: centre (3,) and radius, world; infinite: from far away."""
+
+    centre: np.ndarray
+    radius: float
+
+
+def write_sky_lighting(
+    path: Path, cameras: list[Camera], sky: Any, image_scale: float, source: LightSource
+) -> None:
+    """Write light from all around.
+
+    Parameters
+    ----------
+    path : Path
+    cameras : list of Camera
+        n views.
+    sky : SkySolution
+    image_scale : float
+        As for `write_lighting`.
+    source : LightSource
+    """
+    names = [camera.name for camera in cameras]
+    lights = zip(names, sky.light_of_view.tolist(), sky.gains.gains.tolist(), strict=True)
+    content = {
+        "convention": BY_DIRECTIONS,
+        "gauge": "in each channel the mean of shading over all masked pixels is 1",
+        "image_scale": image_scale,
+        "world_up": mean_camera_up(cameras).tolist(),
+        "centre": np.asarray(source.centre).tolist(),
+        "distance": source.radius if np.isfinite(source.radius) else None,
+        "directions": sky.directions.tolist(),
+        "radiance": sky.light.radiance.tolist(),
+        "views": [{"name": name, "light": light, "gain": gain} for name, light, gain in lights],
+    }
+    path.write_text(json.dumps(content) + "\n", encoding="utf-8")

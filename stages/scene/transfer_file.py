@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -29,6 +29,16 @@ class StoredTransfer:
     corners : ndarray, shape (V, 3), int32
     weights : ndarray, shape (V, 3), float32
         Every vertex of the mesh as a blend of the proxy's.
+    vertices : ndarray, shape (P, 3), float64
+        Of the proxy, world.
+    directions : ndarray, shape (), int64
+        M, directions that light is looked for in.
+    centre : ndarray, shape (3,), float64
+        Of the spheres that light may come from, world.
+    radii : ndarray, shape (D,), float64
+        Of these spheres, model units; infinite: light from far away.
+    visible : ndarray, shape (D, P, ⌈M/8⌉), uint8
+        Which of the directions each vertex sees the sphere in: a bit each, the first in the highest bit.
     """
 
     blocked: np.ndarray
@@ -37,13 +47,18 @@ class StoredTransfer:
     behind: sp.csr_array
     corners: np.ndarray
     weights: np.ndarray
+    vertices: np.ndarray
+    directions: np.ndarray
+    centre: np.ndarray
+    radii: np.ndarray
+    visible: np.ndarray
 
 
 def write_transfer(path: Path, transfer: StoredTransfer) -> None:
     """Write it uncompressed: form factors hardly shrink."""
-    arrays = {name: getattr(transfer, name) for name in ("blocked", "normals", "corners", "weights")}
+    arrays = {field.name: getattr(transfer, field.name) for field in fields(transfer)}
     for name in MATRICES:
-        matrix = getattr(transfer, name)
+        matrix = arrays.pop(name)
         for part in ("data", "indices", "indptr"):
             arrays[f"{name}_{part}"] = getattr(matrix, part)
     np.savez(path, **arrays)

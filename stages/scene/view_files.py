@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import UserError
-from stages.scene.cameras import Camera
-from stages.scene.exr import read_exr
-from stages.scene.photos import read_mask
+from stages.scene.cameras import Camera, rays_in_world
+from stages.scene.exr import read_exr, write_exr
+from stages.scene.photos import read_mask, write_png_srgb8
 from stages.scene.resize import reduce_by_area
 
 
@@ -92,3 +92,32 @@ def scaled_channels(pixels: np.ndarray) -> tuple[list[np.ndarray], float]:
         )
     channels = range(pixels.shape[1])
     return [np.ascontiguousarray(pixels[:, c], np.float32) / np.float32(bright) for c in channels], bright
+
+
+def incidence_of(cameras: Sequence[Camera], masks: Sequence[np.ndarray], normals: np.ndarray) -> np.ndarray:
+    """Cosine between every masked pixel's normal, (N, 3), and the way to its camera, (N,), float32."""
+    rays = [rays_in_world(camera)[mask] for camera, mask in zip(cameras, masks, strict=True)]
+    towards = -np.concatenate(rays)
+    length = np.linalg.norm(towards, axis=1)
+    return (np.einsum("nk,nk->n", normals, towards) / np.maximum(length, 1e-12)).astype(np.float32)
+
+
+def write_maps(
+    folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray], stacked: np.ndarray
+) -> None:
+    """Write stacked values, (N,) or (N, 3), as an EXR per view, 0 outside the masks."""
+    start = 0
+    for camera, mask in zip(cameras, masks, strict=True):
+        count = int(np.count_nonzero(mask))
+        image = np.zeros((*mask.shape, *stacked.shape[1:]), np.float32)
+        image[mask] = stacked[start : start + count]
+        write_exr(folder / f"{camera.name}.exr", image)
+        start += count
+
+
+def write_pictures_of_light(folder: Path, pictures: Mapping[str, np.ndarray]) -> None:
+    """Write pictures of all directions as EXR, linear, and as PNG, the brightest of all being white."""
+    white = max((float(picture.max()) for picture in pictures.values()), default=1.0)
+    for name, picture in pictures.items():
+        write_exr(folder / f"{name}.exr", picture)
+        write_png_srgb8(folder / f"{name}.png", np.maximum(picture, 0) / max(white, 1e-12))

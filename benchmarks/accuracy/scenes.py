@@ -1,0 +1,58 @@
+"""The scenes that every idea is judged on: the paper's rows, and scans under other lights and paints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from benchmarks.paper.laboratory import QUARTER, Size
+from benchmarks.paper.rows import ROWS, Row
+
+SCANS = {
+    "gutenberg": "meshes-threedscans/subdiv2/Gutenberg.ply",
+    "plato": "meshes-threedscans/subdiv2/Plato.ply",
+    "skull": "meshes-odedstein/skull/skull.obj",
+}
+SCAN_SIZE = Size(180, 180, views=8)
+STRIPES = {"paint": "stripes", "striped_part": None, "stripe_period": 0.15}
+GLOSSY = {"gloss": 0.2, "glossy_parts": ()}
+SMOOTHED = {"smoothing": 20}
+
+# scan, environment (or a light of our own), what else is rendered, what is known of the geometry
+COMBINATIONS: tuple[tuple[str, str, dict[str, Any], dict[str, Any]], ...] = (
+    ("gutenberg", "dome", {}, {}),
+    ("gutenberg", "four_lamps", STRIPES, {}),
+    ("gutenberg", "apartment", {"paint": "texture"}, {}),
+    ("plato", "city", {}, {}),
+    ("plato", "one_lamp", {"paint": "texture"}, {}),
+    ("plato", "park", STRIPES | GLOSSY, {}),
+    ("skull", "studio", {}, {}),
+    ("skull", "venice", {"paint": "texture"}, SMOOTHED),
+    ("skull", "workshop", STRIPES, {}),
+)
+LIGHTS_OF_OUR_OWN = ("dome", "four_lamps", "one_lamp")
+
+
+def paper_rows() -> tuple[tuple[Row, Size], ...]:
+    """The paper's, at a quarter of its size."""
+    return tuple((row, QUARTER) for row in ROWS)
+
+
+def scan_rows(data: Path) -> tuple[tuple[Row, Size], ...]:
+    """The scans', out of the data folder."""
+    return tuple((_row(data, *combination), SCAN_SIZE) for combination in COMBINATIONS)
+
+
+def _row(data: Path, scan: str, light: str, render: dict[str, Any], geometry: dict[str, Any]) -> Row:
+    own = light in LIGHTS_OF_OUR_OWN
+    sources = {"object": data / SCANS[scan]}
+    if not own:
+        sources["environment"] = data / f"hdri-polyhaven-1k/{light}.hdr"
+    twists = [str(render.get("paint", "parts")), *(["gloss"] * ("gloss" in render)), *geometry]
+    return Row(
+        name="-".join([scan, light, *twists]),
+        about=f"{scan} in {twists[0]} under {light.replace('_', ' ')}",
+        render={"light": light if own else "environment", "y_up": True, **render},
+        known_geometry=geometry,
+        sources=sources,
+    )

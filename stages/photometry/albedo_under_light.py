@@ -1,0 +1,59 @@
+"""The albedo under a light that is known: the convex half of Eq. 2, from coarse to fine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from stages.photometry.fast_alternation import FastDescent, FastSettings, finish, from_coarse_to_fine
+from stages.photometry.saddle import finest_level
+from stages.photometry.stack import StackedViews
+
+
+def albedo_under_light(
+    views: StackedViews,
+    images: list[np.ndarray],
+    shading: np.ndarray,
+    trusted: np.ndarray,
+    smoothness: np.ndarray | None,
+    settings: FastSettings,
+    threads: int,
+    step: Callable[[], None],
+) -> FastDescent:
+    """Minimise ``Σ_p |I − ρ S| + Σ λ_pq |ρ_p − ρ_q| + μ Σ |ρ^i − ρ^j|`` over ρ.
+
+    Parameters
+    ----------
+    views : StackedViews
+        Their basis is not looked at.
+    images : list of 3 ndarray, shape (N,)
+        Scaled.
+    shading : ndarray, shape (N, 3)
+        S.
+    trusted : ndarray, shape (N,), bool
+        Pixels whose data count. The others take their albedo from their neighbours, here and in other views.
+    smoothness : ndarray, shape (E,), or None
+        λ of every edge, in the order of `StackedViews.neighbours`; None: the settings' own for all.
+    settings : FastSettings
+    threads : int
+        Never changes the result.
+    step : callable
+        Called after every round.
+
+    Notes
+    -----
+    Weighted by S as it is, the data term asks for the weighted median of I/S over all pixels, in all views,
+    that are tied to one another: highlights of a few views, and dark pixels with their doubtful quotients,
+    have no say. No gauge is needed: the light holds the scale.
+    """
+    kept = trusted[:, None]
+    basis = np.where(kept, np.maximum(shading, 0), 0).astype(np.float32)[:, None, :]
+    images = [np.where(trusted, image, 0).astype(np.float32) for image in images]
+    views = replace(views, basis=basis)
+    light = np.ones((views.view_count, 3, 1))
+    finest = finest_level(views, images, settings.weights, smoothness)
+    descent = from_coarse_to_fine(finest, settings, threads, light)
+    del finest
+    return finish(views, images, descent, settings, step)

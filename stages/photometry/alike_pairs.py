@@ -1,0 +1,80 @@
+"""Pairs of pixels that are likely to show the same paint: near one another, or of the same chromaticity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.photometry.stack import StackedViews
+
+CHROMA_STEP = 0.12  # of the logarithms of red and blue over green: two colours that pass for one
+DARK = 0.02  # of the scaled image: below, chromaticity is noise
+PARTNERS = 4  # of either kind, per pixel
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pixels of a sample, two by two, and how much every pair counts; all weights sum to 1."""
+
+    first: np.ndarray
+    second: np.ndarray
+    weight: np.ndarray
+
+
+def sample_of(views: StackedViews, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Pixels to look at, (n,), sorted: evenly from all whose four neighbours the view has as well."""
+    inner = np.concatenate([_inner(mask)[mask] for mask in views.masks])
+    chosen = np.flatnonzero(inner) if inner.any() else np.arange(inner.size)
+    return np.sort(rng.choice(chosen, min(count, chosen.size), replace=False))
+
+
+def alike_pairs(
+    albedo: np.ndarray, views: np.ndarray, positions: np.ndarray, radius: int, rng: np.random.Generator
+) -> Pairs:
+    """Pair the pixels of a sample, half of the weight on either kind of pairs.
+
+    Parameters
+    ----------
+    albedo : ndarray, shape (n, 3)
+        The best guess: the image itself at first. Its chromaticity is looked at.
+    views : ndarray, shape (n,)
+        Number of the view that each pixel belongs to.
+    positions : ndarray, shape (n, 2)
+        Row and column there.
+    radius : int
+        Side of the squares in which pixels are near, px.
+    rng : numpy.random.Generator
+    """
+    same_colour = _partners(_colour_of(albedo), rng)
+    cells = np.column_stack([views, (positions + rng.integers(0, radius, 2)) // radius])
+    near = _partners(np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1), rng)
+    kinds = [kind for kind in (same_colour, near) if len(kind)]
+    weights = [np.full(len(kind), 1 / (len(kinds) * len(kind))) for kind in kinds]
+    if not kinds:
+        return Pairs(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0))
+    both = np.concatenate(kinds).astype(np.int32)
+    return Pairs(both[:, 0].copy(), both[:, 1].copy(), np.concatenate(weights))
+
+
+def _colour_of(albedo: np.ndarray) -> np.ndarray:
+    """Number of the chromaticity's cell, (n,)."""
+    logs = np.log(np.maximum(albedo, 0) + DARK)
+    cells = np.floor((logs[:, [0, 2]] - logs[:, [1]]) / CHROMA_STEP).astype(np.int64)
+    return np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def _partners(group: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Pairs within groups, (m, 2): every pixel with the next few of its group in a random order."""
+    order = np.lexsort((rng.random(group.size), group))
+    pairs = []
+    for step in range(1, PARTNERS + 1):
+        one, other = order[:-step], order[step:]
+        alike = group[one] == group[other]
+        pairs.append(np.column_stack([one[alike], other[alike]]))
+    return np.concatenate(pairs)
+
+
+def _inner(mask: np.ndarray) -> np.ndarray:
+    padded = np.pad(mask, 1)
+    return mask & padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]

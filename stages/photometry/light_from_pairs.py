@@ -1,0 +1,166 @@
+"""The light under which pixels of like paint come out alike: found without the albedo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from stages.photometry.alike_pairs import Pairs
+from stages.photometry.sky_loops import pair_losses
+
+DARKEST = 1e-4  # of the scaled image, or of the shading: below, the logarithm is cut
+
+
+@dataclass(frozen=True)
+class PairWeights:
+    """What else is asked of the light, beside what the pairs say.
+
+    Attributes
+    ----------
+    neutrality : float
+        Price of channels that disagree about where the light comes from.
+    evenness : float
+        Price of light that differs from direction to direction.
+    noise : float
+        Of the scaled image: pixels darker than twice that say little.
+    max_steps : int
+        Of the descent.
+    """
+
+    neutrality: float = 0.05
+    evenness: float = 5e-4
+    noise: float = 0.01
+    max_steps: int = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Pixels that the light is found from.
+
+    Attributes
+    ----------
+    image : ndarray, shape (n, 3)
+        Scaled; gains of the views divided out.
+    shares : ndarray, shape (n, M), float32
+        What each direction adds to a pixel's shading, per unit of light.
+    light_of : ndarray, shape (n,)
+        Which of the G lights a pixel stands in.
+    """
+
+    image: np.ndarray
+    shares: np.ndarray
+    light_of: np.ndarray
+
+
+def light_from_pairs(
+    sample: Sample,
+    bounced: np.ndarray,
+    pairs: Pairs,
+    scale: float,
+    start: np.ndarray,
+    weights: PairWeights,
+) -> tuple[np.ndarray, float]:
+    """Descend from a light to a better one.
+
+    Parameters
+    ----------
+    sample : Sample
+    bounced : ndarray, shape (n, 3)
+        Shading by light from other surface, as it is now.
+    pairs : Pairs
+    scale : float
+        Difference of two log albedos at which a pair stops being taken for the same paint.
+    start : ndarray, shape (G, M, 3)
+        Light, at least 0.
+    weights : PairWeights
+
+    Returns
+    -------
+    tuple of ndarray, shape (G, M, 3), and float
+        The light, at least 0, and what the pairs still disagree by: the mean loss, 0 to 1.
+
+    Notes
+    -----
+    Minimises, over light e ≥ 0 (bounds kept by L-BFGS-B),
+    ``Σ_pq w_pq φ(|log ρ_p − log ρ_q| / scale) + neutrality + evenness`` with ``ρ = I / (T e + bounced)`` and
+    ``φ(x) = x²/(1 + x²)`` (Geman and McClure): pairs of different paint count, at most, as one that is
+    quite wrong. Neither an albedo nor its smoothness enters, so no λ weighs against the paint; and
+    since light is at least 0 everywhere, so is the shading.
+    """
+    objective = _Objective(sample, bounced, pairs, scale, weights, start.shape)
+    found = minimize(
+        objective,
+        start.ravel(),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(0.0, None)] * start.size,
+        options={"maxiter": weights.max_steps},
+    )
+    light = found.x.reshape(start.shape)
+    return light, objective.disagreement(light)[0]
+
+
+class _Objective:
+    """Value and slope of what `light_from_pairs` minimises."""
+
+    def __init__(
+        self,
+        sample: Sample,
+        bounced: np.ndarray,
+        pairs: Pairs,
+        scale: float,
+        weights: PairWeights,
+        shape: tuple[int, ...],
+    ) -> None:
+        self._sample, self._bounced, self._pairs = sample, bounced, pairs
+        self._scale, self._weights, self._shape = scale, weights, shape
+        self._logs = np.log(np.maximum(sample.image, DARKEST))
+        self._trust = (sample.image / (sample.image + 2 * weights.noise)) ** 2
+        self._trust[sample.image <= 0] = 0
+        order = np.argsort(sample.light_of, kind="stable")
+        ends = np.searchsorted(sample.light_of[order], np.arange(shape[0] + 1))
+        self._rows = [order[a:b] for a, b in zip(ends, ends[1:], strict=False)]
+        whole = len(self._rows) == 1
+        self._shares = [sample.shares] if whole else [sample.shares[rows] for rows in self._rows]
+
+    def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
+        light = values.reshape(self._shape)
+        loss, slope = self.disagreement(light)
+        for term, weight in ((_colour, self._weights.neutrality), (_contrast, self._weights.evenness)):
+            price, own = term(light)
+            loss, slope = loss + weight * price, slope + weight * own
+        return loss, slope.ravel()
+
+    def disagreement(self, light: np.ndarray) -> tuple[float, np.ndarray]:
+        """Loss of the pairs, and its slope by the light."""
+        shading = self._bounced.copy()
+        for rows, shares, own in zip(self._rows, self._shares, light, strict=True):
+            shading[rows] += shares @ own.astype(np.float32)
+        shading = np.maximum(shading, DARKEST)
+        by_log = np.zeros_like(self._logs)
+        pairs = self._pairs
+        logs = self._logs - np.log(shading)
+        loss = pair_losses(logs, self._trust, pairs.first, pairs.second, pairs.weight, self._scale, by_log)
+        by_shading = (-by_log / shading).astype(np.float32)
+        slopes = [shares.T @ by_shading[rows] for rows, shares in zip(self._rows, self._shares, strict=True)]
+        return loss, np.stack(slopes).astype(np.float64)
+
+
+def _colour(light: np.ndarray) -> tuple[float, np.ndarray]:
+    """How much the channels, each divided by its sum, differ from their mean; whatever the white balance."""
+    total = np.maximum(light.sum(axis=1, keepdims=True), 1e-12)
+    part = light / total
+    off = part - part.mean(axis=2, keepdims=True)
+    size = light.shape[1] / light.shape[0]
+    by_part = 2 * size * off
+    return float(size * (off**2).sum()), (by_part - (by_part * part).sum(axis=1, keepdims=True)) / total
+
+
+def _contrast(light: np.ndarray) -> tuple[float, np.ndarray]:
+    """Mean square of the light's deviation from its mean, in units of the mean; summed over the channels."""
+    mean = np.maximum(light.mean(axis=1, keepdims=True), 1e-12)
+    off, size = light / mean - 1, light.shape[0] * light.shape[1]
+    by_off = 2 * off / size
+    return float((off**2).sum() / size), (by_off - (by_off * light / mean).mean(axis=1, keepdims=True)) / mean

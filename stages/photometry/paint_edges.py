@@ -1,0 +1,66 @@
+"""How much a change of albedo between two neighbours costs: little where the photo says that it is paint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.photometry.stack import StackedViews
+
+DARK = 0.02  # of the scaled image: below, chromaticity is noise
+NO_SHADING = 1e-3
+
+
+@dataclass(frozen=True)
+class PaintEdges:
+    """λ of Eq. 4, edge by edge.
+
+    Attributes
+    ----------
+    coarse : float
+        Where the shading changes and the colour does not: such an edge is likely to be the light's.
+    fine : float
+        Elsewhere: single pixels of noise go, lines stay.
+    shading_step : float
+        Change of log shading between neighbours that counts as one.
+    chroma_step : float
+        Likewise of the logarithms of red and blue over green.
+    """
+
+    coarse: float
+    fine: float = 0.3
+    shading_step: float = 0.02
+    chroma_step: float = 0.15
+
+
+def smoothness_of_edges(
+    views: StackedViews, image: np.ndarray, shading: np.ndarray, edges: PaintEdges
+) -> np.ndarray:
+    """λ of all edges in the order of `StackedViews.neighbours`, (E,), float32.
+
+    Parameters
+    ----------
+    views : StackedViews
+    image : ndarray, shape (N, 3)
+        Scaled.
+    shading : ndarray, shape (N, 3)
+        As the light is known by now.
+    edges : PaintEdges
+
+    Notes
+    -----
+    ``λ_pq = fine + (coarse − fine) · (1 − exp(−|Δ log S| / s)) · exp(−|Δ chroma|² / c²)``, s and c the steps.
+    Light that is nearly neutral changes the brightness of paint, not its colour; and a model of the light
+    errs where it changes: at creases, at the rims of shadows. Where the surface lies evenly in the light,
+    whatever the photo shows is paint.
+    """
+    brightness = np.log(np.maximum(shading.mean(axis=1), NO_SHADING)).astype(np.float32)
+    logs = np.log(np.maximum(image, 0) + DARK).astype(np.float32)
+    chroma = logs[:, [0, 2]] - logs[:, [1]]
+    costs = []
+    for one, other in views.neighbours():
+        lit = 1 - np.exp(-np.abs(brightness[one] - brightness[other]) / edges.shading_step)
+        coloured = ((chroma[one] - chroma[other]) ** 2).sum(axis=1) / edges.chroma_step**2
+        costs.append(edges.fine + (edges.coarse - edges.fine) * lit * np.exp(-coloured))
+    return np.concatenate(costs).astype(np.float32)

@@ -1,0 +1,158 @@
+"""Light from many directions all around, and how much of each reaches points that know what they can see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from stages.photometry.sky_loops import gather_irradiance, gather_shares
+
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+GRAZING = -0.2  # a point may be asked for with a normal that leans away from its vertices'
+
+
+# Rays, as origins and unit directions, (r, 3) float32 each, to whether something is in their way, (r,) bool.
+Blocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Where light comes from that is not infinitely far away.
+
+    Attributes
+    ----------
+    centre : tuple of float
+        World.
+    radius : float
+        Model units.
+    """
+
+    centre: tuple[float, ...]
+    radius: float
+
+
+def offsets_in(sphere: Sphere | None, positions: np.ndarray) -> np.ndarray:
+    """Positions (N, 3) from the sphere's centre, in radii: 0 where it is infinitely large; float32."""
+    if sphere is None:
+        return np.zeros(positions.shape, np.float32)
+    return ((positions - np.array(sphere.centre)) / sphere.radius).astype(np.float32)
+
+
+def even_directions(count: int) -> np.ndarray:
+    """Unit vectors spread evenly over the sphere on a spiral, from the zenith (+z) down, (count, 3)."""
+    place = np.arange(count) + 0.5
+    z, angle = 1 - 2 * place / count, GOLDEN_ANGLE * place
+    radius = np.sqrt(1 - z * z)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+def visible_directions(
+    positions: np.ndarray,
+    normals: np.ndarray,
+    blocked: Blocked,
+    directions: np.ndarray,
+    sphere: Sphere | None = None,
+    after_each: Callable[[], None] = lambda: None,
+) -> np.ndarray:
+    """Which directions points see the sky in.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (P, 3)
+        Where rays begin: a little off the surface.
+    normals : ndarray, shape (P, 3)
+        Unit. Directions well behind the surface are not looked at, and count as blocked.
+    blocked : callable
+    directions : ndarray, shape (M, 3)
+    sphere : Sphere or None
+        That the light comes from, in the frame of the positions; None: from infinitely far away.
+    after_each : callable
+        Called after every direction.
+
+    Returns
+    -------
+    ndarray, shape (P, ⌈M/8⌉), uint8
+        A bit per direction, the first in the highest bit.
+    """
+    seen = np.zeros((len(positions), -(-len(directions) // 8)), np.uint8)
+    origins, normals = np.asarray(positions, np.float32), np.asarray(normals, np.float32)
+    offsets = offsets_in(sphere, positions)
+    for number, direction in enumerate(np.asarray(directions, np.float32)):
+        towards = direction - offsets
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        before = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > GRAZING)
+        free = ~blocked(origins[before], towards[before])
+        seen[before[free], number // 8] |= np.uint8(128 >> number % 8)
+        after_each()
+    return seen
+
+
+@dataclass(frozen=True, eq=False)
+class SkyTransport:
+    """How light from M directions reaches N points: all of it that they see, by the cosine.
+
+    Attributes
+    ----------
+    normals : ndarray, shape (N, 3), float32
+        Unit, world axes.
+    offsets : ndarray, shape (N, 3), float32
+        Of `offsets_in`.
+    blend : csr_array, shape (N, P), float32
+        Every point as a blend of vertices; one without any sees the whole sky.
+    visible : ndarray, shape (P, ⌈M/8⌉), uint8
+        Of `visible_directions`.
+    directions : ndarray, shape (M, 3), float32
+
+    Notes
+    -----
+    ``S(p) = 1/π ∫ V L max(0, n·ω) dω ≈ 4/M Σ_d V_d(p) max(0, n_p·ω_d) L_d``: the shading of Eq. 1, with all
+    frequencies of the light that M directions hold. V is blended between vertices, the cosine is the point's
+    own. Light from a sphere at hand comes from small sources that face its centre: it changes from place to
+    place, by the angle and with the square of the distance.
+    """
+
+    normals: np.ndarray
+    offsets: np.ndarray
+    blend: sp.csr_array
+    visible: np.ndarray
+    directions: np.ndarray
+
+    @classmethod
+    def of(
+        cls, normals: np.ndarray, offsets: np.ndarray, blend: sp.csr_array, visible: np.ndarray, count: int
+    ) -> SkyTransport:
+        """Of points with unit normals (N, 3), and `count` directions."""
+        directions = even_directions(count).astype(np.float32)
+        return cls(np.ascontiguousarray(normals, np.float32), offsets, blend, visible, directions)
+
+    def shares(self, points: np.ndarray) -> np.ndarray:
+        """What each direction's light adds to the shading of chosen points, (n, M), float32."""
+        out = np.empty((len(points), len(self.directions)), np.float32)
+        gather_shares(
+            np.asarray(points), self.normals, self.offsets, self._blend, self.visible, self.directions, out
+        )
+        return out * self._weight
+
+    def shading(self, radiance: np.ndarray, points: slice = slice(None)) -> np.ndarray:
+        """Shading of a run of points under light (M, C), from the sky itself: (·, C), float32."""
+        first, vertex, weight = self._blend
+        begin, end, _ = points.indices(len(self.normals))
+        out = np.empty((max(0, end - begin), radiance.shape[1]), np.float32)
+        own = (first[begin : end + 1], vertex, weight)
+        light = np.ascontiguousarray(radiance * self._weight, np.float32)
+        gather_irradiance(
+            self.normals[begin:end], self.offsets[begin:end], own, self.visible, self.directions, light, out
+        )
+        return out
+
+    @property
+    def _weight(self) -> np.float32:
+        return np.float32(4 / len(self.directions))
+
+    @property
+    def _blend(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        blend = self.blend
+        return blend.indptr.astype(np.int64), blend.indices.astype(np.int32), blend.data

@@ -1,0 +1,146 @@
+"""`mode: transfer`: first the light, by what it makes of like paint; then the albedo under it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from stages.photometry.albedo_under_light import albedo_under_light
+from stages.photometry.fast_alternation import FastDescent, FastSettings
+from stages.photometry.paint_edges import PaintEdges, smoothness_of_edges
+from stages.photometry.sky_light import SkyLight, SkyScene, SkySettings, sky_light
+from stages.photometry.stack import StackedViews
+from stages.photometry.view_gains import ViewGains, view_gains
+
+NEARER = 0.02  # by how much less disagreement light from nearby must leave to be believed in
+UNLIT = 0.02  # of the median shading: a quotient by less says nothing
+
+
+@dataclass(frozen=True)
+class SkyDecomposition:
+    """What is asked for.
+
+    Attributes
+    ----------
+    light : SkySettings
+    lighting : str
+        One light for all views, or one for each; auto: by `moving`.
+    moving : float
+        Spread of the views (see `ViewGains`) above which the light is taken to differ between them.
+    edges : PaintEdges
+        Of `albedo`.
+    descent : FastSettings
+        Of the albedo; λ is that of `albedo_tv`, μ of both.
+    """
+
+    light: SkySettings
+    lighting: Literal["auto", "shared", "per-view"]
+    moving: float
+    edges: PaintEdges
+    descent: FastSettings
+
+
+@dataclass(frozen=True, eq=False)
+class SkySolution:
+    """What is found; pixels as in the stack, images scaled.
+
+    Attributes
+    ----------
+    light : SkyLight
+        Its shading with the gains of the views.
+    scene : int
+        Which of the scenes explains the photos best.
+    disagreements : list of float
+        Of all scenes.
+    gains : ViewGains
+    light_of_view : ndarray, shape (n,), int64
+    trusted : ndarray, shape (N,), bool
+        Pixels whose data counted.
+    smooth : FastDescent
+        Eq. 2's ρ under that light, for `albedo_tv`.
+    detailed : FastDescent
+        For `albedo`.
+    directions : ndarray, shape (M, 3)
+        Of the light.
+    """
+
+    light: SkyLight
+    scene: int
+    disagreements: list[float]
+    gains: ViewGains
+    light_of_view: np.ndarray
+    trusted: np.ndarray
+    smooth: FastDescent
+    detailed: FastDescent
+    directions: np.ndarray
+
+
+def decompose_by_sky(
+    views: StackedViews,
+    images: list[np.ndarray],
+    scenes: Sequence[SkyScene],
+    trusted: np.ndarray,
+    settings: SkyDecomposition,
+    threads: int,
+    step: Callable[[], None],
+) -> SkySolution:
+    """Find the light, then the albedo.
+
+    Parameters
+    ----------
+    views : StackedViews
+    images : list of 3 ndarray, shape (N,)
+        Scaled.
+    scenes : sequence of SkyScene
+        The same under light from other distances: that whose light leaves the least disagreement is taken.
+    trusted : ndarray, shape (N,), bool
+        Pixels whose data count, as far as one knows without the light.
+    settings : SkyDecomposition
+    threads : int
+        Never changes the result.
+    step : callable
+        Called after every step of the light and every round of the albedo.
+    """
+    image = np.stack(images, axis=1)
+    gains = view_gains(views, image)
+    light_of_view = _lights(settings, gains, views.view_count)
+    of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
+    lights = [
+        sky_light(scene, views, image / of_pixel, light_of_view, settings.light, step) for scene in scenes
+    ]
+    disagreements = [light.disagreement for light in lights]
+    best = explained_best(disagreements)
+    light = _in_the_gauge(lights[best], of_pixel)
+    trusted = trusted & (light.shading.mean(axis=1) > UNLIT * np.median(light.shading))
+    by_edge = smoothness_of_edges(views, image, light.shading, settings.edges)
+    smooth, detailed = (
+        albedo_under_light(views, images, light.shading, trusted, each, settings.descent, threads, step)
+        for each in (None, by_edge)
+    )
+    towards = scenes[best].pixels.directions
+    return SkySolution(light, best, disagreements, gains, light_of_view, trusted, smooth, detailed, towards)
+
+
+def explained_best(disagreements: Sequence[float]) -> int:
+    """Index of the least; the first, light from far away, unless another is clearly better."""
+    best = int(np.argmin(disagreements))
+    return best if disagreements[best] < (1 - NEARER) * disagreements[0] else 0
+
+
+def _lights(settings: SkyDecomposition, gains: ViewGains, count: int) -> np.ndarray:
+    apart = settings.lighting == "per-view"
+    if settings.lighting == "auto":
+        apart = gains.spread > settings.moving
+    return np.arange(count) if apart else np.zeros(count, np.int64)
+
+
+def _in_the_gauge(light: SkyLight, of_pixel: np.ndarray) -> SkyLight:
+    """Give the views their gains back, and scale the light so that the mean shading is 1 in each channel."""
+    shading = light.shading * of_pixel
+    mean = shading.mean(axis=0, dtype=np.float64).astype(np.float32)
+    mean = np.where(mean > 0, mean, np.float32(1))
+    bounced = light.bounced * of_pixel / mean
+    return SkyLight(light.radiance / mean, shading / mean, bounced, light.disagreement)

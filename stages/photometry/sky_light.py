@@ -1,0 +1,230 @@
+"""`mode: transfer`: the light from all around and from surface to surface, by pairs of like paint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from stages.photometry.alike_pairs import alike_pairs, sample_of
+from stages.photometry.light_from_pairs import PairWeights, Sample, light_from_pairs
+from stages.photometry.sky import SkyTransport, Sphere, offsets_in
+from stages.photometry.stack import StackedViews
+from stages.photometry.transfer import Occlusion, bounced
+
+BRIGHT_QUANTILE = 0.98  # of the vertices' albedo, weighted by their light: the brightest material
+MOST = 0.95  # no surface gives back more: bounces would not die out
+SETTLES = 3  # rounds in which bounces and albedo find together under one light
+NEAR = 0.1  # of a view's side: pixels that are likely to be of one paint
+NO_LIGHT = 1e-6  # of the scaled image's unit: surface with less says nothing about its albedo
+
+
+@dataclass(frozen=True)
+class SkySettings:
+    """How the light is looked for.
+
+    Attributes
+    ----------
+    samples : int
+        Pixels that it is found from; as many again per light beyond the first, divided by four.
+    scales : tuple of float
+        See `light_from_pairs`: coarse first, as bounces find their place; then finer.
+    bounces : int
+        How often light is passed on between surfaces.
+    brightest : float
+        What the brightest material reflects.
+    weights : PairWeights
+    seed : int
+        Of the sample.
+    """
+
+    samples: int = 20_000
+    scales: tuple[float, ...] = (0.6, 0.4, 0.4)
+    bounces: int = 6
+    brightest: float = 0.8
+    weights: PairWeights = PairWeights()
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class SkyScene:
+    """What there is to see.
+
+    Attributes
+    ----------
+    pixels : SkyTransport
+        N, of all views.
+    vertices : SkyTransport
+        P, that bounces go between.
+    seen : Occlusion
+        What vertices see instead of the sky.
+    """
+
+    pixels: SkyTransport
+    vertices: SkyTransport
+    seen: Occlusion
+
+    @classmethod
+    def of(
+        cls,
+        normals: np.ndarray,
+        blend: sp.csr_array,
+        vertices: np.ndarray,
+        vertex_normals: np.ndarray,
+        seen: Occlusion,
+        visible: np.ndarray,
+        directions: int,
+        sphere: Sphere | None,
+    ) -> SkyScene:
+        """Of pixels with normals (N, 3) that blend vertices (P, 3) with theirs; see `SkyTransport`."""
+        own = sp.csr_array(sp.eye_array(len(vertices), dtype=np.float32, format="csr"))
+        of_vertices = offsets_in(sphere, vertices)
+        return cls(
+            pixels=SkyTransport.of(normals, blend @ of_vertices, blend, visible, directions),
+            vertices=SkyTransport.of(vertex_normals, of_vertices, own, visible, directions),
+            seen=seen,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SkyLight:
+    """The light, and what it makes of the scene.
+
+    Attributes
+    ----------
+    radiance : ndarray, shape (G, M, 3)
+        From every direction, at least 0.
+    shading : ndarray, shape (N, 3), float32
+        Bounces included.
+    bounced : ndarray, shape (N, 3), float32
+        What of it comes from other surface.
+    disagreement : float
+        Mean loss of the pairs under it, 0 to 1.
+    """
+
+    radiance: np.ndarray
+    shading: np.ndarray
+    bounced: np.ndarray
+    disagreement: float
+
+
+def sky_light(
+    scene: SkyScene,
+    views: StackedViews,
+    image: np.ndarray,
+    light_of_view: np.ndarray,
+    settings: SkySettings,
+    step: Callable[[], None] = lambda: None,
+) -> SkyLight:
+    """Find the light.
+
+    Parameters
+    ----------
+    scene : SkyScene
+    views : StackedViews
+        Their basis is not looked at.
+    image : ndarray, shape (N, 3), float32
+        Scaled; gains of the views divided out.
+    light_of_view : ndarray, shape (n,), int64
+        Which of the G lights every view stands in: 0 everywhere for one light.
+    settings : SkySettings
+    step : callable
+        Called after every scale.
+
+    Notes
+    -----
+    Starting from even light, at every scale: pairs are drawn by what the albedo seems to be; the light
+    descends; then albedo and bounces settle under it, the albedo's scale being set by `brightest`.
+    """
+    rng, count = np.random.default_rng(settings.seed), int(light_of_view.max(initial=0)) + 1
+    drawn = sample_of(views, settings.samples * (3 + count) // 4, rng)
+    view = np.repeat(np.arange(views.view_count), np.diff(views.starts))[drawn]
+    positions, radius = views.positions()[drawn], _near(views)
+    sample = Sample(image[drawn].astype(np.float64), scene.pixels.shares(drawn), light_of_view[view])
+    light = np.ones((count, len(scene.pixels.directions), 3))
+    now = SkyLight(light, np.zeros_like(image), np.zeros_like(image), 1.0)
+    guess = sample.image
+    for scale in settings.scales:
+        pairs = alike_pairs(guess, view, positions, radius, rng)
+        light, loss = light_from_pairs(
+            sample, now.bounced[drawn].astype(np.float64), pairs, scale, now.radiance, settings.weights
+        )
+        now = _settled(scene, views, image, light_of_view, light, now.bounced, loss, settings)
+        guess = sample.image / np.maximum(now.shading[drawn], NO_LIGHT)
+        step()
+    return now
+
+
+def _settled(
+    scene: SkyScene,
+    views: StackedViews,
+    image: np.ndarray,
+    light_of_view: np.ndarray,
+    light: np.ndarray,
+    bounce: np.ndarray,
+    loss: float,
+    settings: SkySettings,
+) -> SkyLight:
+    """Let bounces, albedo and its scale find together under a light whose distribution is fixed."""
+    direct = np.empty_like(image)
+    for view, own in enumerate(light_of_view):
+        direct[views.view(view)] = scene.pixels.shading(light[own], views.view(view))
+    of_vertices = np.stack([scene.vertices.shading(one) for one in light])
+    for _ in range(SETTLES if settings.bounces else 0):
+        albedo, known = vertex_albedo(scene, image, direct + bounce)
+        factor = np.float32(_brightest(albedo, known) / settings.brightest)
+        light, direct, of_vertices = light * factor, direct * factor, of_vertices * factor
+        absolute = np.clip(albedo / factor, 0, MOST)
+        bounce = _bounced(scene, views, light_of_view, of_vertices, absolute, known, settings.bounces)
+    return SkyLight(light, direct + bounce, bounce, loss)
+
+
+def vertex_albedo(scene: SkyScene, image: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Albedo of the vertices, and the light that it is known by, (P, 3) each.
+
+    The photos' light over the shading's, all pixels around a vertex together: what is dark says little.
+    """
+    to_vertices = scene.pixels.blend.T.tocsr()
+    seen, light = to_vertices @ image, to_vertices @ shading
+    return np.where(light > NO_LIGHT, seen / np.maximum(light, NO_LIGHT), 0), light
+
+
+def _brightest(albedo: np.ndarray, known: np.ndarray) -> float:
+    """A high quantile of all channels, weighted by the light that they are known by."""
+    order = np.argsort(albedo, axis=None)
+    upto = np.cumsum(known.ravel()[order], dtype=np.float64)
+    if upto.size == 0 or upto[-1] <= 0:
+        return 1.0
+    bright = float(albedo.ravel()[order][np.searchsorted(upto, BRIGHT_QUANTILE * upto[-1])])
+    return bright if bright > 0 else 1.0
+
+
+def _bounced(
+    scene: SkyScene,
+    views: StackedViews,
+    light_of_view: np.ndarray,
+    direct: np.ndarray,
+    absolute: np.ndarray,
+    known: np.ndarray,
+    bounces: int,
+) -> np.ndarray:
+    """Shading of the pixels by what other surface sends on, (N, 3), float32."""
+    at_vertices = np.empty_like(direct)
+    for c in range(3):
+        lit = known[:, c] > NO_LIGHT
+        typical = float(np.median(absolute[lit, c])) if lit.any() else 0.0
+        albedo = np.where(lit, absolute[:, c], typical).astype(np.float32)
+        from_sky = np.ascontiguousarray(direct[:, :, c].T)  # all lights at once
+        total = bounced(from_sky, scene.seen, albedo, typical, bounces)
+        at_vertices[:, :, c] = (total - from_sky).T
+    blend, out = scene.pixels.blend, np.empty((int(views.starts[-1]), 3), np.float32)
+    for view, own in enumerate(light_of_view):
+        out[views.view(view)] = blend[views.view(view)] @ at_vertices[own]
+    return out
+
+
+def _near(views: StackedViews) -> int:
+    """Side of the squares in which pixels are near, px."""
+    return max(2, round(NEAR * views.side))
