@@ -24,8 +24,8 @@ BY_DIRECTIONS = (
     "shading = gain[view] * (4 / M) * sum over the M directions d of V_d max(0, n.w_d) radiance[light of "
     "the view][d], plus what bounces from other surface, image = albedo * shading, linear; V_d: whether the "
     "point sees direction d; n: normal in world axes. Where the light is not infinitely far, w_d points from "
-    "the surface to centre + distance * direction, and the light falls with the square of the way and the angle "
-    "there"
+    "the surface to centre + distance * direction, and the light falls with the square of the way and "
+    "the angle there"
 )
 GAUGE = "in each channel the sum of |albedo| equals the sum of |image| over all masked pixels"
 

@@ -1,0 +1,223 @@
+"""The light found by pairs of like paint, and the albedo under it, on spheres whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from stages.photometry.albedo_under_light import albedo_under_light
+from stages.photometry.alike_pairs import Pairs, alike_pairs, sample_of
+from stages.photometry.energy import EnergyWeights
+from stages.photometry.fast_alternation import FastSettings
+from stages.photometry.light_from_pairs import PairWeights, Sample, _Objective
+from stages.photometry.paint_edges import PaintEdges, smoothness_of_edges
+from stages.photometry.sky import even_directions
+from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky, explained_best
+from stages.photometry.sky_light import SkyScene, SkySettings, sky_light
+from stages.photometry.stack import StackedViews
+from stages.photometry.transfer import Occlusion
+from stages.photometry.view_gains import view_gains
+from tests.sphere_scene import SphereScene, sphere_scene
+
+DIRECTIONS = 128
+FEW = SkySettings(samples=3000, bounces=0)
+
+
+def normals_of(scene: SphereScene) -> np.ndarray:
+    return np.concatenate([n[m] for n, m in zip(scene.normals, scene.masks, strict=True)])
+
+
+def open_scene(normals: np.ndarray) -> SkyScene:
+    """Every pixel a point that sees everything."""
+    nothing = sp.csr_array((1, 1), dtype=np.float32)
+    return SkyScene.of(
+        normals,
+        sp.csr_array((len(normals), 1), dtype=np.float32),
+        np.zeros((1, 3)),
+        np.array([[0.0, 0, 1]], np.float32),
+        Occlusion(np.zeros((1, 9), np.float32), nothing, nothing),
+        np.zeros((1, -(-DIRECTIONS // 8)), np.uint8),
+        DIRECTIONS,
+        None,
+    )
+
+
+@pytest.fixture(scope="module")
+def lit():
+    """Views of a sphere in patches of three colours, lit by a broad light from above over an even one."""
+    scene = sphere_scene(view_count=3)
+    views, normals = scene.stacked(), normals_of(scene)
+    sky = open_scene(normals)
+    radiance = 0.3 + 2.5 * np.maximum(even_directions(DIRECTIONS) @ [0.4, 0.5, 0.77], 0) ** 6
+    shading = sky.pixels.shading(np.tile(radiance[:, None], 3))
+    albedo = np.stack(scene.true_channels(), axis=1)
+    return views, sky, albedo, shading, normals
+
+
+def error(found: np.ndarray, truth: np.ndarray) -> float:
+    """Relative, after one scale per channel."""
+    scale = (found * truth).sum(axis=0) / (found**2).sum(axis=0)
+    return float(np.sqrt(((found * scale - truth) ** 2).sum() / (truth**2).sum()))
+
+
+def test_the_light_of_a_painted_sphere_is_found(lit):
+    views, sky, albedo, shading, _ = lit
+    image = (albedo * shading).astype(np.float32)
+    found = sky_light(sky, views, image, np.zeros(views.view_count, int), FEW)
+    assert found.radiance.min() >= 0
+    assert error(found.shading, shading) < 0.05 < 0.15 < error(np.ones_like(shading), shading)
+    assert error(image / found.shading, albedo) < 0.25 * error(image, albedo)
+
+
+def test_the_same_light_again(lit):
+    views, sky, albedo, shading, _ = lit
+    image = (albedo * shading).astype(np.float32)
+    one, two = (sky_light(sky, views, image, np.zeros(views.view_count, int), FEW) for _ in range(2))
+    assert np.array_equal(one.shading, two.shading)
+    assert one.disagreement == two.disagreement
+
+
+def test_brighter_photos_of_the_same_give_a_brighter_light_and_the_same_pairs(lit):
+    views, sky, albedo, shading, _ = lit
+    image = (albedo * shading).astype(np.float32)
+    lights = [
+        sky_light(sky, views, factor * image, np.zeros(views.view_count, int), FEW) for factor in (1, 2)
+    ]
+    assert error(lights[0].shading, lights[1].shading) < 0.02
+
+
+def test_the_slope_of_what_is_minimised_is_right():
+    rng = np.random.default_rng(3)
+    sample = Sample(0.2 + rng.random((30, 3)), rng.random((30, 8)).astype(np.float32), rng.integers(0, 2, 30))
+    pairs = Pairs(
+        rng.integers(0, 30, 60).astype(np.int32),
+        rng.integers(0, 30, 60).astype(np.int32),
+        np.full(60, 1 / 60),
+    )
+    weights = PairWeights(neutrality=0.3, evenness=0.2)
+    objective = _Objective(sample, 0.1 * rng.random((30, 3)), pairs, 0.4, weights, (2, 8, 3))
+    light = 0.5 + rng.random(48)
+    slope = objective(light)[1]
+    for direction in rng.normal(size=(5, 48)):
+        step = 3e-3 * direction
+        change = objective(light + step)[0] - objective(light - step)[0]
+        assert change == pytest.approx(2 * step @ slope, rel=0.02, abs=1e-5)
+
+
+def test_an_even_neutral_light_costs_nothing_beside_the_pairs():
+    sample = Sample(np.ones((2, 3)), np.ones((2, 8), np.float32), np.zeros(2, int))
+    pairs = Pairs(np.array([0], np.int32), np.array([1], np.int32), np.array([1.0]))
+    objective = _Objective(sample, np.zeros((2, 3)), pairs, 0.4, PairWeights(), (1, 8, 3))
+    value, slope = objective((np.ones((1, 8, 1)) * np.array([1.0, 2.0, 0.5])).ravel())
+    assert value == pytest.approx(0, abs=1e-12)
+    assert np.allclose(slope, 0, atol=1e-9)
+
+
+def test_pairs_join_what_is_near_or_of_one_colour():
+    rng = np.random.default_rng(0)
+    colours = np.array([[0.8, 0.2, 0.2], [0.2, 0.2, 0.8]])[np.arange(40) % 2]
+    positions = np.column_stack([np.zeros(40, int), np.arange(40) // 2 * 100])
+    pairs = alike_pairs(colours, np.zeros(40, int), positions, 10, rng)
+    same = np.arange(40)[pairs.first] % 2 == np.arange(40)[pairs.second] % 2
+    near = np.abs(positions[pairs.first, 1] - positions[pairs.second, 1]) < 10
+    assert np.all(same | near)
+    assert pairs.weight.sum() == pytest.approx(1)
+    assert pairs.weight[~same].sum() == pytest.approx(0.5)
+
+
+def test_the_sample_lies_inside_the_masks_and_is_sorted():
+    views = sphere_scene(view_count=2).stacked()
+    drawn = sample_of(views, 100, np.random.default_rng(0))
+    assert drawn.size == 100
+    assert np.all(np.diff(drawn) > 0)
+    everything = sample_of(views, 10**6, np.random.default_rng(0))
+    assert drawn.size < everything.size < views.starts[-1]
+
+
+def test_gains_of_the_views_are_found_and_moving_light_is_told_from_them(lit):
+    views, _, albedo, shading, _ = lit
+    image = albedo * shading
+    gains = np.array([[1.0, 1, 1], [1.3, 1.2, 1.1], [0.8, 0.7, 0.9]])
+    of_pixel = np.repeat(gains, np.diff(views.starts), axis=0)
+    found = view_gains(views, image * of_pixel)
+    wanted = gains / np.exp(np.log(gains).mean(axis=0))
+    assert np.allclose(found.gains, wanted, rtol=0.02)
+    assert found.spread < 0.03
+    moving = sphere_scene(view_count=3, turn_deg=90.0)
+    image = np.concatenate([i[m] for i, m in zip(moving.images, moving.masks, strict=True)])
+    assert view_gains(moving.stacked(), image / np.percentile(image, 99)).spread > 0.15
+
+
+def test_views_without_links_have_no_gains():
+    scene = sphere_scene(view_count=2)
+    scene.links = {}
+    found = view_gains(scene.stacked(), np.ones((int(scene.stacked().starts[-1]), 3)))
+    assert np.array_equal(found.gains, np.ones((2, 3)))
+    assert found.spread == 0
+
+
+def solved(views: StackedViews, image, shading, trusted, smoothness, weights) -> np.ndarray:
+    how = FastSettings(weights, tolerance=1e-4, gap_tolerance=1e-2, max_rounds=60, fewest_pixels=30)
+    images = [np.ascontiguousarray(image[:, c], np.float32) for c in range(3)]
+    return albedo_under_light(views, images, shading, trusted, smoothness, how, 1, lambda: None).albedo
+
+
+def test_under_the_true_light_the_true_albedo_comes_back(lit):
+    views, _, albedo, shading, _ = lit
+    everywhere = np.ones(len(albedo), bool)
+    weights = EnergyWeights(0.02, 0.0, 1e-4)
+    assert error(solved(views, albedo * shading, shading, everywhere, None, weights), albedo) < 0.01
+
+
+def test_pixels_that_are_not_trusted_take_their_albedo_from_their_neighbours(lit):
+    views, _, albedo, shading, _ = lit
+    image, trusted = albedo * shading, np.ones(len(albedo), bool)
+    trusted[::7] = False
+    image[~trusted] = 5.0
+    found = solved(views, image, shading, trusted, None, EnergyWeights(0.1, 0.1, 1e-4))
+    assert error(found, albedo) < 0.1
+
+
+def test_an_edge_is_the_lights_where_shading_changes_and_colour_does_not():
+    scene = sphere_scene(view_count=1)
+    views = scene.stacked()
+    count, edges = int(views.starts[-1]), PaintEdges(coarse=10.0, fine=0.3)
+    across = views.positions()[:, 1].astype(float)
+    flat, steep = np.ones((count, 3)), np.exp(0.2 * across)[:, None] * np.ones(3)
+    grey, rainbow = 0.5 * np.ones((count, 3)), np.exp(0.5 * across[:, None] * [1, 0, -1]) % 3 + 0.1
+    along = np.concatenate([np.full(one.size, k) for k, (one, _) in enumerate(views.neighbours())])
+    assert np.allclose(smoothness_of_edges(views, grey, flat, edges), 0.3)
+    lights = smoothness_of_edges(views, grey, steep, edges)
+    assert np.all(lights[along == 0] > 9.9)
+    assert np.allclose(lights[along == 1], 0.3)
+    assert np.median(smoothness_of_edges(views, rainbow, steep, edges)[along == 0]) < 0.4
+
+
+def test_a_nearer_light_is_believed_only_if_it_explains_clearly_more():
+    assert explained_best([0.100, 0.099, 0.110]) == 0
+    assert explained_best([0.100, 0.097, 0.090]) == 2
+    assert explained_best([0.1]) == 0
+
+
+def test_everything_together_on_the_sphere(lit):
+    views, sky, albedo, shading, _ = lit
+    image = (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
+    images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
+    how = SkyDecomposition(
+        light=FEW,
+        lighting="auto",
+        moving=0.15,
+        edges=PaintEdges(coarse=2.0),
+        descent=FastSettings(EnergyWeights(0.7, 0.3, 1e-4), max_rounds=20),
+    )
+    found = decompose_by_sky(views, images, [sky], np.ones(len(albedo), bool), how, 1, lambda: None)
+    assert found.light_of_view.max() == 0
+    assert np.allclose(found.light.shading.mean(axis=0), 1, atol=1e-3)
+    assert error(found.detailed.albedo, albedo) < 0.25 * error(image, albedo)
+    apart = replace(how, lighting="per-view")
+    per_view = decompose_by_sky(views, images, [sky], np.ones(len(albedo), bool), apart, 1, lambda: None)
+    assert per_view.light.radiance.shape == (3, DIRECTIONS, 3)
+    assert error(per_view.detailed.albedo, albedo) < 0.5 * error(image, albedo)
