@@ -13,6 +13,7 @@ from stages.photometry.alike_pairs import Pairs, alike_pairs, sample_of
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
 from stages.photometry.light_from_pairs import PairWeights, Sample, _Objective
+from stages.photometry.paint_detail import texture_of, with_detail
 from stages.photometry.paint_edges import PaintEdges, smoothness_of_edges
 from stages.photometry.sky import even_directions
 from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky, explained_best
@@ -188,12 +189,13 @@ def test_an_edge_is_the_lights_where_shading_changes_and_colour_does_not():
     across = views.positions()[:, 1].astype(float)
     flat, steep = np.ones((count, 3)), np.exp(0.2 * across)[:, None] * np.ones(3)
     grey, rainbow = 0.5 * np.ones((count, 3)), np.exp(0.5 * across[:, None] * [1, 0, -1]) % 3 + 0.1
+    plain = np.zeros(count)
     along = np.concatenate([np.full(one.size, k) for k, (one, _) in enumerate(views.neighbours())])
-    assert np.allclose(smoothness_of_edges(views, grey, flat, edges), 0.3)
-    lights = smoothness_of_edges(views, grey, steep, edges)
+    assert np.allclose(smoothness_of_edges(views, grey, flat, plain, edges), 0.3)
+    lights = smoothness_of_edges(views, grey, steep, plain, edges)
     assert np.all(lights[along == 0] > 9.9)
     assert np.allclose(lights[along == 1], 0.3)
-    assert np.median(smoothness_of_edges(views, rainbow, steep, edges)[along == 0]) < 0.4
+    assert np.median(smoothness_of_edges(views, rainbow, steep, plain, edges)[along == 0]) < 0.4
 
 
 def test_a_nearer_light_is_believed_only_if_it_explains_clearly_more():
@@ -216,8 +218,33 @@ def test_everything_together_on_the_sphere(lit):
     found = decompose_by_sky(views, images, [sky], np.ones(len(albedo), bool), how, 1, lambda: None)
     assert found.light_of_view.max() == 0
     assert np.allclose(found.light.shading.mean(axis=0), 1, atol=1e-3)
-    assert error(found.detailed.albedo, albedo) < 0.25 * error(image, albedo)
+    assert error(found.albedo, albedo) < 0.25 * error(image, albedo)
     apart = replace(how, lighting="per-view")
     per_view = decompose_by_sky(views, images, [sky], np.ones(len(albedo), bool), apart, 1, lambda: None)
     assert per_view.light.radiance.shape == (3, DIRECTIONS, 3)
-    assert error(per_view.detailed.albedo, albedo) < 0.5 * error(image, albedo)
+    assert error(per_view.albedo, albedo) < 0.5 * error(image, albedo)
+
+
+def test_texture_is_told_from_relief_and_its_detail_comes_back():
+    """Strong fine paint is kept, whatever it is; steep shading of one paint is no texture."""
+    scene = sphere_scene(view_count=1)
+    views = scene.stacked()
+    rng, count = np.random.default_rng(5), int(views.starts[-1])
+    across = views.positions()[:, 1].astype(float)
+    shading = np.exp(0.5 * np.sin(across))[:, None] * np.ones(3)
+    grain = np.exp(rng.normal(0, 0.3, (count, 1))) * np.array([0.5, 0.4, 0.3])
+    edges, trusted = PaintEdges(coarse=10.0), np.ones(count, bool)
+    textured = texture_of(views, grain * shading, shading, edges)
+    plain = texture_of(views, 0.4 * shading, shading, edges)
+    assert np.mean(textured.weight) > 0.9
+    assert np.max(plain.weight) == 0
+    smooth = np.tile(np.median(grain, axis=0), (count, 1))
+    detailed = with_detail(smooth, grain * shading, shading, trusted, textured)
+    assert error(detailed, grain) < 0.25 * error(smooth, grain)
+    assert np.array_equal(
+        with_detail(smooth, grain * shading, shading, trusted, plain), smooth.astype(np.float32)
+    )
+    nowhere = np.zeros(count, bool)
+    assert np.array_equal(
+        with_detail(smooth, grain * shading, shading, nowhere, textured), smooth.astype(np.float32)
+    )

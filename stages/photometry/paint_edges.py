@@ -10,6 +10,7 @@ from stages.photometry.stack import StackedViews
 
 DARK = 0.02  # of the scaled image: below, chromaticity is noise
 NO_SHADING = 1e-3
+NOISE = 0.05  # of the logarithm: what the photo may differ by without a reason
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,11 @@ class PaintEdges:
 
 
 def smoothness_of_edges(
-    views: StackedViews, image: np.ndarray, shading: np.ndarray, edges: PaintEdges
+    views: StackedViews,
+    image: np.ndarray,
+    shading: np.ndarray,
+    textured: np.ndarray,
+    edges: PaintEdges,
 ) -> np.ndarray:
     """λ of all edges in the order of `StackedViews.neighbours`, (E,), float32.
 
@@ -46,6 +51,8 @@ def smoothness_of_edges(
         Scaled.
     shading : ndarray, shape (N, 3)
         As the light is known by now.
+    textured : ndarray, shape (N,)
+        0 to 1; see `texture_of`.
     edges : PaintEdges
 
     Notes
@@ -53,14 +60,25 @@ def smoothness_of_edges(
     ``λ_pq = fine + (coarse − fine) · (1 − exp(−|Δ log S| / s)) · exp(−|Δ chroma|² / c²)``, s and c the steps.
     Light that is nearly neutral changes the brightness of paint, not its colour; and a model of the light
     errs where it changes: at creases, at the rims of shadows. Where the surface lies evenly in the light,
-    whatever the photo shows is paint.
+    whatever the photo shows is paint. So it is, in textured surface, where the photo changes by more than
+    the shading does: the exponent also takes ``(|Δ log I − Δ log S| / (|Δ log S| + 0.05))²``, times
+    `textured`.
     """
     brightness = np.log(np.maximum(shading.mean(axis=1), NO_SHADING)).astype(np.float32)
-    logs = np.log(np.maximum(image, 0) + DARK).astype(np.float32)
-    chroma = logs[:, [0, 2]] - logs[:, [1]]
+    seen = np.log(np.maximum(image.mean(axis=1), 0) + DARK).astype(np.float32)
+    chroma = chroma_of(image)
     costs = []
     for one, other in views.neighbours():
-        lit = 1 - np.exp(-np.abs(brightness[one] - brightness[other]) / edges.shading_step)
+        explained = np.abs(brightness[one] - brightness[other])
+        lit = 1 - np.exp(-explained / edges.shading_step)
         coloured = ((chroma[one] - chroma[other]) ** 2).sum(axis=1) / edges.chroma_step**2
-        costs.append(edges.fine + (edges.coarse - edges.fine) * lit * np.exp(-coloured))
+        left = np.abs(seen[one] - seen[other] - brightness[one] + brightness[other])
+        paint = ((left / (explained + NOISE)) ** 2) * (textured[one] + textured[other]) / 2
+        costs.append(edges.fine + (edges.coarse - edges.fine) * lit * np.exp(-coloured - paint))
     return np.concatenate(costs).astype(np.float32)
+
+
+def chroma_of(image: np.ndarray) -> np.ndarray:
+    """Logarithms of red and blue over green, (N, 2), float32; of what is dark, next to nothing."""
+    logs = np.log(np.maximum(image, 0) + DARK).astype(np.float32)
+    return logs[:, [0, 2]] - logs[:, [1]]

@@ -10,6 +10,7 @@ import numpy as np
 
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.fast_alternation import FastDescent, FastSettings
+from stages.photometry.paint_detail import texture_of, with_detail
 from stages.photometry.paint_edges import PaintEdges, smoothness_of_edges
 from stages.photometry.sky_light import SkyLight, SkyScene, SkySettings, sky_light
 from stages.photometry.stack import StackedViews
@@ -61,8 +62,8 @@ class SkySolution:
         Pixels whose data counted.
     smooth : FastDescent
         Eq. 2's ρ under that light, for `albedo_tv`.
-    detailed : FastDescent
-        For `albedo`.
+    albedo : ndarray, shape (N, 3), float32
+        With the detail that the photos have.
     directions : ndarray, shape (M, 3)
         Of the light.
     """
@@ -74,7 +75,7 @@ class SkySolution:
     light_of_view: np.ndarray
     trusted: np.ndarray
     smooth: FastDescent
-    detailed: FastDescent
+    albedo: np.ndarray
     directions: np.ndarray
 
 
@@ -115,13 +116,15 @@ def decompose_by_sky(
     best = explained_best(disagreements)
     light = _in_the_gauge(lights[best], of_pixel)
     trusted = trusted & (light.shading.mean(axis=1) > UNLIT * np.median(light.shading))
-    by_edge = smoothness_of_edges(views, image, light.shading, settings.edges)
+    texture = texture_of(views, image, light.shading, settings.edges)
+    by_edge = smoothness_of_edges(views, image, light.shading, texture.weight, settings.edges)
     smooth, detailed = (
         albedo_under_light(views, images, light.shading, trusted, each, settings.descent, threads, step)
         for each in (None, by_edge)
     )
+    albedo = with_detail(detailed.albedo, image, light.shading, trusted, texture)
     towards = scenes[best].pixels.directions
-    return SkySolution(light, best, disagreements, gains, light_of_view, trusted, smooth, detailed, towards)
+    return SkySolution(light, best, disagreements, gains, light_of_view, trusted, smooth, albedo, towards)
 
 
 def explained_best(disagreements: Sequence[float]) -> int:

@@ -133,7 +133,7 @@ def by_sky(
     sky = decompose_by_sky(views, images, scenes, trusted, settings, threads, step)
     return Solved(
         views=views,
-        albedo=np.maximum(sky.detailed.albedo, 0),
+        albedo=sky.albedo,
         shading=sky.light.shading,
         light=None,
         histories=rounds_under_light_as_json(sky.smooth),

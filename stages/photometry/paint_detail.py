@@ -1,0 +1,92 @@
+"""Where surface is textured, the photo divided by its shading; elsewhere the smooth albedo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from stages.photometry.paint_edges import PaintEdges, chroma_of
+from stages.photometry.stack import StackedViews
+
+PATCHES = 15  # along the side of a view: what is textured is a matter of neighbourhoods
+UNEXPLAINED = 0.15  # of the logarithm: a change that the shading leaves over, beyond as much as it explains
+TEXTURED = (0.45, 0.65)  # share of the edges that are paint: from nothing of the detail to all of it
+DIM = 0.1  # of the median shading: quotients by less are noise
+DARK = 0.02  # of the scaled image
+NOISE = 0.04  # of the logarithm: detail well below is noise, and goes
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """How textured the surface around every pixel is, (N,), 0 to 1."""
+
+    weight: np.ndarray
+
+
+def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edges: PaintEdges) -> Texture:
+    """Look at what the shading leaves over.
+
+    Parameters
+    ----------
+    views : StackedViews
+    image, shading : ndarray, shape (N, 3)
+        Scaled.
+    edges : PaintEdges
+        Its step of chroma.
+
+    Notes
+    -----
+    An edge is paint's where the photo changes by more than the shading explains,
+    ``1 − exp(−(|Δ log I − Δ log S| / (|Δ log S| + 0.15))²)``, or in colour; the weight rises with the share
+    of such edges in a neighbourhood. In surface of one paint there are few of them, whatever its relief: at
+    the rims of shadows and at parts' borders, lines. So texture is told from errors of the light.
+    """
+    lit = np.log(np.maximum(shading.mean(axis=1), 1e-3))
+    seen = np.log(np.maximum(image.mean(axis=1), 0) + DARK)
+    chroma, count = chroma_of(image), len(image)
+    paint, degree = np.zeros(count), np.zeros(count)
+    for one, other in views.neighbours():
+        explained = lit[one] - lit[other]
+        left = np.abs(seen[one] - seen[other] - explained) / (np.abs(explained) + UNEXPLAINED)
+        coloured = ((chroma[one] - chroma[other]) ** 2).sum(axis=1) / edges.chroma_step**2
+        share = 1 - np.exp(-(left**2) - coloured)
+        for end in (one, other):
+            paint += np.bincount(end, share, count)
+            degree += np.bincount(end, minlength=count)
+    around = np.concatenate(list(_means(views, paint / np.maximum(degree, 1))))
+    low, high = TEXTURED
+    rise = np.clip((around - low) / (high - low), 0, 1)
+    return Texture((rise * rise * (3 - 2 * rise)).astype(np.float32))
+
+
+def with_detail(
+    albedo: np.ndarray, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, texture: Texture
+) -> np.ndarray:
+    """Give the albedo, (N, 3), the detail back that the smoothness took, where the surface is textured.
+
+    Notes
+    -----
+    ``ρ · exp(w r max(0, 1 − (0.04/r)²))`` with ``r = log(I / (ρ S))``: the photo divided by its shading where
+    w is 1, but for what is as small as noise. Only where there is light enough, and data.
+    """
+    enough = trusted & (shading.mean(axis=1) > DIM * np.median(shading))
+    quotient = np.maximum(image, 1e-4) / np.maximum(np.maximum(albedo, 1e-4) * shading, 1e-6)
+    left = np.clip(np.log(quotient), -1, 1)
+    firm = left * np.maximum(0, 1 - NOISE**2 / np.maximum(left**2, 1e-12))
+    share = np.where(enough, texture.weight, 0)[:, None]
+    return (np.maximum(albedo, 0) * np.exp(share * firm)).astype(np.float32)
+
+
+def _means(views: StackedViews, values: np.ndarray) -> Iterator[np.ndarray]:
+    """Mean of the values in a square around every pixel, inside its mask; view by view."""
+    size = max(3, 2 * round(views.side / PATCHES / 2) + 1)
+    for number, mask in enumerate(views.masks):
+        image = np.zeros(mask.shape, np.float32)
+        image[mask] = values[views.view(number)]
+        total, full = (
+            cv2.boxFilter(one, -1, (size, size), normalize=False) for one in (image, mask.astype(np.float32))
+        )
+        yield (total / np.maximum(full, 1))[mask]
