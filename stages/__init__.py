@@ -21,6 +21,7 @@ from stages.mesh import MESH
 from stages.mvs import MVS
 from stages.photometry.decomposition_settings import check_mode
 from stages.raycast import RAYCAST
+from stages.relight import RELIGHT
 from stages.render import RENDER
 from stages.sfm import SFM
 from stages.transfer import TRANSFER
@@ -44,6 +45,7 @@ SOURCES = (
     Source("masks", "folder of masks named like the photos, white = keep", IMAGE_SUFFIXES),
     Source("object", "mesh to render instead of the bust, in a scene of known truth"),
     Source("environment", "picture of all directions, EXR or HDR, that lights a rendered scene"),
+    Source("light", "picture of all directions, EXR or HDR, under which the views are shown anew"),
 )
 
 DATAFLOW = (
@@ -59,10 +61,11 @@ DATAFLOW = (
 )
 ENTRY_POINTS = (ADOPT_MODEL, ADOPT_MESH)
 EXPERIMENT = (RENDER, KNOWN_GEOMETRY)  # instead of photos: scenes whose truth is known
-ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT)
+AFTERWARDS = (RELIGHT,)  # what is made of a result when one asks for it
+ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
 
 
-def dataflow(given: Collection[str], mode: str = "paper") -> tuple[Stage, ...]:
+def dataflow(given: Collection[str], mode: str = "transfer") -> tuple[Stage, ...]:
     """The stages to go through, given the names of the sources at hand and the decomposition's mode.
 
     Raises
@@ -90,7 +93,7 @@ def dataflow(given: Collection[str], mode: str = "paper") -> tuple[Stage, ...]:
     return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_paint(mode), DELIVER)
 
 
-def experiment(given: Collection[str], mode: str = "paper") -> tuple[Stage, ...]:
+def experiment(given: Collection[str], mode: str = "transfer") -> tuple[Stage, ...]:
     """The stages of a rendered scene, given the names of the sources at hand and the decomposition's mode.
 
     Raises
@@ -98,7 +101,7 @@ def experiment(given: Collection[str], mode: str = "paper") -> tuple[Stage, ...]
     UserError
         There are photos as well.
     """
-    if unwanted := sorted(set(given) - {"object", "environment"}):
+    if unwanted := sorted(set(given) - {"object", "environment", "light"}):
         raise UserError(
             f"The settings of `render` ask for a rendered scene, but {', '.join(unwanted)} was given too; "
             "give one of the two."
@@ -121,6 +124,12 @@ def mode_of(settings: Mapping[str, Settings]) -> str:
 def light_and_paint(mode: str) -> tuple[Stage, ...]:
     """The stages of a mode of the decomposition: the paper's light needs no transfer."""
     return (DECOMPOSITION,) if mode == "paper" else (TRANSFER, DECOMPOSITION_BY_TRANSFER)
+
+
+def with_relighting(flow: tuple[Stage, ...]) -> tuple[Stage, ...]:
+    """A dataflow that also shows the views under another light; `mode: paper` lacks the transfer for it."""
+    transfer = () if TRANSFER in flow else (TRANSFER,)
+    return (*flow, *transfer, RELIGHT)
 
 
 def kinds_of_sources(flow: Collection[Stage]) -> tuple[Source, ...]:

@@ -13,8 +13,8 @@ from tyro.conf import FlagCreatePairsOff
 from pipeline import UserError, verbs
 from pipeline.terminal import Terminal
 from stages.command.evaluation import evaluate_verb
-from stages.command.request import existing_workspace, request_of
-from stages.command.words import Clean, Command, Diff, Evaluate, Plan, Run, Show, Status
+from stages.command.request import existing_workspace, relighting_of, request_of
+from stages.command.words import Clean, Command, Diff, Evaluate, Plan, Relight, Run, Show, Status
 
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130
 ABOUT = "Per-view albedo from photos or a COLMAP workspace: the light and the shading apart."
@@ -52,6 +52,8 @@ def obey(command: Command, terminal: Terminal) -> None:
             verbs.plan_verb(request_of(command), terminal)
         case Run():
             verbs.run_verb(request_of(command), terminal)
+        case Relight():
+            verbs.run_verb(relighting_of(command), terminal)
         case Status():
             verbs.status_verb(existing_workspace(command), terminal)
         case Show():

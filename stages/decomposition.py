@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     import numpy as np
     import scipy.sparse as sp
 
+    from stages.photometry.pixel_transfer import PixelTransfer
     from stages.photometry.solutions import Solved
     from stages.photometry.stack import StackedViews
-    from stages.photometry.transfer import Occlusion
     from stages.scene.cameras import Camera
     from stages.scene.transfer_file import StoredTransfer
 
@@ -97,22 +97,26 @@ def _by_transfer(
     import numpy as np
 
     from stages.photometry import solutions
-    from stages.scene.view_files import incidence_of
+    from stages.photometry.sky_scenes import pixels_on_proxy, sky_scenes
+    from stages.scene.meshes import read_mesh
+    from stages.scene.view_files import incidence_of, read_surface_points
 
     settings: DecompositionSettings = job.settings
-    blend, seen = _surface_of_pixels(job, cameras, masks, stored)
+    points = read_surface_points(job.inputs, cameras, masks)
+    blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]).faces, points)
     weights = weights_at(settings, views.side, views.links_per_pixel)
     job.note(weights={"lambda": weights.smoothness, "mu": weights.consistency})
     incidence = incidence_of(cameras, masks, normals)
     trusted = trusted & (incidence > GRAZING)
     if settings.light == "harmonics":
-        transfer = _pixel_transfer(job, stored, blend, seen, normals)
+        transfer = _pixel_transfer(job, stored, blend, normals)
         with job.progress("rounds", settings.fast_max_rounds) as step:
             solved = solutions.by_transfer(
                 views, images, transfer, as_transfer(settings, weights), job.threads, step
             )
     else:
-        scenes = _sky_scenes(job, stored, blend, seen, normals)
+        scenes, opposed = sky_scenes(stored, blend, normals)
+        _tell_opposed(job, opposed, len(normals))
         how = as_sky(settings, weights, views.side)
         with job.progress("steps", 2 * settings.fast_max_rounds) as step:
             solved = solutions.by_sky(views, images, scenes, trusted, how, job.threads, step)
@@ -137,26 +141,12 @@ def _unsaturated(pixels: np.ndarray) -> np.ndarray:
     return (pixels < SATURATED).all(axis=1)
 
 
-def _surface_of_pixels(
-    job: Job, cameras: list[Camera], masks: list[np.ndarray], stored: StoredTransfer
-) -> tuple[sp.csr_array, Occlusion]:
-    """Every pixel as a blend of the proxy's vertices, and what those see of one another."""
-    from stages.photometry.pixel_transfer import blend_of_pixels
-    from stages.photometry.transfer import Occlusion
-    from stages.scene.meshes import read_mesh
-    from stages.scene.view_files import read_surface_points
-
-    faces = read_mesh(job.inputs["mesh"]).faces
-    points = read_surface_points(job.inputs, cameras, masks)
-    blend = blend_of_pixels(*points, faces, stored.corners, stored.weights, len(stored.blocked))
-    return blend, Occlusion(stored.blocked, stored.form_factors, stored.behind)
-
-
 def _pixel_transfer(
-    job: Job, stored: StoredTransfer, blend: sp.csr_array, seen: Occlusion, normals: np.ndarray
-):
+    job: Job, stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray
+) -> PixelTransfer:
     """What the masked pixels see, in harmonics."""
     from stages.photometry.pixel_transfer import PixelTransfer
+    from stages.photometry.transfer import Occlusion
 
     known = int(stored.blocked.shape[1] ** 0.5) - 1
     degree = known if job.settings.degree is None else job.settings.degree
@@ -165,29 +155,10 @@ def _pixel_transfer(
             f"decomposition.degree is {degree}, but the transfer vectors end at {known}; raise "
             "transfer.degree or lower decomposition.degree."
         )
+    seen = Occlusion(stored.blocked, stored.form_factors, stored.behind)
     transfer, opposed = PixelTransfer.of(normals, blend, seen, stored.normals, degree)
     _tell_opposed(job, opposed, len(normals))
     return transfer
-
-
-def _sky_scenes(
-    job: Job, stored: StoredTransfer, blend: sp.csr_array, seen: Occlusion, normals: np.ndarray
-) -> list:
-    """What the masked pixels see, direction by direction: a scene for each distance of the light."""
-    import numpy as np
-
-    from stages.photometry.pixel_transfer import without_opposed
-    from stages.photometry.sky import Sphere
-    from stages.photometry.sky_light import SkyScene
-
-    blend, opposed = without_opposed(normals, blend, stored.normals)
-    _tell_opposed(job, opposed, len(normals))
-    scenes = []
-    for radius, visible in zip(stored.radii.tolist(), stored.visible, strict=True):
-        sphere = Sphere(tuple(stored.centre), radius) if np.isfinite(radius) else None
-        about = (stored.vertices, stored.normals, seen, visible, int(stored.directions))
-        scenes.append(SkyScene.of(normals, blend, *about, sphere))
-    return scenes
 
 
 def _tell_opposed(job: Job, opposed: int, pixels: int) -> None:
@@ -231,6 +202,7 @@ def _write_what_transfer_knows(
     """Eq. 2's own albedo, the confidence, and the light as pictures of all directions."""
     from stages.photometry.environment import picture_of_light
     from stages.scene.lighting_file import LightSource, write_sky_lighting
+    from stages.scene.upright import upright_from_world
     from stages.scene.view_files import write_maps, write_pictures_of_light
 
     write_maps(job.outputs["albedo_tv"], cameras, masks, solved.albedo_tv * scale)
@@ -244,7 +216,8 @@ def _write_what_transfer_knows(
         source = LightSource(stored.centre, float(stored.radii[sky.scene]))
         write_sky_lighting(job.outputs["lighting"], cameras, sky, scale, source)
         names = names if len(lights) > 1 else ["shared"]
-    pictures = {name: picture_of_light(directions, one) for name, one in zip(names, lights, strict=True)}
+    upright = directions @ upright_from_world(cameras).T
+    pictures = {name: picture_of_light(upright, one) for name, one in zip(names, lights, strict=True)}
     write_pictures_of_light(job.outputs["light_pictures"], pictures)
 
 

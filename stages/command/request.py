@@ -9,7 +9,7 @@ import stages
 from pipeline import UserError
 from pipeline.config import Config, check_settings, override, read_config
 from pipeline.request import Request, Selection, check_flow
-from stages.command.words import Given, Run
+from stages.command.words import Given, Relight, Run
 from stages.scene.datasets import dataset_folder
 
 SOURCE_OF_FLAG = {
@@ -20,7 +20,7 @@ SOURCE_OF_FLAG = {
     "object": "object",
     "environment": "environment",
 }
-FILES = {"mesh", "object", "environment"}
+FILES = {"mesh", "object", "environment", "light"}
 DATASET_PHOTOS = "images"
 
 
@@ -32,12 +32,36 @@ def request_of(command: Run) -> Request:
     UserError
         Anything about it that the user should put right.
     """
+    selection = Selection(command.only, command.first, command.last, command.force)
     config = config_of(command)
-    sources = sources_of(command, config)
+    return _request(command, config, sources_of(command, config), selection)
+
+
+def relighting_of(command: Relight) -> Request:
+    """The same for `relight`: all that leads to the albedo, and the light.
+
+    Raises
+    ------
+    UserError
+        Anything about it that the user should put right; no light was given.
+    """
+    config = config_of(command)
+    if command.light is None:
+        raise UserError(
+            "No light was given; expected --light FILE, a picture of all directions (EXR or HDR, twice as "
+            "wide as high)."
+        )
+    sources = {**sources_of(command, config), "light": existing("light", command.light)}
+    return _request(command, config, sources, Selection())
+
+
+def _request(command: Given, config: Config, sources: dict[str, Path], selection: Selection) -> Request:
     given = override(config.settings, command.assignments)
     settings = check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given)
     flow_of = stages.experiment if "render" in given else stages.dataflow
     flow = flow_of(sources, stages.mode_of(settings))
+    if "light" in sources:
+        flow = stages.with_relighting(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     return Request(
@@ -47,7 +71,7 @@ def request_of(command: Run) -> Request:
         kinds=kinds,
         workspace=workspace_of(command, config, sources),
         threads=threads_of(command),
-        selection=Selection(command.only, command.first, command.last, command.force),
+        selection=selection,
     )
 
 

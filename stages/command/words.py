@@ -90,6 +90,19 @@ class Plan(Run):
 
 
 @dataclass(frozen=True)
+class Relight(Given):
+    """Show the views under another light, from their albedo; what it stands on is run where it must be.
+
+    Attributes
+    ----------
+    light
+        Picture of all directions (EXR, HDR), twice as wide as high, its zenith in the first row.
+    """
+
+    light: File = None
+
+
+@dataclass(frozen=True)
 class Status(Given):
     """What the workspace holds, and what it cost."""
 
@@ -164,4 +177,4 @@ class Evaluate:
     json: bool = False
 
 
-Command = Run | Plan | Status | Show | Diff | Clean | Evaluate
+Command = Run | Plan | Relight | Status | Show | Diff | Clean | Evaluate

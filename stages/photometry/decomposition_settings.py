@@ -23,7 +23,7 @@ class DecompositionSettings(Settings):
     """Settings of the `decomposition` stage; those of `mode: transfer` say so, as do those of the solvers."""
 
     mode: Literal["paper", "transfer"] = setting(
-        "paper",
+        "transfer",
         "paper: nine harmonics of the normal per view and channel, channels apart, as the paper has it. "
         "transfer: light that knows what each point sees, and what other surface sends on to it; found "
         "before the albedo, by what it makes of like paint.",

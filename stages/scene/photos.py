@@ -116,6 +116,26 @@ def read_photo(path: Path) -> np.ndarray:
     return np.ascontiguousarray(linear[..., :3], np.float32)
 
 
+def read_environment(path: Path) -> np.ndarray:
+    """Read a picture of all directions, shape (h, 2h, 3), linear.
+
+    Raises
+    ------
+    UserError
+        It cannot be read, is not twice as wide as high, or holds light that is negative or no number.
+    """
+    picture = read_photo(path)
+    height, width = picture.shape[:2]
+    if width != 2 * height:
+        raise UserError(
+            f"{path} has {width} × {height} pixels; expected a picture of all directions, twice as "
+            "wide as high (equirectangular, EXR or HDR)."
+        )
+    if not np.isfinite(picture).all() or picture.min() < 0:
+        raise UserError(f"{path} holds values that are negative or not numbers; expected radiance.")
+    return picture
+
+
 def read_mask(path: Path) -> np.ndarray:
     """Read a mask, shape (h, w), bool: True where it is white (at least half), upright."""
     photo_size(path)

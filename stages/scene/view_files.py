@@ -13,6 +13,8 @@ from stages.scene.exr import read_exr, write_exr
 from stages.scene.photos import read_mask, write_png_srgb8
 from stages.scene.resize import reduce_by_area
 
+PREVIEW_WHITE = 0.99
+
 
 def read_views(
     paths: Mapping[str, Path], cameras: Sequence[Camera]
@@ -112,6 +114,20 @@ def write_maps(
         image = np.zeros((*mask.shape, *stacked.shape[1:]), np.float32)
         image[mask] = stacked[start : start + count]
         write_exr(folder / f"{camera.name}.exr", image)
+        start += count
+
+
+def write_previews(
+    folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray], stacked: np.ndarray
+) -> None:
+    """Write stacked values, (N, 3), linear, as 8-bit PNGs: a high quantile of all is white."""
+    white = max(float(np.quantile(stacked, PREVIEW_WHITE)), 1e-12) if stacked.size else 1.0
+    start = 0
+    for camera, mask in zip(cameras, masks, strict=True):
+        count = int(np.count_nonzero(mask))
+        image = np.zeros((*mask.shape, 3), np.float32)
+        image[mask] = stacked[start : start + count] / white
+        write_png_srgb8(folder / f"{camera.name}.png", image)
         start += count
 
 

@@ -1,0 +1,64 @@
+"""The views under another light, from their albedo."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from stages.photometry.environment import directions_of_picture
+from stages.photometry.pixel_transfer import MOST, on_absolute_scale
+from stages.photometry.sky_light import SkyScene
+from stages.photometry.transfer import bounced
+
+
+def light_of_picture(picture: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Mean light, (M, 3), around each of some even directions, (M, 3), of a picture of all directions.
+
+    Every pixel belongs to the direction nearest to it, and counts by the solid angle that it covers.
+    """
+    rows = picture.shape[0]
+    towards = directions_of_picture(rows).reshape(-1, 3)
+    angle = np.repeat(np.sin(np.pi * (np.arange(rows) + 0.5) / rows), 2 * rows)
+    _, nearest = cKDTree(directions).query(towards)
+    count = len(directions)
+    total = np.bincount(nearest, angle, count)
+    sums = [np.bincount(nearest, angle * picture[..., c].ravel(), count) for c in range(3)]
+    light = np.stack(sums, axis=1) / np.where(total > 0, total, 1)[:, None]
+    _, pixel = cKDTree(towards).query(directions)
+    return np.where(total[:, None] > 0, light, picture.reshape(-1, 3)[pixel])  # finer than the picture
+
+
+def relit(
+    scene: SkyScene, albedo: np.ndarray, light: np.ndarray, bounces: int, brightest: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Radiance that the pixels would show.
+
+    Parameters
+    ----------
+    scene : SkyScene
+        N pixels, M directions.
+    albedo : ndarray, shape (N, 3)
+        On any scale, the channels alike.
+    light : ndarray, shape (M, 3)
+        Radiance from the scene's directions.
+    bounces : int
+        How often light is passed on between surfaces.
+    brightest : float
+        What the brightest material reflects.
+
+    Returns
+    -------
+    tuple of two ndarray, shape (N, 3), float32
+        ``ρ S`` with ρ on the absolute scale, and S itself.
+    """
+    absolute = on_absolute_scale(np.maximum(albedo, 0), brightest)
+    shading, of_vertices = scene.pixels.shading(light), scene.vertices.shading(light)
+    weight = np.asarray(scene.pixels.blend.sum(axis=0)).ravel()
+    for c in range(3 if bounces else 0):
+        means = (scene.pixels.blend.T @ absolute[:, c]) / np.where(weight > 0, weight, 1)
+        typical = float(np.median(absolute[:, c])) if len(absolute) else 0.0
+        at_vertices = np.clip(np.where(weight > 0, means, typical), 0, MOST).astype(np.float32)
+        own = np.ascontiguousarray(of_vertices[:, c : c + 1])
+        total = bounced(own, scene.seen, at_vertices, typical, bounces)
+        shading[:, c] += (scene.pixels.blend @ (total - own))[:, 0]
+    return (absolute * shading).astype(np.float32), shading

@@ -1,0 +1,42 @@
+"""From what the `transfer` stage has stored to what pixels see: a scene per distance of the light."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sp
+
+from stages.photometry.pixel_transfer import blend_of_pixels, without_opposed
+from stages.photometry.sky import Sphere
+from stages.photometry.sky_light import SkyScene
+from stages.photometry.transfer import Occlusion
+from stages.scene.transfer_file import StoredTransfer
+
+SurfacePoints = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # faces, barycentric; view by view
+
+
+def pixels_on_proxy(stored: StoredTransfer, faces: np.ndarray, points: SurfacePoints) -> sp.csr_array:
+    """Every pixel as a blend of the proxy's vertices, (N, P); `faces` (F, 3) are the mesh's."""
+    return blend_of_pixels(*points, faces, stored.corners, stored.weights, len(stored.blocked))
+
+
+def sky_scenes(
+    stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray
+) -> tuple[list[SkyScene], int]:
+    """Scenes in the order of the stored radii, and how many pixels see the back of the mesh.
+
+    Parameters
+    ----------
+    stored : StoredTransfer
+    blend : csr_array, shape (N, P)
+    normals : ndarray, shape (N, 3)
+        Of the pixels.
+    """
+    blend, opposed = without_opposed(normals, blend, stored.normals)
+    seen, scenes = Occlusion(stored.blocked, stored.form_factors, stored.behind), []
+    for radius, visible in zip(stored.radii.tolist(), stored.visible, strict=True):
+        sphere = Sphere(tuple(stored.centre), radius) if np.isfinite(radius) else None
+        about = (stored.vertices, stored.normals, seen, visible, int(stored.directions))
+        scenes.append(SkyScene.of(normals, blend, *about, sphere))
+    return scenes, opposed

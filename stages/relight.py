@@ -1,0 +1,70 @@
+"""The views under a light they never saw: albedo × shading, shadows and bounces included."""
+
+from __future__ import annotations
+
+from pipeline import Artefact, Job, Settings, Stage, setting
+
+
+class RelightSettings(Settings):
+    """Settings of the `relight` stage."""
+
+    turn_deg: float = setting(
+        0.0, "By how much the light is turned, counter-clockwise seen from above.", unit="°"
+    )
+    bounces: int = setting(4, "How often light is passed on between surfaces.", ge=0, le=100)
+    brightest: float = setting(
+        0.8, "What the brightest material is taken to reflect; it says how much light bounces.", gt=0, le=0.95
+    )
+
+
+def run(job: Job) -> None:
+    """Open surface, albedo and light; shade; save. Memory: some 150 B per masked pixel."""
+    import numpy as np
+
+    from stages.photometry.relighting import light_of_picture, relit
+    from stages.photometry.sky_scenes import pixels_on_proxy, sky_scenes
+    from stages.scene.camera_file import read_cameras
+    from stages.scene.exr import read_exr
+    from stages.scene.meshes import read_mesh
+    from stages.scene.photos import read_environment, read_mask
+    from stages.scene.transfer_file import read_transfer
+    from stages.scene.upright import upright_from_world
+    from stages.scene.view_files import read_surface_points, write_maps, write_previews
+
+    settings: RelightSettings = job.settings
+    picture = read_environment(job.inputs["light"])
+    cameras = read_cameras(job.inputs["cameras"])
+    masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
+    normals, albedo = (
+        np.concatenate(
+            [
+                read_exr(job.inputs[kind] / f"{camera.name}.exr")[mask]
+                for camera, mask in zip(cameras, masks, strict=True)
+            ]
+        )
+        for kind in ("normal", "albedo")
+    )
+    stored = read_transfer(job.inputs["transfer"])
+    points = read_surface_points(job.inputs, cameras, masks)
+    blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]).faces, points)
+    scene = sky_scenes(stored, blend, normals)[0][0]  # from infinitely far away
+    turn = np.deg2rad(-settings.turn_deg)
+    turned = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    towards = scene.pixels.directions @ (turned @ upright_from_world(cameras)).T
+    light = light_of_picture(picture, towards)
+    radiance, shading = relit(scene, albedo, light, settings.bounces, settings.brightest)
+    write_maps(job.outputs["relit"], cameras, masks, radiance)
+    write_previews(job.outputs["relit"], cameras, masks, radiance)
+    job.note(mean_shading=np.round(shading.mean(axis=0, dtype=float), 6).tolist())
+
+
+RELIGHT = Stage(
+    name="relight",
+    version=1,
+    about="The views under another light, from their albedo.",
+    settings=RelightSettings,
+    takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer", "light"),
+    gives=(Artefact("relit", "the views under another light, EXR (linear) and PNG", output="relit"),),
+    run=run,
+    tools=("numpy", "scipy", "numba"),
+)

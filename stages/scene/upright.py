@@ -1,0 +1,38 @@
+"""Which way is up: the frame in which a picture of all directions has a meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stages.scene.cameras import Camera
+
+NEAR_AXIS_DEG = 20.0
+
+
+def upright_from_world(cameras: Sequence[Camera]) -> np.ndarray:
+    """Rotation, (3, 3), from the world to a frame whose z is up.
+
+    Up is the world's axis nearest to the cameras' mean up (−y), if it is within 20° of it: frames made by
+    hand, and by most programs, have an axis upwards. Otherwise the cameras' mean up itself. The rotation is
+    the smallest that leads there, so a world whose z is up stays as it is.
+    """
+    up = -np.sum([camera.rotation[1] for camera in cameras], axis=0)
+    length = float(np.linalg.norm(up))
+    up = up / length if length > 1e-6 else -cameras[0].rotation[1]
+    axis = np.zeros(3)
+    axis[np.abs(up).argmax()] = np.sign(up[np.abs(up).argmax()])
+    if up @ axis > np.cos(np.deg2rad(NEAR_AXIS_DEG)):
+        up = axis
+    return _smallest_rotation(up, np.array([0.0, 0, 1]))
+
+
+def _smallest_rotation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """That takes a unit vector to another; half a turn about x where they are opposed (Rodrigues)."""
+    cosine = float(one @ other)
+    if cosine < -1 + 1e-12:
+        return np.diag([1.0, -1, -1])
+    x, y, z = np.cross(one, other)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + cross + cross @ cross / (1 + cosine)

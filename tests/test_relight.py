@@ -1,0 +1,145 @@
+"""Another light on the views: the picture of it, the frame it is held in, and the command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from stages.photometry.environment import directions_of_picture, picture_of_light
+from stages.photometry.relighting import light_of_picture, relit
+from stages.photometry.sky import even_directions
+from stages.photometry.sky_light import SkyScene
+from stages.photometry.transfer import Occlusion
+from stages.scene.exr import read_exr, write_exr
+from stages.scene.photos import read_mask
+from stages.scene.upright import upright_from_world
+from stages.synthetic.lights import SKY_DOME, dome_picture
+from tests.rendered_scene import TINY, artefact, unshade, write_config
+from tests.sphere_scene import camera_looking_at_origin
+
+NAMES = ["000", "001", "002"]
+COUNT = 256
+
+
+def test_light_of_a_picture_keeps_its_power_and_its_place():
+    rng = np.random.default_rng(0)
+    picture = rng.random((40, 80, 3))
+    light = light_of_picture(picture, even_directions(COUNT))
+    angle = np.sin(np.pi * (np.arange(40) + 0.5) / 40)[:, None, None]
+    power = (picture * angle).sum(axis=(0, 1)) / (angle.sum() * 80)
+    assert np.allclose(light.mean(axis=0), power, rtol=0.02)
+    smooth = np.maximum(directions_of_picture(40) @ np.array([0.6, 0.0, 0.8]), 0)[..., None] * np.ones(3)
+    expected = np.maximum(even_directions(COUNT) @ np.array([0.6, 0.0, 0.8]), 0)
+    assert np.allclose(light_of_picture(smooth, even_directions(COUNT))[:, 0], expected, atol=0.05)
+    coarse = light_of_picture(picture[:4, :8], even_directions(COUNT))
+    assert np.isfinite(coarse).all()
+    assert coarse.min() > 0
+
+
+def test_a_light_comes_back_from_its_picture():
+    radiance = np.maximum(even_directions(COUNT) @ np.array([[0.6], [0.0], [0.8]]), 0) * np.ones(3)
+    back = light_of_picture(picture_of_light(even_directions(COUNT), radiance), even_directions(COUNT))
+    assert np.allclose(back, radiance, atol=0.05)
+
+
+def test_under_even_light_open_surface_shows_its_albedo():
+    normals, none = even_directions(20), sp.csr_array((1, 1), dtype=np.float32)
+    scene = SkyScene.of(
+        normals,
+        sp.csr_array((20, 1), dtype=np.float32),
+        np.zeros((1, 3)),
+        np.array([[0.0, 0, 1]], np.float32),
+        Occlusion(np.zeros((1, 9), np.float32), none, none),
+        np.zeros((1, COUNT // 8), np.uint8),
+        COUNT,
+        None,
+    )
+    albedo = np.linspace(0.1, 1.0, 60).reshape(20, 3)
+    shown, shading = relit(scene, albedo, np.full((COUNT, 3), 2.0), bounces=3, brightest=0.5)
+    assert np.allclose(shading, 2, rtol=0.02)
+    ratio = shown / albedo
+    assert np.allclose(ratio, ratio[0, 0], rtol=0.03)
+
+
+@pytest.mark.parametrize("up", [[0, 0, 1], [0, -1, 0], [0, 0, -1], [1, 1, 1]])
+def test_up_is_an_axis_where_one_is_near_and_the_cameras_own_otherwise(up):
+    """Cameras around the origin, looking down a little; the world turned so that up is elsewhere."""
+    up = np.array(up) / np.linalg.norm(up)
+    cameras = []
+    for angle in np.deg2rad([0, 120, 240]):
+        own = camera_looking_at_origin("a", 3 * np.array([np.cos(angle), np.sin(angle), 0.2]), 20, 20, 30.0)
+        cameras.append(own)
+    to_world = np.linalg.inv(_rotation_to(up))
+    turned = [_turned(camera, to_world) for camera in cameras]
+    upright = upright_from_world(turned)
+    assert np.allclose(upright @ upright.T, np.eye(3))
+    assert np.linalg.det(upright) == pytest.approx(1)
+    assert np.allclose(upright @ up, [0, 0, 1], atol=1e-6)
+
+
+def _rotation_to(up: np.ndarray) -> np.ndarray:
+    """Rows: a frame whose third axis is `up`."""
+    side = np.cross(up, [0.3, 0.5, -0.4])
+    side /= np.linalg.norm(side)
+    return np.stack([side, np.cross(up, side), up])
+
+
+def _turned(camera, to_world):
+    from dataclasses import replace
+
+    pose = np.column_stack([camera.rotation @ to_world.T, camera.cam_from_world[:, 3]])
+    return replace(camera, cam_from_world=pose)
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory) -> Path:
+    render = TINY | {"views": 3, "width_px": 54, "height_px": 96, "noise": 0.05, "spacing": 0.02}
+    return write_config(
+        tmp_path_factory.mktemp("relit") / "dome.yaml", render=render, transfer={"directions": 64}
+    )
+
+
+def test_under_the_light_that_it_was_taken_in_a_view_looks_like_its_photo(config, capsys):
+    light = config.parent / "dome.exr"
+    write_exr(light, dome_picture(SKY_DOME.dome).radiance)
+    code, _, said = unshade(capsys, "relight", config, "--light", light)
+    assert code == 0, said
+    output = config.parent / "w/output"
+    shown, photo = [], []
+    for name in NAMES:
+        mask = read_mask(output / f"mask/{name}.png")
+        shown.append(read_exr(output / f"relit/{name}.exr")[mask])
+        photo.append(read_exr(artefact(config.parent / "w", "undistort", "linear") / f"{name}.exr")[mask])
+        assert (output / f"relit/{name}.png").is_file()
+    shown, photo = np.concatenate(shown), np.concatenate(photo)
+    scale = (shown * photo).sum(axis=0) / (shown**2).sum(axis=0)
+    off = np.sqrt(((scale * shown - photo) ** 2).sum() / (photo**2).sum())
+    assert off < 0.15
+    plan = json.loads(unshade(capsys, "plan", config, "--json")[1])
+    assert "relight" not in {row["stage"] for row in plan}
+
+
+def test_the_paper_s_albedo_can_be_relit_too(config, capsys):
+    light = config.parent / "dome.exr"
+    write_exr(light, dome_picture(SKY_DOME.dome).radiance)
+    paper = ["--set", "decomposition.mode=paper", "--set", "decomposition.max_alternations=2"]
+    code, _, said = unshade(capsys, "relight", config, "--light", light, *paper)
+    assert code == 0, said
+
+
+def test_what_is_no_light_is_said(config, capsys):
+    code, _, said = unshade(capsys, "relight", config)
+    assert code == 2
+    assert "No light was given" in said
+    square = config.parent / "square.exr"
+    write_exr(square, np.ones((8, 8, 3), np.float32))
+    code, _, said = unshade(capsys, "relight", config, "--light", square)
+    assert code == 2
+    assert "twice as wide as high" in said.replace("\n", " ")
+    code, _, said = unshade(capsys, "relight", config, "--light", config.parent / "nowhere.exr")
+    assert code == 2
+    assert "--light" in said
