@@ -56,7 +56,7 @@ DATAFLOW = (
     RAYCAST,  #         n^i, Ω^i, π⁻¹
     CORRESPONDENCE,  #  Eq. 5, 6, 8: C_ij
     TRANSFER,  #        ν that knows what it can see; not in mode: paper
-    DECOMPOSITION,  #   Eq. 1–4, 9–18: ρ, σ
+    DECOMPOSITION_BY_TRANSFER,  # Eq. 1–4, 9–18: ρ, σ
     DELIVER,  #         what people open
 )
 ENTRY_POINTS = (ADOPT_MODEL, ADOPT_MESH)

@@ -84,10 +84,14 @@ def run(job: Job) -> None:
     centre, radius = _middle(proxy)
     radii, visible = [np.inf, *(radius * distance for distance in settings.light_distances)], []
     directions = even_directions(settings.sky_directions)
-    with job.progress("directions", len(radii) * len(directions)) as step:
+    with job.progress("directions", len(radii) * -(-len(directions) // 8)) as step:
         for own in radii:
             sphere = Sphere(tuple(centre - occluders.origin), own) if np.isfinite(own) else None
-            visible.append(visible_directions(origins, normals, occluders.blocked, directions, sphere, step))
+            visible.append(
+                visible_directions(
+                    origins, normals, occluders.blocked, directions, sphere, job.executor, step
+                )
+            )
     own_normals = vertex_normals(surface.vertices, surface.faces)
     corners, weights = blend_of(surface, own_normals, proxy, job.threads)
     write_transfer(

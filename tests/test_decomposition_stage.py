@@ -75,7 +75,7 @@ def linked(scene, tmp_path_factory) -> tuple[dict[str, Path], Job]:
     return inputs | {"correspondences": job.outputs["correspondences"]}, job
 
 
-SHORT = {"max_alternations": 4, "lambda": 1.5}
+SHORT = {"mode": "paper", "max_alternations": 4, "lambda": 1.5, "mu": 1.0}
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +159,7 @@ def test_black_images_are_refused_with_a_way_out(linked, scene, tmp_path):
     for camera in scene.cameras:
         write_exr(inputs["linear"] / f"{camera.name}.exr", np.zeros((*camera.shape, 3), np.float32))
     with pytest.raises(UserError, match=r"black inside the masks .* Check that the masks"):
-        run_stage(DECOMPOSITION, tmp_path / "out", inputs, DecompositionSettings())
+        run_stage(DECOMPOSITION, tmp_path / "out", inputs, DecompositionSettings(mode="paper"))
 
 
 def test_pixels_that_are_not_numbers_are_refused_by_name(linked, scene, tmp_path):
@@ -167,7 +167,7 @@ def test_pixels_that_are_not_numbers_are_refused_by_name(linked, scene, tmp_path
     for camera in scene.cameras:
         write_exr(inputs["linear"] / f"{camera.name}.exr", np.full((*camera.shape, 3), np.nan, np.float32))
     with pytest.raises(UserError, match=r"View view 0 has \d+ values .* not numbers"):
-        run_stage(DECOMPOSITION, tmp_path / "out", inputs, DecompositionSettings())
+        run_stage(DECOMPOSITION, tmp_path / "out", inputs, DecompositionSettings(mode="paper"))
 
 
 def test_views_that_share_nothing_are_warned_about(tmp_path):

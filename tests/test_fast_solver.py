@@ -230,7 +230,9 @@ def two_runs(sphere, make_job, tmp_path_factory) -> list:
     CORRESPONDENCE.run(linking)
     takes = {name: inputs[name] for name in ("linear", "normal", "mask", "cameras")}
     takes["correspondences"] = linking.outputs["correspondences"]
-    how = DecompositionSettings(**{"solver": "fast", "fast_max_rounds": 30, "lambda": 1.5, "mu": 0.5})
+    how = DecompositionSettings(
+        **{"mode": "paper", "solver": "fast", "fast_max_rounds": 30, "lambda": 1.5, "mu": 0.5}
+    )
     jobs = []
     for threads in (1, 2):
         jobs.append(make_job(folder / str(threads), DECOMPOSITION, how, threads, **takes))

@@ -34,7 +34,8 @@ def test_every_row_and_method_has_its_numbers_and_its_picture(report):
         assert report.with_name(f"{name}-{size['size']}.png").stat().st_size > 1000
     page = report.read_text(encoding="utf-8")
     assert "| hair | red | 1.0000 | 0.0135 | 0.0274 |" in page
-    assert "nan" not in page.split("### Table 2")[0]
+    first = page.split("### Table 2")[0].splitlines()
+    assert not [line for line in first if "nan" in line and "too dark to count" not in line]
 
 
 def test_solving_well_reaches_a_lower_energy_than_the_papers_rule(report):

@@ -23,7 +23,7 @@ from stages.scene.photos import read_mask
 
 ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data"
-QUICK = ["--set", "raycast.reduce=3", "--set", "decomposition.max_alternations=5"]
+QUICK = ["--set", "raycast.reduce=3", "--set", "transfer.max_vertices=30000"]
 STAGES = [stage.name for stage in dataflow(["images"])]
 LINEAR = ["--colmap", str(SAMPLE / "linear"), "--images", str(SAMPLE / "linear/images")]
 LINEAR += ["--mesh", str(SAMPLE / "truth/mesh.ply")]
@@ -103,7 +103,7 @@ def test_a_second_run_reuses_everything_and_says_so(finished, capsys):
     code, _, said = unshade(capsys, "run", ROOT / "configs/sample.yaml", "--workspace", finished, *QUICK)
     assert code == 0
     lines = [line for line in said.splitlines() if line.strip()]
-    assert len(lines) == 8
+    assert len(lines) == 9
     assert all("reuse" in line and "nothing that it depends on has changed" in line for line in lines)
 
 
@@ -183,10 +183,11 @@ def test_status_show_diff_and_clean_tell_what_is_there(own_copy, capsys):
 
 def test_known_cameras_a_mesh_and_linear_images_need_no_sfm_and_no_mvs(tmp_path, capsys):
     code, told, _ = unshade(capsys, "run", *LINEAR, "--workspace", tmp_path / "w", "--json",
-                            "--set", "decomposition.max_alternations=5")  # fmt: skip
+                            "--set", "raycast.reduce=3", "--set", "transfer.max_vertices=30000")  # fmt: skip
     assert code == 0
     assert list(actions(told)) == [
-        "adopt_model", "undistort", "adopt_mesh", "raycast", "correspondence", "decomposition", "deliver",
+        "adopt_model", "undistort", "adopt_mesh", "raycast", "correspondence", "transfer", "decomposition",
+        "deliver",
     ]  # fmt: skip
     (linear,) = (tmp_path / "w/cache/undistort").glob("*/linear")
     for path in (SAMPLE / "linear/images").glob("*.exr"):

@@ -14,6 +14,8 @@ from stages.photometry.stack import StackedViews
 PATCHES = 15  # along the side of a view: what is textured is a matter of neighbourhoods
 UNEXPLAINED = 0.15  # of the logarithm: a change that the shading leaves over, beyond as much as it explains
 TEXTURED = (0.45, 0.65)  # share of the edges that are paint: from nothing of the detail to all of it
+HIGHLIGHT_PX = 5  # smallest highlight that is told from fine paint
+GLOSS = 0.05  # of the logarithm: views that disagree by more see gloss
 DIM = 0.1  # of the median shading: quotients by less are noise
 DARK = 0.02  # of the scaled image
 NOISE = 0.04  # of the logarithm: detail well below is noise, and goes
@@ -43,6 +45,7 @@ def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edge
     ``1 − exp(−(|Δ log I − Δ log S| / (|Δ log S| + 0.15))²)``, or in colour; the weight rises with the share
     of such edges in a neighbourhood. In surface of one paint there are few of them, whatever its relief: at
     the rims of shadows and at parts' borders, lines. So texture is told from errors of the light.
+    Highlights are told from it by the views: they disagree about them.
     """
     lit = np.log(np.maximum(shading.mean(axis=1), 1e-3))
     seen = np.log(np.maximum(image.mean(axis=1), 0) + DARK)
@@ -56,10 +59,10 @@ def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edge
         for end in (one, other):
             paint += np.bincount(end, share, count)
             degree += np.bincount(end, minlength=count)
-    around = np.concatenate(list(_means(views, paint / np.maximum(degree, 1))))
     low, high = TEXTURED
-    rise = np.clip((around - low) / (high - low), 0, 1)
-    return Texture((rise * rise * (3 - 2 * rise)).astype(np.float32))
+    rise = np.clip((_patch_means(views, paint / np.maximum(degree, 1)) - low) / (high - low), 0, 1)
+    matt = np.exp(-((_gloss(views, seen - lit) / GLOSS) ** 2))
+    return Texture((matt * rise * rise * (3 - 2 * rise)).astype(np.float32))
 
 
 def with_detail(
@@ -80,9 +83,31 @@ def with_detail(
     return (np.maximum(albedo, 0) * np.exp(share * firm)).astype(np.float32)
 
 
-def _means(views: StackedViews, values: np.ndarray) -> Iterator[np.ndarray]:
-    """Mean of the values in a square around every pixel, inside its mask; view by view."""
-    size = max(3, 2 * round(views.side / PATCHES / 2) + 1)
+def _gloss(views: StackedViews, quotient: np.ndarray) -> np.ndarray:
+    """How much views disagree about the log quotient I/S around every pixel, (N,).
+
+    Signed differences are averaged in small squares first: fine paint, half a pixel off, comes to nothing
+    there, a highlight does not.
+    """
+    excess, links = np.zeros(len(quotient)), np.zeros(len(quotient))
+    for one, other in views.linked_pixels():
+        difference = quotient[one] - quotient[other]
+        for end, signed in ((one, difference), (other, -difference)):
+            excess += np.bincount(end, signed, len(quotient))
+            links += np.bincount(end, minlength=len(quotient))
+    return _patch_means(views, np.abs(_means(views, excess / np.maximum(links, 1), HIGHLIGHT_PX)))
+
+
+def _patch_means(views: StackedViews, values: np.ndarray) -> np.ndarray:
+    return _means(views, values, max(3, 2 * round(views.side / PATCHES / 2) + 1))
+
+
+def _means(views: StackedViews, values: np.ndarray, size: int) -> np.ndarray:
+    """Mean of the values in a square around every pixel, inside its mask, (N,)."""
+    return np.concatenate(list(_means_of_views(views, values, size)))
+
+
+def _means_of_views(views: StackedViews, values: np.ndarray, size: int) -> Iterator[np.ndarray]:
     for number, mask in enumerate(views.masks):
         image = np.zeros(mask.shape, np.float32)
         image[mask] = values[views.view(number)]

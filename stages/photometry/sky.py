@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ import scipy.sparse as sp
 from stages.photometry.sky_loops import gather_irradiance, gather_shares
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-GRAZING = -0.2  # a point may be asked for with a normal that leans away from its vertices'
+GRAZING = -0.2  # of the sphere's radius: a point's own normal may lean away from its vertices'
 
 
 # Rays, as origins and unit directions, (r, 3) float32 each, to whether something is in their way, (r,) bool.
@@ -55,6 +56,7 @@ def visible_directions(
     blocked: Blocked,
     directions: np.ndarray,
     sphere: Sphere | None = None,
+    executor: Executor | None = None,
     after_each: Callable[[], None] = lambda: None,
 ) -> np.ndarray:
     """Which directions points see the sky in.
@@ -69,23 +71,31 @@ def visible_directions(
     directions : ndarray, shape (M, 3)
     sphere : Sphere or None
         That the light comes from, in the frame of the positions; None: from infinitely far away.
+    executor : concurrent.futures.Executor or None
+        Threads that look in eight directions at a time; never changes the result.
     after_each : callable
-        Called after every direction.
+        Called after every eight directions.
 
     Returns
     -------
     ndarray, shape (P, ⌈M/8⌉), uint8
         A bit per direction, the first in the highest bit.
     """
-    seen = np.zeros((len(positions), -(-len(directions) // 8)), np.uint8)
     origins, normals = np.asarray(positions, np.float32), np.asarray(normals, np.float32)
-    offsets = offsets_in(sphere, positions)
-    for number, direction in enumerate(np.asarray(directions, np.float32)):
-        towards = direction - offsets
-        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-        before = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > GRAZING)
-        free = ~blocked(origins[before], towards[before])
-        seen[before[free], number // 8] |= np.uint8(128 >> number % 8)
+    offsets = None if sphere is None else offsets_in(sphere, positions)
+    seen = np.zeros((len(origins), -(-len(directions) // 8)), np.uint8)
+
+    def look(byte: int) -> None:
+        for bit, direction in enumerate(np.asarray(directions[8 * byte : 8 * byte + 8], np.float32)):
+            towards = np.broadcast_to(direction, origins.shape) if offsets is None else direction - offsets
+            before = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > GRAZING)
+            towards = towards[before]
+            if offsets is not None:
+                towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+            free = ~blocked(origins[before], towards)
+            seen[before[free], byte] |= np.uint8(128 >> bit)
+
+    for _ in (map if executor is None else executor.map)(look, range(seen.shape[1])):
         after_each()
     return seen
 
