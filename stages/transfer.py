@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Settings, Stage, setting
+from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 
 if TYPE_CHECKING:
     import numpy as np
 
     from stages.scene.meshes import Surface
+
+
+NEAREST = 1.5  # radii of the mesh
 
 
 class TransferSettings(Settings):
@@ -74,6 +77,7 @@ def run(job: Job) -> None:
     from stages.scene.transfer_file import StoredTransfer, write_transfer
 
     settings: TransferSettings = job.settings
+    _check_distances(settings)
     surface = read_mesh(job.inputs["mesh"])
     proxy = proxy_of(surface, settings.max_vertices)
     normals = vertex_normals(proxy.vertices, proxy.faces)
@@ -112,6 +116,15 @@ def run(job: Job) -> None:
     )
     blocked = np.asarray(seen.form_factors.sum(axis=1)) + np.asarray(seen.behind.sum(axis=1))
     job.note(vertices=count, mean_blocked=round(float(blocked.mean()), 4))
+
+
+def _check_distances(settings: TransferSettings) -> None:
+    for distance in settings.light_distances:
+        if not distance >= NEAREST:
+            raise UserError(
+                f"transfer.light_distances holds {distance:g}; expected {NEAREST} radii of the mesh or more, "
+                "or the light would be inside what it lights."
+            )
 
 
 def _middle(surface: Surface) -> tuple[np.ndarray, float]:

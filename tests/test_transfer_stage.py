@@ -105,6 +105,9 @@ def test_what_does_not_go_together_is_said(config, capsys):
     code, _, said = unshade(capsys, "run", config, "--set", "decomposition.solver=paper")
     assert code == 2
     assert "the paper's solver knows the paper's light only" in said.replace("\n", " ")
+    code, _, said = unshade(capsys, "run", config, "--set", "transfer.light_distances=[8, 1]")
+    assert code == 2
+    assert "holds 1; expected 1.5 radii" in said.replace("\n", " ")
     code, _, said = unshade(capsys, "run", config, *HARMONICS, "--set", "decomposition.degree=4")
     assert code == 2
     assert "decomposition.degree is 4, but the transfer vectors end at 3" in said.replace("\n", " ")

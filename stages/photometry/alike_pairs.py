@@ -22,10 +22,10 @@ class Pairs:
     weight: np.ndarray
 
 
-def sample_of(views: StackedViews, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Pixels to look at, (n,), sorted: evenly from all whose four neighbours the view has as well."""
-    inner = np.concatenate([_inner(mask)[mask] for mask in views.masks])
-    chosen = np.flatnonzero(inner) if inner.any() else np.arange(inner.size)
+def sample_of(views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Some of the pixels `among`, (n,), sorted: evenly from those with four neighbours in their view."""
+    inner = np.concatenate([_inner(mask)[mask] for mask in views.masks])[among]
+    chosen = among[inner] if inner.any() else among
     return np.sort(rng.choice(chosen, min(count, chosen.size), replace=False))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -138,6 +138,12 @@ class SkyTransport:
         directions = even_directions(count).astype(np.float32)
         return cls(np.ascontiguousarray(normals, np.float32), offsets, blend, visible, directions)
 
+    def at(self, points: np.ndarray) -> SkyTransport:
+        """The same with some of the points only."""
+        return replace(
+            self, normals=self.normals[points], offsets=self.offsets[points], blend=self.blend[points]
+        )
+
     def shares(self, points: np.ndarray) -> np.ndarray:
         """What each direction's light adds to the shading of chosen points, (n, M), float32."""
         out = np.empty((len(points), len(self.directions)), np.float32)
@@ -165,4 +171,4 @@ class SkyTransport:
     @property
     def _blend(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         blend = self.blend
-        return blend.indptr.astype(np.int64), blend.indices.astype(np.int32), blend.data
+        return blend.indptr, blend.indices, blend.data

@@ -12,7 +12,7 @@ from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.fast_alternation import FastDescent, FastSettings
 from stages.photometry.paint_detail import texture_of, with_detail
 from stages.photometry.paint_edges import PaintEdges, smoothness_of_edges
-from stages.photometry.sky_light import SkyLight, SkyScene, SkySettings, sky_light
+from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, sky_light
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_gains import ViewGains, view_gains
 
@@ -42,6 +42,14 @@ class SkyDecomposition:
     moving: float
     edges: PaintEdges
     descent: FastSettings
+
+
+@dataclass(frozen=True, eq=False)
+class SkyLight:
+    """The light, (G, M, 3), at least 0, and the shading of all pixels by it, (N, 3), float32."""
+
+    radiance: np.ndarray
+    shading: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +122,7 @@ def decompose_by_sky(
     ]
     disagreements = [light.disagreement for light in lights]
     best = explained_best(disagreements)
-    light = _in_the_gauge(lights[best], of_pixel)
+    light = _shaded(scenes[best], views, lights[best], light_of_view, of_pixel)
     trusted = trusted & (light.shading.mean(axis=1) > UNLIT * np.median(light.shading))
     texture = texture_of(views, image, light.shading, settings.edges)
     by_edge = smoothness_of_edges(views, image, light.shading, texture.weight, settings.edges)
@@ -140,10 +148,15 @@ def _lights(settings: SkyDecomposition, gains: ViewGains, count: int) -> np.ndar
     return np.arange(count) if apart else np.zeros(count, np.int64)
 
 
-def _in_the_gauge(light: SkyLight, of_pixel: np.ndarray) -> SkyLight:
+def _shaded(
+    scene: SkyScene,
+    views: StackedViews,
+    found: FoundLight,
+    light_of_view: np.ndarray,
+    of_pixel: np.ndarray,
+) -> SkyLight:
     """Give the views their gains back, and scale the light so that the mean shading is 1 in each channel."""
-    shading = light.shading * of_pixel
+    shading = found.shading(scene, views.starts, light_of_view) * of_pixel
     mean = shading.mean(axis=0, dtype=np.float64).astype(np.float32)
     mean = np.where(mean > 0, mean, np.float32(1))
-    bounced = light.bounced * of_pixel / mean
-    return SkyLight(light.radiance / mean, shading / mean, bounced, light.disagreement)
+    return SkyLight(found.radiance / mean, shading / mean)

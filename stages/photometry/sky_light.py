@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,6 +16,7 @@ from stages.photometry.transfer import Occlusion, bounced
 
 BRIGHT_QUANTILE = 0.98  # of the vertices' albedo, weighted by their light: the brightest material
 MOST = 0.95  # no surface gives back more: bounces would not die out
+LOOKED_AT = 300_000  # pixels, evenly spaced, that tell the albedo of the vertices while light is sought
 SETTLES = 3  # rounds in which bounces and albedo find together under one light
 NEAR = 0.1  # of a view's side: pixels that are likely to be of one paint
 NO_LIGHT = 1e-6  # of the scaled image's unit: surface with less says nothing about its albedo
@@ -87,27 +88,37 @@ class SkyScene:
             seen=seen,
         )
 
+    def at(self, pixels: np.ndarray) -> SkyScene:
+        """The same with some of the pixels only."""
+        return replace(self, pixels=self.pixels.at(pixels))
+
 
 @dataclass(frozen=True, eq=False)
-class SkyLight:
-    """The light, and what it makes of the scene.
+class FoundLight:
+    """A light, and what it makes of the vertices.
 
     Attributes
     ----------
     radiance : ndarray, shape (G, M, 3)
         From every direction, at least 0.
-    shading : ndarray, shape (N, 3), float32
-        Bounces included.
-    bounced : ndarray, shape (N, 3), float32
-        What of it comes from other surface.
+    bounced : ndarray, shape (G, P, 3)
+        Shading of the vertices by what comes from other surface.
     disagreement : float
         Mean loss of the pairs under it, 0 to 1.
     """
 
     radiance: np.ndarray
-    shading: np.ndarray
     bounced: np.ndarray
     disagreement: float
+
+    def shading(self, scene: SkyScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
+        """Of a scene's pixels, view after view from ``starts``, (N, 3), float32; bounces included."""
+        out = np.empty((int(starts[-1]), 3), np.float32)
+        for view, own in enumerate(light_of_view):
+            rows = slice(int(starts[view]), int(starts[view + 1]))
+            out[rows] = scene.pixels.shading(self.radiance[own], rows)
+            out[rows] += scene.pixels.blend[rows] @ self.bounced[own]
+        return out
 
 
 def sky_light(
@@ -117,7 +128,7 @@ def sky_light(
     light_of_view: np.ndarray,
     settings: SkySettings,
     step: Callable[[], None] = lambda: None,
-) -> SkyLight:
+) -> FoundLight:
     """Find the light.
 
     Parameters
@@ -136,49 +147,51 @@ def sky_light(
     Notes
     -----
     Starting from even light, at every scale: pairs are drawn by what the albedo seems to be; the light
-    descends; then albedo and bounces settle under it, the albedo's scale being set by `brightest`.
+    descends; then albedo and bounces settle under it, the albedo's scale being set by `brightest`. The cost
+    does not grow with the number of pixels beyond `LOOKED_AT`.
     """
     rng, count = np.random.default_rng(settings.seed), int(light_of_view.max(initial=0)) + 1
-    drawn = sample_of(views, settings.samples * (3 + count) // 4, rng)
+    looked = np.arange(0, len(image), max(1, len(image) // LOOKED_AT))
+    part, starts, seen = scene.at(looked), np.searchsorted(looked, views.starts), image[looked]
+    drawn = sample_of(views, looked, settings.samples * (3 + count) // 4, rng)
+    among = np.searchsorted(looked, drawn)
     view = np.repeat(np.arange(views.view_count), np.diff(views.starts))[drawn]
-    positions, radius = views.positions()[drawn], _near(views)
-    sample = Sample(image[drawn].astype(np.float64), scene.pixels.shares(drawn), light_of_view[view])
+    positions, radius = views.positions()[drawn], max(2, round(NEAR * views.side))
+    sample = Sample(image[drawn].astype(np.float64), part.pixels.shares(among), light_of_view[view])
     light = np.ones((count, len(scene.pixels.directions), 3))
-    now = SkyLight(light, np.zeros_like(image), np.zeros_like(image), 1.0)
-    guess = sample.image
+    now = FoundLight(light, np.zeros((count, len(scene.vertices.normals), 3), np.float32), 1.0)
+    bounce, guess = np.zeros((len(drawn), 3)), sample.image
     for scale in settings.scales:
         pairs = alike_pairs(guess, view, positions, radius, rng)
-        light, loss = light_from_pairs(
-            sample, now.bounced[drawn].astype(np.float64), pairs, scale, now.radiance, settings.weights
-        )
-        now = _settled(scene, views, image, light_of_view, light, now.bounced, loss, settings)
-        guess = sample.image / np.maximum(now.shading[drawn], NO_LIGHT)
+        light, loss = light_from_pairs(sample, bounce, pairs, scale, now.radiance, settings.weights)
+        now = FoundLight(light, now.bounced, loss)
+        for _ in range(SETTLES if settings.bounces else 0):
+            now = _settled(part, starts, seen, light_of_view, now, settings)
+        shading = now.shading(part, starts, light_of_view)[among]
+        guess = sample.image / np.maximum(shading, NO_LIGHT)
+        bounce = np.zeros((len(drawn), 3))
+        for own in range(count):
+            rows = sample.light_of == own
+            bounce[rows] = part.pixels.blend[among[rows]] @ now.bounced[own]
         step()
     return now
 
 
 def _settled(
     scene: SkyScene,
-    views: StackedViews,
+    starts: np.ndarray,
     image: np.ndarray,
     light_of_view: np.ndarray,
-    light: np.ndarray,
-    bounce: np.ndarray,
-    loss: float,
+    now: FoundLight,
     settings: SkySettings,
-) -> SkyLight:
-    """Let bounces, albedo and its scale find together under a light whose distribution is fixed."""
-    direct = np.empty_like(image)
-    for view, own in enumerate(light_of_view):
-        direct[views.view(view)] = scene.pixels.shading(light[own], views.view(view))
-    of_vertices = np.stack([scene.vertices.shading(one) for one in light])
-    for _ in range(SETTLES if settings.bounces else 0):
-        albedo, known = vertex_albedo(scene, image, direct + bounce)
-        factor = np.float32(_brightest(albedo, known) / settings.brightest)
-        light, direct, of_vertices = light * factor, direct * factor, of_vertices * factor
-        absolute = np.clip(albedo / factor, 0, MOST)
-        bounce = _bounced(scene, views, light_of_view, of_vertices, absolute, known, settings.bounces)
-    return SkyLight(light, direct + bounce, bounce, loss)
+) -> FoundLight:
+    """The light at the scale that `brightest` asks for, and the bounces that the albedo under it sends on."""
+    albedo, known = vertex_albedo(scene, image, now.shading(scene, starts, light_of_view))
+    factor = _brightest(albedo, known) / settings.brightest
+    absolute, radiance = np.clip(albedo / factor, 0, MOST), now.radiance * factor
+    direct = np.stack([scene.vertices.shading(one) for one in radiance])
+    at_vertices = _bounced(scene, direct, absolute, known, settings.bounces)
+    return FoundLight(radiance, at_vertices, now.disagreement)
 
 
 def vertex_albedo(scene: SkyScene, image: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -202,15 +215,9 @@ def _brightest(albedo: np.ndarray, known: np.ndarray) -> float:
 
 
 def _bounced(
-    scene: SkyScene,
-    views: StackedViews,
-    light_of_view: np.ndarray,
-    direct: np.ndarray,
-    absolute: np.ndarray,
-    known: np.ndarray,
-    bounces: int,
+    scene: SkyScene, direct: np.ndarray, absolute: np.ndarray, known: np.ndarray, bounces: int
 ) -> np.ndarray:
-    """Shading of the pixels by what other surface sends on, (N, 3), float32."""
+    """Shading of the vertices by what other surface sends on, under each light: (G, P, 3), float32."""
     at_vertices = np.empty_like(direct)
     for c in range(3):
         lit = known[:, c] > NO_LIGHT
@@ -219,12 +226,4 @@ def _bounced(
         from_sky = np.ascontiguousarray(direct[:, :, c].T)  # all lights at once
         total = bounced(from_sky, scene.seen, albedo, typical, bounces)
         at_vertices[:, :, c] = (total - from_sky).T
-    blend, out = scene.pixels.blend, np.empty((int(views.starts[-1]), 3), np.float32)
-    for view, own in enumerate(light_of_view):
-        out[views.view(view)] = blend[views.view(view)] @ at_vertices[own]
-    return out
-
-
-def _near(views: StackedViews) -> int:
-    """Side of the squares in which pixels are near, px."""
-    return max(2, round(NEAR * views.side))
+    return at_vertices
