@@ -224,10 +224,10 @@ def _write_what_transfer_knows(
 def _write_history(job: Job, solved: Solved) -> None:
     """`energy.json`; what did not converge is said."""
     from stages.photometry.alternation import Outcome
-    from stages.photometry.energy_history import LEGEND
+    from stages.photometry.energy_history import LEGEND, UNDER_LIGHT
 
     content = {
-        "legend": LEGEND,
+        "legend": LEGEND if solved.sky is None else UNDER_LIGHT,
         "settings": job.settings.model_dump(by_alias=True),
         "channels": dict(zip(CHANNELS, solved.histories, strict=True)),
     }
@@ -246,7 +246,7 @@ def _write_history(job: Job, solved: Solved) -> None:
 
 DECOMPOSITION = Stage(
     name="decomposition",
-    version=8,
+    version=9,
     about="Albedo, shading and light of each view, from all views together.",
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),

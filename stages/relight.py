@@ -30,6 +30,7 @@ def run(job: Job) -> None:
     from stages.scene.transfer_file import read_transfer
     from stages.scene.upright import upright_from_world
     from stages.scene.view_files import read_surface_points, write_maps, write_previews
+    from stages.solvers.threading_layer import use_threads
 
     settings: RelightSettings = job.settings
     picture = read_environment(job.inputs["light"])
@@ -47,7 +48,9 @@ def run(job: Job) -> None:
     stored = read_transfer(job.inputs["transfer"])
     points = read_surface_points(job.inputs, cameras, masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]).faces, points)
-    scene = sky_scenes(stored, blend, normals)[0][0]  # from infinitely far away
+    scenes, opposed = sky_scenes(stored, blend, normals)
+    scene = scenes[0]  # light from infinitely far away
+    use_threads(job.threads)
     turn = np.deg2rad(-settings.turn_deg)
     turned = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
     towards = scene.pixels.directions @ (turned @ upright_from_world(cameras)).T
@@ -55,7 +58,7 @@ def run(job: Job) -> None:
     radiance, shading = relit(scene, albedo, light, settings.bounces, settings.brightest)
     write_maps(job.outputs["relit"], cameras, masks, radiance)
     write_previews(job.outputs["relit"], cameras, masks, radiance)
-    job.note(mean_shading=np.round(shading.mean(axis=0, dtype=float), 6).tolist())
+    job.note(opposed_pixels=opposed, mean_shading=np.round(shading.mean(axis=0, dtype=float), 6).tolist())
 
 
 RELIGHT = Stage(

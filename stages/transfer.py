@@ -50,7 +50,7 @@ class TransferSettings(Settings):
     max_vertices: int = setting(
         200_000,
         "Larger meshes are decimated to this for the rays; what blocks the sky varies slowly. The time is "
-        "this times `directions`: about a minute on two cores by default.",
+        "this times all rays of a vertex: about a minute on two cores by default.",
         unit="vertices",
         ge=100,
     )

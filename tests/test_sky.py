@@ -93,7 +93,8 @@ def test_light_from_nearby_falls_with_the_square_and_faces_the_centre():
 
 def test_what_is_nearer_than_the_light_is_placed_by_its_sphere():
     sphere = Sphere((1.0, 0, 0), 2.0)
-    assert np.allclose(offsets_in(sphere, np.array([[3.0, 0, 0], [1, 2, 0]])), [[1, 0, 0], [0, 1, 0]])
+    assert np.allclose(offsets_in(sphere, np.array([[2.0, 0, 0], [1, 1, 0]])), [[0.5, 0, 0], [0, 0.5, 0]])
+    assert np.allclose(offsets_in(sphere, np.array([[1.0, 0, 50]])), [[0, 0, 2 / 3]])  # wide ground
     assert not offsets_in(None, np.array([[3.0, 0, 0]])).any()
 
 

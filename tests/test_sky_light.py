@@ -67,7 +67,7 @@ def error(found: np.ndarray, truth: np.ndarray) -> float:
 def light_and_shading(lit, image: np.ndarray):
     views, sky = lit[:2]
     one_light = np.zeros(views.view_count, int)
-    light = sky_light(sky, views, image, one_light, FEW)
+    light = sky_light(sky, views, image, np.ones(len(image), bool), one_light, FEW)
     return light, light.shading(sky, views.starts, one_light)
 
 
@@ -149,19 +149,20 @@ def test_gains_of_the_views_are_found_and_moving_light_is_told_from_them(lit):
     image = albedo * shading
     gains = np.array([[1.0, 1, 1], [1.3, 1.2, 1.1], [0.8, 0.7, 0.9]])
     of_pixel = np.repeat(gains, np.diff(views.starts), axis=0)
-    found = view_gains(views, image * of_pixel)
+    found = view_gains(views, image * of_pixel, np.ones(len(image), bool))
     wanted = gains / np.exp(np.log(gains).mean(axis=0))
     assert np.allclose(found.gains, wanted, rtol=0.02)
     assert found.spread < 0.03
     moving = sphere_scene(view_count=3, turn_deg=90.0)
     image = np.concatenate([i[m] for i, m in zip(moving.images, moving.masks, strict=True)])
-    assert view_gains(moving.stacked(), image / np.percentile(image, 99)).spread > 0.15
+    assert view_gains(moving.stacked(), image / np.percentile(image, 99), image[:, 0] >= 0).spread > 0.15
 
 
 def test_views_without_links_have_no_gains():
     scene = sphere_scene(view_count=2)
     scene.links = {}
-    found = view_gains(scene.stacked(), np.ones((int(scene.stacked().starts[-1]), 3)))
+    count = int(scene.stacked().starts[-1])
+    found = view_gains(scene.stacked(), np.ones((count, 3)), np.ones(count, bool))
     assert np.array_equal(found.gains, np.ones((2, 3)))
     assert found.spread == 0
 
@@ -254,3 +255,33 @@ def test_texture_is_told_from_relief_and_its_detail_comes_back():
     assert np.array_equal(
         with_detail(smooth, grain * shading, shading, nowhere, textured), smooth.astype(np.float32)
     )
+
+
+def test_where_nothing_is_trusted_everything_is(lit):
+    views, sky, albedo, shading, _ = lit
+    image = (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
+    how = SkyDecomposition(
+        light=FEW,
+        lighting="shared",
+        moving=0.15,
+        edges=PaintEdges(coarse=2.0),
+        descent=FastSettings(EnergyWeights(0.7, 0.3, 1e-4), max_rounds=5),
+    )
+    images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
+    found = decompose_by_sky(views, images, [sky], np.zeros(len(albedo), bool), how, 1, lambda: None)
+    assert found.trusted.any()
+    assert found.albedo.min() > 0
+
+
+def test_clipped_pixels_have_no_say_about_the_light(lit):
+    views, sky, albedo, shading, _ = lit
+    image, rng = (albedo * shading).astype(np.float32), np.random.default_rng(0)
+    clipped = rng.random(len(image)) < 0.3
+    image[clipped] = image.max()
+    one_light = np.zeros(views.view_count, int)
+    with_all, without = (
+        sky_light(sky, views, image, trusted, one_light, FEW).shading(sky, views.starts, one_light)
+        for trusted in (np.ones(len(image), bool), ~clipped)
+    )
+    assert error(without, shading) < 0.05
+    assert error(without, shading) < error(with_all, shading)

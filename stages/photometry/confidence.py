@@ -53,6 +53,6 @@ def views_that_see_it(views: StackedViews) -> np.ndarray:
     """Links of every pixel, (N,): other views that see its surface point."""
     count = np.zeros(int(views.starts[-1]), np.int32)
     for one, other in views.linked_pixels():
-        count += np.bincount(one, minlength=count.size).astype(np.int32)
-        count += np.bincount(other, minlength=count.size).astype(np.int32)
+        np.add.at(count, one, 1)
+        np.add.at(count, other, 1)
     return count

@@ -51,7 +51,7 @@ class DecompositionSettings(Settings):
         "further light. More changes little.",
         unit="pixels",
         ge=1000,
-        le=1_000_000,
+        le=300_000,
     )
     neutrality: float = setting(
         0.05,

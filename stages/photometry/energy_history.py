@@ -9,6 +9,10 @@ from stages.photometry.energy import EnergyTerms, EnergyWeights
 from stages.photometry.fast_alternation import FastDescent
 from stages.photometry.stopping_rule import Round
 
+UNDER_LIGHT = {
+    "energy": "Eq. 2 of albedo_tv under the light that was found before, as it stands: no gauge",
+    "gap": "how far it may at most be above the least there is, relative to it, all channels together",
+}
 LEGEND = {
     "energy": "Eq. 2 in the gauge (sum of |albedo| = sum of |image| in each channel)",
     "photo, smooth, multi_view": "the sums of Eq. 3, 4 and 5 in the gauge, before lambda and mu",

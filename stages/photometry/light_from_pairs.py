@@ -10,7 +10,9 @@ from scipy.optimize import minimize
 from stages.photometry.alike_pairs import Pairs
 from stages.photometry.sky_loops import pair_losses
 
-DARKEST = 1e-4  # of the scaled image, or of the shading: below, the logarithm is cut
+DARKEST = (
+    1e-4  # of the scaled image, or of the shading: lower values are lifted by as much, for the logarithm
+)
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,7 @@ class _Objective:
         shading = self._bounced.copy()
         for rows, shares, own in zip(self._rows, self._shares, light, strict=True):
             shading[rows] += shares @ own.astype(np.float32)
-        shading = np.maximum(shading, DARKEST)
+        shading = np.maximum(shading, 0) + DARKEST
         by_log = np.zeros_like(self._logs)
         pairs = self._pairs
         logs = self._logs - np.log(shading)

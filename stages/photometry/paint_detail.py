@@ -57,8 +57,8 @@ def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edge
         coloured = ((chroma[one] - chroma[other]) ** 2).sum(axis=1) / edges.chroma_step**2
         share = 1 - np.exp(-(left**2) - coloured)
         for end in (one, other):
-            paint += np.bincount(end, share, count)
-            degree += np.bincount(end, minlength=count)
+            np.add.at(paint, end, share)
+            np.add.at(degree, end, 1)
     low, high = TEXTURED
     rise = np.clip((_patch_means(views, paint / np.maximum(degree, 1)) - low) / (high - low), 0, 1)
     matt = np.exp(-((_gloss(views, seen - lit) / GLOSS) ** 2))
@@ -93,8 +93,8 @@ def _gloss(views: StackedViews, quotient: np.ndarray) -> np.ndarray:
     for one, other in views.linked_pixels():
         difference = quotient[one] - quotient[other]
         for end, signed in ((one, difference), (other, -difference)):
-            excess += np.bincount(end, signed, len(quotient))
-            links += np.bincount(end, minlength=len(quotient))
+            np.add.at(excess, end, signed)
+            np.add.at(links, end, 1)
     return _patch_means(views, np.abs(_means(views, excess / np.maximum(links, 1), HIGHLIGHT_PX)))
 
 

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from stages.photometry.sky_loops import gather_irradiance, gather_shares
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+FARTHEST = np.float32(2 / 3)  # of the sphere's radius: nearer to it, the light would be endless
 GRAZING = -0.2  # of the sphere's radius: a point's own normal may lean away from its vertices'
 
 
@@ -36,10 +37,15 @@ class Sphere:
 
 
 def offsets_in(sphere: Sphere | None, positions: np.ndarray) -> np.ndarray:
-    """Positions (N, 3) from the sphere's centre, in radii: 0 where it is infinitely large; float32."""
+    """Positions (N, 3) from the sphere's centre, in radii: 0 where it is infinitely large; float32.
+
+    What lies near the sphere or beyond, as a wide ground may, is taken to lie two thirds of the way out.
+    """
     if sphere is None:
         return np.zeros(positions.shape, np.float32)
-    return ((positions - np.array(sphere.centre)) / sphere.radius).astype(np.float32)
+    offsets = ((positions - np.array(sphere.centre)) / sphere.radius).astype(np.float32)
+    length = np.linalg.norm(offsets, axis=1, keepdims=True)
+    return offsets * np.minimum(1, FARTHEST / np.maximum(length, FARTHEST))
 
 
 def even_directions(count: int) -> np.ndarray:

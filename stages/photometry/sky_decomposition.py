@@ -15,6 +15,7 @@ from stages.photometry.paint_edges import PaintEdges, smoothness_of_edges
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, sky_light
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_gains import ViewGains, view_gains
+from stages.solvers.threading_layer import use_threads
 
 NEARER = 0.02  # by how much less disagreement light from nearby must leave to be believed in
 UNLIT = 0.02  # of the median shading: a quotient by less says nothing
@@ -70,8 +71,10 @@ class SkySolution:
         Pixels whose data counted.
     smooth : FastDescent
         Eq. 2's ρ under that light, for `albedo_tv`.
+    detailed : FastDescent
+        Before the detail came back that the photos have.
     albedo : ndarray, shape (N, 3), float32
-        With the detail that the photos have.
+        With it.
     directions : ndarray, shape (M, 3)
         Of the light.
     """
@@ -83,6 +86,7 @@ class SkySolution:
     light_of_view: np.ndarray
     trusted: np.ndarray
     smooth: FastDescent
+    detailed: FastDescent
     albedo: np.ndarray
     directions: np.ndarray
 
@@ -106,7 +110,8 @@ def decompose_by_sky(
     scenes : sequence of SkyScene
         The same under light from other distances: that whose light leaves the least disagreement is taken.
     trusted : ndarray, shape (N,), bool
-        Pixels whose data count, as far as one knows without the light.
+        Pixels whose data count, for the light as well, as far as one knows without it. If there are none,
+        all do.
     settings : SkyDecomposition
     threads : int
         Never changes the result.
@@ -114,16 +119,21 @@ def decompose_by_sky(
         Called after every step of the light and every round of the albedo.
     """
     image = np.stack(images, axis=1)
-    gains = view_gains(views, image)
+    use_threads(threads)
+    if not trusted.any():
+        trusted = np.ones_like(trusted)
+    gains = view_gains(views, image, trusted)
     light_of_view = _lights(settings, gains, views.view_count)
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
     lights = [
-        sky_light(scene, views, image / of_pixel, light_of_view, settings.light, step) for scene in scenes
+        sky_light(scene, views, image / of_pixel, trusted, light_of_view, settings.light, step)
+        for scene in scenes
     ]
     disagreements = [light.disagreement for light in lights]
     best = explained_best(disagreements)
     light = _shaded(scenes[best], views, lights[best], light_of_view, of_pixel)
-    trusted = trusted & (light.shading.mean(axis=1) > UNLIT * np.median(light.shading))
+    lit = trusted & (light.shading.mean(axis=1) > UNLIT * np.median(light.shading))
+    trusted = lit if lit.any() else trusted
     texture = texture_of(views, image, light.shading, settings.edges)
     by_edge = smoothness_of_edges(views, image, light.shading, texture.weight, settings.edges)
     smooth, detailed = (
@@ -132,7 +142,9 @@ def decompose_by_sky(
     )
     albedo = with_detail(detailed.albedo, image, light.shading, trusted, texture)
     towards = scenes[best].pixels.directions
-    return SkySolution(light, best, disagreements, gains, light_of_view, trusted, smooth, albedo, towards)
+    return SkySolution(
+        light, best, disagreements, gains, light_of_view, trusted, smooth, detailed, albedo, towards
+    )
 
 
 def explained_best(disagreements: Sequence[float]) -> int:

@@ -16,7 +16,7 @@ from stages.photometry.transfer import Occlusion, bounced
 
 BRIGHT_QUANTILE = 0.98  # of the vertices' albedo, weighted by their light: the brightest material
 MOST = 0.95  # no surface gives back more: bounces would not die out
-LOOKED_AT = 300_000  # pixels, evenly spaced, that tell the albedo of the vertices while light is sought
+LOOKED_AT = 300_000  # pixels that tell the albedo of the vertices while light is sought
 SETTLES = 3  # rounds in which bounces and albedo find together under one light
 NEAR = 0.1  # of a view's side: pixels that are likely to be of one paint
 NO_LIGHT = 1e-6  # of the scaled image's unit: surface with less says nothing about its albedo
@@ -125,6 +125,7 @@ def sky_light(
     scene: SkyScene,
     views: StackedViews,
     image: np.ndarray,
+    trusted: np.ndarray,
     light_of_view: np.ndarray,
     settings: SkySettings,
     step: Callable[[], None] = lambda: None,
@@ -138,6 +139,8 @@ def sky_light(
         Their basis is not looked at.
     image : ndarray, shape (N, 3), float32
         Scaled; gains of the views divided out.
+    trusted : ndarray, shape (N,), bool
+        Pixels that are looked at.
     light_of_view : ndarray, shape (n,), int64
         Which of the G lights every view stands in: 0 everywhere for one light.
     settings : SkySettings
@@ -151,7 +154,8 @@ def sky_light(
     does not grow with the number of pixels beyond `LOOKED_AT`.
     """
     rng, count = np.random.default_rng(settings.seed), int(light_of_view.max(initial=0)) + 1
-    looked = np.arange(0, len(image), max(1, len(image) // LOOKED_AT))
+    looked = np.flatnonzero(trusted)
+    looked = np.sort(rng.choice(looked, min(LOOKED_AT, looked.size), replace=False))
     part, starts, seen = scene.at(looked), np.searchsorted(looked, views.starts), image[looked]
     drawn = sample_of(views, looked, settings.samples * (3 + count) // 4, rng)
     among = np.searchsorted(looked, drawn)

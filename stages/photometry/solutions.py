@@ -137,10 +137,15 @@ def by_sky(
         shading=sky.light.shading,
         light=None,
         histories=rounds_under_light_as_json(sky.smooth),
-        outcomes=[sky.smooth.outcome] * 3,
+        outcomes=[worse(sky.smooth.outcome, sky.detailed.outcome)] * 3,
         albedo_tv=np.maximum(sky.smooth.albedo, 0),
         sky=sky,
     )
+
+
+def worse(one: Outcome, other: Outcome) -> Outcome:
+    """That of two which did not converge, if there is one."""
+    return other if one is Outcome.CONVERGED else one
 
 
 def _solved(descent: FastDescent, views: StackedViews, settings: FastSettings) -> Solved:

@@ -33,8 +33,8 @@ class ViewGains:
     spread: float
 
 
-def view_gains(views: StackedViews, image: np.ndarray) -> ViewGains:
-    """Compare linked pixels of scaled images, (N, 3).
+def view_gains(views: StackedViews, image: np.ndarray, trusted: np.ndarray) -> ViewGains:
+    """Compare linked pixels of scaled images, (N, 3), as far as both are trusted, (N,), bool.
 
     Notes
     -----
@@ -44,7 +44,7 @@ def view_gains(views: StackedViews, image: np.ndarray) -> ViewGains:
     off, is no sign of moving light: differences count by their mean over patches.
     """
     logs = np.log(np.maximum(image, DARK))
-    bright = (image > DARK).all(axis=1)
+    bright = trusted & (image > DARK).all(axis=1)
     patch = _patches(views)
     rows, medians, differences = [], [], []
     for (i, j), block in views.links.items():
