@@ -142,9 +142,8 @@ def decompose_by_sky(
     )
     albedo = with_detail(detailed.albedo, image, light.shading, trusted, texture)
     towards = scenes[best].pixels.directions
-    return SkySolution(
-        light, best, disagreements, gains, light_of_view, trusted, smooth, detailed, albedo, towards
-    )
+    light_found = (light, best, disagreements, gains, light_of_view)
+    return SkySolution(*light_found, trusted, smooth, detailed, albedo, towards)
 
 
 def explained_best(disagreements: Sequence[float]) -> int:
