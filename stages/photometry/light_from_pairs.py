@@ -10,9 +10,7 @@ from scipy.optimize import minimize
 from stages.photometry.alike_pairs import Pairs
 from stages.photometry.sky_loops import pair_losses
 
-DARKEST = (
-    1e-4  # of the scaled image, or of the shading: lower values are lifted by as much, for the logarithm
-)
+DARKEST = 1e-4  # of the scaled image, or of the shading: what logarithms do not go below
 
 
 @dataclass(frozen=True)
