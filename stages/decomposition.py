@@ -77,7 +77,7 @@ def _as_the_paper(job: Job, views: StackedViews, images: list[np.ndarray]) -> So
     weights = weights_at(settings, views.side, views.links_per_pixel)
     job.note(weights={"lambda": weights.smoothness, "mu": weights.consistency})
     if settings.solver == "fast":
-        with job.progress("rounds", settings.fast_max_rounds) as step:
+        with job.progress("rounds", settings.stopping.rounds) as step:
             return solutions.fast(views, images, as_fast(settings, weights), job.threads, step)
     with job.progress("alternations", 3 * settings.max_alternations) as step:
         return solutions.as_the_paper(views, images, as_alternation(settings, weights), job.executor, step)
@@ -110,7 +110,7 @@ def _by_transfer(
     trusted = trusted & (incidence > GRAZING)
     if settings.light == "harmonics":
         transfer = _pixel_transfer(job, stored, blend, normals)
-        with job.progress("rounds", settings.fast_max_rounds) as step:
+        with job.progress("rounds", settings.stopping.rounds) as step:
             solved = solutions.by_transfer(
                 views, images, transfer, as_transfer(settings, weights), job.threads, step
             )
@@ -118,7 +118,7 @@ def _by_transfer(
         scenes, opposed = sky_scenes(stored, blend, normals)
         _tell_opposed(job, opposed, len(normals))
         how = as_sky(settings, weights, views.side)
-        with job.progress("steps", 2 * settings.fast_max_rounds) as step:
+        with job.progress("steps", 3 * len(scenes) + 2 * settings.stopping.rounds) as step:
             solved = solutions.by_sky(views, images, scenes, trusted, how, job.threads, step)
         distance = stored.radii[solved.sky.scene]
         job.note(
@@ -246,7 +246,7 @@ def _write_history(job: Job, solved: Solved) -> None:
 
 DECOMPOSITION = Stage(
     name="decomposition",
-    version=9,
+    version=10,
     about="Albedo, shading and light of each view, from all views together.",
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),

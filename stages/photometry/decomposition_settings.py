@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from pipeline import Settings, UserError, setting
@@ -13,7 +14,21 @@ if TYPE_CHECKING:
     from stages.photometry.sky_decomposition import SkyDecomposition
     from stages.photometry.transfer_alternation import TransferAlternation
 
-GAPS = {"paper": 0.03, "transfer": 0.08}  # where none is set
+
+@dataclass(frozen=True)
+class Stopping:
+    """When `solver: fast` is done."""
+
+    tolerance: float
+    gap: float
+    rounds: int
+
+
+USUAL = {
+    "paper": Stopping(1e-3, 0.03, 100),
+    "harmonics": Stopping(1e-3, 0.08, 100),
+    "directions": Stopping(5e-3, 0.15, 30),
+}
 BEST_ON_FIG_3 = {"paper": (40.0, 1.0), "fast": (12.0, 0.2)}  # λ, μ by solver (docs/paper)
 PAPER_SIDE = 720.0  # px: of 540 × 960, were it a square
 OWN_SIDE = 180.0  # px: of the views that λ of `mode: transfer` is stated for
@@ -157,24 +172,40 @@ class DecompositionSettings(Settings):
     energy_tolerance: float = setting(
         1e-3, "Relative change of the energy to stop at, as in the paper.", ge=0, lt=1
     )
-    fast_tolerance: float = setting(
-        1e-3,
+    fast_tolerance: float | None = setting(
+        None,
         "Relative energy that `solver: fast` may still gain to be done, estimated from what the last two "
-        "doublings of its iterations have gained.",
+        "doublings of its iterations have gained. none: 0.001, or 0.005 under `light: directions`, where the "
+        "light is found already and the albedo's last digits change nothing that one sees.",
         ge=0,
         lt=1,
     )
     fast_gap: float | None = setting(
         None,
         "And how far, relative to the energy, the albedo may then be from the best one of its range under "
-        "its light: a bound from the dual problem, several times what is really missing. none: 0.03, or 0.08 "
-        "in `mode: transfer`, whose light leaves more pixels nearly dark and the bound looser.",
+        "its light: a bound from the dual problem, several times what is really missing. none: 0.03, or in "
+        "`mode: transfer`, whose light leaves more pixels nearly dark and the bound looser, 0.08 (harmonics) "
+        "and 0.15 (directions).",
         gt=0,
         le=1,
     )
-    fast_max_rounds: int = setting(
-        100, "Rounds of `solver: fast` at most; some ten to twenty are usual.", unit="rounds", ge=1
+    fast_max_rounds: int | None = setting(
+        None,
+        "Rounds of `solver: fast` at most; some ten to twenty are usual. none: 100, or 30 under `light: "
+        "directions`.",
+        unit="rounds",
+        ge=1,
     )
+
+    @property
+    def stopping(self) -> Stopping:
+        """When `solver: fast` is done: what was set, or what suits the mode and its light."""
+        usual = USUAL["paper" if self.mode == "paper" else self.light]
+        return Stopping(
+            tolerance=_or(self.fast_tolerance, usual.tolerance),
+            gap=_or(self.fast_gap, usual.gap),
+            rounds=usual.rounds if self.fast_max_rounds is None else self.fast_max_rounds,
+        )
 
 
 def check_mode(settings: DecompositionSettings) -> None:
@@ -231,11 +262,12 @@ def as_fast(settings: DecompositionSettings, weights: EnergyWeights) -> FastSett
     """For `solver: fast`."""
     from stages.photometry.fast_alternation import FastSettings
 
+    stopping = settings.stopping
     return FastSettings(
         weights=weights,
-        tolerance=settings.fast_tolerance,
-        gap_tolerance=settings.fast_gap or GAPS[settings.mode],
-        max_rounds=settings.fast_max_rounds,
+        tolerance=stopping.tolerance,
+        gap_tolerance=stopping.gap,
+        max_rounds=stopping.rounds,
     )
 
 
