@@ -12,8 +12,8 @@ from stages.photometry.paint_edges import PaintEdges, chroma_of
 from stages.photometry.stack import StackedViews
 
 PATCHES = 15  # along the side of a view: what is textured is a matter of neighbourhoods
-UNEXPLAINED = 0.15  # of the logarithm: a change that the shading leaves over, beyond as much as it explains
-TEXTURED = (0.45, 0.65)  # share of the edges that are paint: from nothing of the detail to all of it
+UNEXPLAINED = 0.06  # of the logarithm: a change that the shading leaves over, beyond as much as it explains
+TEXTURED = (0.44, 0.56)  # share of the edges that are paint: from nothing of the detail to all of it
 HIGHLIGHT_PX = 5  # smallest highlight that is told from fine paint
 GLOSS = 0.05  # of the logarithm: views that disagree by more see gloss
 DIM = 0.1  # of the median shading: quotients by less are noise
@@ -42,7 +42,7 @@ def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edge
     Notes
     -----
     An edge is paint's where the photo changes by more than the shading explains,
-    ``1 − exp(−(|Δ log I − Δ log S| / (|Δ log S| + 0.15))²)``, or in colour; the weight rises with the share
+    ``1 − exp(−(|Δ log I − Δ log S| / (|Δ log S| + 0.06))²)``, or in colour; the weight rises with the share
     of such edges in a neighbourhood. In surface of one paint there are few of them, whatever its relief: at
     the rims of shadows and at parts' borders, lines. So texture is told from errors of the light.
     Highlights are told from it by the views: they disagree about them.
