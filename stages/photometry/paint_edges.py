@@ -10,7 +10,8 @@ from stages.photometry.stack import StackedViews
 
 DARK = 0.02  # of the scaled image: below, chromaticity is noise
 NO_SHADING = 1e-3
-NOISE = 0.05  # of the logarithm: what the photo may differ by without a reason
+NOISE = 0.05  # of the logarithm: what the photo of textured surface may differ by without a reason
+DOUBT = 0.1  # and that of other surface, where the light is the likelier reason
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ def smoothness_of_edges(
     ``λ_pq = fine + (coarse − fine) · (1 − exp(−|Δ log S| / s)) · exp(−|Δ chroma|² / c²)``, s and c the steps.
     Light that is nearly neutral changes the brightness of paint, not its colour; and a model of the light
     errs where it changes: at creases, at the rims of shadows. Where the surface lies evenly in the light,
-    whatever the photo shows is paint. So it is, in textured surface, where the photo changes by more than
-    the shading does: the exponent also takes ``(|Δ log I − Δ log S| / (|Δ log S| + 0.05))²``, times
+    whatever the photo shows is paint; and so it is where the photo changes by much more than the shading
+    does: the exponent also takes ``(|Δ log I − Δ log S| / (|Δ log S| + d))²``, d = 0.1, or 0.05 where
     `textured`.
     """
     brightness = np.log(np.maximum(shading.mean(axis=1), NO_SHADING)).astype(np.float32)
@@ -73,7 +74,8 @@ def smoothness_of_edges(
         lit = 1 - np.exp(-explained / edges.shading_step)
         coloured = ((chroma[one] - chroma[other]) ** 2).sum(axis=1) / edges.chroma_step**2
         left = np.abs(seen[one] - seen[other] - brightness[one] + brightness[other])
-        paint = ((left / (explained + NOISE)) ** 2) * (textured[one] + textured[other]) / 2
+        doubt = np.maximum(DOUBT - (DOUBT - NOISE) * (textured[one] + textured[other]) / 2, NOISE)
+        paint = (left / (explained + doubt)) ** 2
         costs.append(edges.fine + (edges.coarse - edges.fine) * lit * np.exp(-coloured - paint))
     return np.concatenate(costs).astype(np.float32)
 
