@@ -83,13 +83,14 @@ def test_harmonic_light_meets_transfer_vectors(config, output):
 
 
 def test_light_that_sees_the_mouth_leaves_less_of_it_in_the_albedo(config, output, capsys):
-    """Than the paper's energy does, solved well, with the paper's light: in every channel, by far."""
+    """Than the paper's energy does, solved well, under the paper's light: less than half, on the whole."""
     by_transfer = errors(output, capsys)
     settings = ["--set", "decomposition.mode=paper", "--set", "decomposition.solver=fast"]
     assert main(["run", str(config), "--workspace", str(config.parent / "w"), *settings]) == 0
     by_normals = errors(output, capsys)
     assert main(["run", str(config)]) == 0
-    assert np.all(by_transfer < 0.6 * by_normals), (by_transfer, by_normals)
+    assert np.all(by_transfer < 0.8 * by_normals), (by_transfer, by_normals)
+    assert by_transfer.mean() < 0.5 * by_normals.mean()
     assert np.array_equal(errors(output, capsys), by_transfer)
 
 
