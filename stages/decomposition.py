@@ -7,19 +7,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage, UserError
-from stages.photometry.decomposition_settings import (
-    DecompositionSettings,
-    as_alternation,
-    as_fast,
-    as_sky,
-    as_transfer,
-    weights_at,
-)
+from stages.photometry.decomposition_settings import DecompositionSettings
+from stages.photometry.solver_settings import as_alternation, as_fast, as_sky, as_transfer, weights_at
 
 if TYPE_CHECKING:
     import numpy as np
     import scipy.sparse as sp
 
+    from stages.photometry.energy import EnergyWeights
     from stages.photometry.pixel_transfer import PixelTransfer
     from stages.photometry.solutions import Solved
     from stages.photometry.stack import StackedViews
@@ -74,8 +69,7 @@ def _as_the_paper(job: Job, views: StackedViews, images: list[np.ndarray]) -> So
     from stages.photometry import solutions
 
     settings: DecompositionSettings = job.settings
-    weights = weights_at(settings, views.side, views.links_per_pixel)
-    job.note(weights={"lambda": weights.smoothness, "mu": weights.consistency})
+    weights = _weights(job, views)
     if settings.solver == "fast":
         with job.progress("rounds", settings.stopping.rounds) as step:
             return solutions.fast(views, images, as_fast(settings, weights), job.threads, step)
@@ -104,8 +98,7 @@ def _by_transfer(
     settings: DecompositionSettings = job.settings
     points = read_surface_points(job.inputs, cameras, masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]).faces, points)
-    weights = weights_at(settings, views.side, views.links_per_pixel)
-    job.note(weights={"lambda": weights.smoothness, "mu": weights.consistency})
+    weights = _weights(job, views)
     incidence = incidence_of(cameras, masks, normals)
     trusted = trusted & (incidence > GRAZING)
     if settings.light == "harmonics":
@@ -130,6 +123,13 @@ def _by_transfer(
         trusted = solved.sky.trusted
     job.note(untrusted_pixels=int(np.count_nonzero(~trusted)))
     return solved.judged(views, images, incidence, trusted)
+
+
+def _weights(job: Job, views: StackedViews) -> EnergyWeights:
+    """λ and μ at the size of the views, noted."""
+    weights = weights_at(job.settings, views.side, views.links_per_pixel)
+    job.note(weights={"lambda": weights.smoothness, "mu": weights.consistency})
+    return weights
 
 
 def _unsaturated(pixels: np.ndarray) -> np.ndarray:

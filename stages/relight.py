@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from pipeline import Artefact, Job, Settings, Stage, setting
 
 
@@ -48,8 +50,10 @@ def run(job: Job) -> None:
     stored = read_transfer(job.inputs["transfer"])
     points = read_surface_points(job.inputs, cameras, masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]).faces, points)
-    scenes, opposed = sky_scenes(stored, blend, normals)
-    scene = scenes[0]  # light from infinitely far away
+    far = replace(
+        stored, radii=stored.radii[:1], visible=stored.visible[:1]
+    )  # light from infinitely far away
+    (scene,), opposed = sky_scenes(far, blend, normals)
     use_threads(job.threads)
     turn = np.deg2rad(-settings.turn_deg)
     turned = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])

@@ -246,8 +246,8 @@ def test_texture_is_told_from_relief_and_its_detail_comes_back():
     edges, trusted = PaintEdges(coarse=10.0), np.ones(count, bool)
     textured = texture_of(views, grain * shading, shading, edges)
     plain = texture_of(views, 0.4 * shading, shading, edges)
-    assert np.mean(textured.weight) > 0.9
-    assert np.max(plain.weight) == 0
+    assert np.mean(textured) > 0.9
+    assert np.max(plain) == 0
     smooth = np.tile(np.median(grain, axis=0), (count, 1))
     detailed = with_detail(smooth, grain * shading, shading, trusted, textured)
     assert error(detailed, grain) < 0.25 * error(smooth, grain)

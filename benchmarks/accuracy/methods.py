@@ -12,7 +12,8 @@ from benchmarks.paper.laboratory import Laboratory
 from benchmarks.paper.methods import SOLVED_WELL, cartoon
 from benchmarks.paper.rows import Row
 from stages.evaluation.scores import Scores
-from stages.photometry.decomposition_settings import BEST_ON_FIG_3, PAPER_SIDE
+from stages.photometry.decomposition_settings import DecompositionSettings
+from stages.photometry.solver_settings import weights_at
 
 CARTOON_FIDELITY = 0.05  # the best of its grid on Fig. 3 at this size (docs/paper)
 
@@ -77,14 +78,13 @@ def _albedo(laboratory: Laboratory, row: Row, judge: Judge, method: Method):
         return judge.images, {}
     settings = dict(method.settings)
     if settings["mode"] == "paper":
-        settings |= _best_weights(settings.get("solver", "paper"), row, judge)
+        settings |= _best_weights(settings, row, judge)
     results = laboratory.run_with(row, settings)
     return maps_in(results.paths[method.artefact], judge.names), results.facts["decomposition"]
 
 
-def _best_weights(solver: str, row: Row, judge: Judge) -> dict[str, float]:
+def _best_weights(settings: dict[str, Any], row: Row, judge: Judge) -> dict[str, float]:
     """λ and μ of Fig. 3 at the size of the views; the paper's own factor of the row applied."""
-    smoothness, consistency = BEST_ON_FIG_3[solver]
     height, width = judge.masks[judge.names[0]].shape
-    side = (height * width) ** 0.5
-    return {"lambda": round(smoothness * side / PAPER_SIDE * row.lambda_factor, 9), "mu": consistency}
+    weights = weights_at(DecompositionSettings(**settings), (height * width) ** 0.5, 0.0)
+    return {"lambda": round(weights.smoothness * row.lambda_factor, 9), "mu": weights.consistency}

@@ -22,8 +22,8 @@ def page(judged: Sequence[Judged], methods: Sequence[str]) -> str:
     """The whole page."""
     rows = list(dict.fromkeys(one.row for one in judged))
     by_place = {(one.row, one.method): one for one in judged}
-    parts = [HEAD, "## si-RMSE (mean of the channels)", _errors(rows, methods, by_place)]
-    parts += ["## Leak of the shading (slope)", _leaks(rows, methods, by_place)]
+    parts = [HEAD, "## si-RMSE (red green blue)", _triples(rows, methods, by_place, "si_rmse", 4)]
+    parts += ["## Leak of the shading (slope)", _triples(rows, methods, by_place, "leak", 2)]
     if all((row, name) in by_place for row in rows for name in (OURS.name, PAPER.name)):
         parts += ["## `mode: transfer` against `mode: paper` and the image", _ratios(rows, by_place)]
     parts += [
@@ -33,19 +33,12 @@ def page(judged: Sequence[Judged], methods: Sequence[str]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _errors(rows, methods, by_place) -> str:
+def _triples(rows, methods, by_place, measure: str, digits: int) -> str:
+    """A measure of red, green and blue, scene by scene."""
     table = []
     for row in rows:
-        cells = [np.mean(by_place[row, name].scores.si_rmse) for name in methods]
-        table.append([row, *(f"{value:.4f}" for value in cells)])
-    return markdown(["scene", *methods], table)
-
-
-def _leaks(rows, methods, by_place) -> str:
-    table = []
-    for row in rows:
-        leaks = [by_place[row, name].scores.leak for name in methods]
-        table.append([row, *(" ".join(f"{value:.2f}" for value in triple) for triple in leaks)])
+        triples = [getattr(by_place[row, name].scores, measure) for name in methods]
+        table.append([row, *(" ".join(f"{value:.{digits}f}" for value in triple) for triple in triples)])
     return markdown(["scene", *methods], table)
 
 

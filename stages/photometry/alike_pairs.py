@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stages.photometry.paint_edges import chroma_of
 from stages.photometry.stack import StackedViews
 
 CHROMA_STEP = 0.12  # of the logarithms of red and blue over green: two colours that pass for one
-DARK = 0.02  # of the scaled image: below, chromaticity is noise
 PARTNERS = 4  # of either kind, per pixel
 
 
@@ -59,8 +59,7 @@ def alike_pairs(
 
 def _colour_of(albedo: np.ndarray) -> np.ndarray:
     """Number of the chromaticity's cell, (n,)."""
-    logs = np.log(np.maximum(albedo, 0) + DARK)
-    cells = np.floor((logs[:, [0, 2]] - logs[:, [1]]) / CHROMA_STEP).astype(np.int64)
+    cells = np.floor(chroma_of(albedo) / CHROMA_STEP).astype(np.int64)
     return np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
 
 

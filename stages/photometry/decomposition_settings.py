@@ -1,18 +1,11 @@
-"""Settings of the `decomposition` stage, and what they mean to the solvers at the size of the views."""
+"""Settings of the `decomposition` stage."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pipeline import Settings, UserError, setting
-
-if TYPE_CHECKING:
-    from stages.photometry.alternation import AlternationSettings
-    from stages.photometry.energy import EnergyWeights
-    from stages.photometry.fast_alternation import FastSettings
-    from stages.photometry.sky_decomposition import SkyDecomposition
-    from stages.photometry.transfer_alternation import TransferAlternation
 
 
 @dataclass(frozen=True)
@@ -29,9 +22,6 @@ USUAL = {
     "harmonics": Stopping(1e-3, 0.08, 100),
     "directions": Stopping(5e-3, 0.15, 30),
 }
-BEST_ON_FIG_3 = {"paper": (40.0, 1.0), "fast": (12.0, 0.2)}  # λ, μ by solver (docs/paper)
-PAPER_SIDE = 720.0  # px: of 540 × 960, were it a square
-OWN_SIDE = 180.0  # px: of the views that λ of `mode: transfer` is stated for
 
 
 class DecompositionSettings(Settings):
@@ -202,8 +192,8 @@ class DecompositionSettings(Settings):
         """When `solver: fast` is done: what was set, or what suits the mode and its light."""
         usual = USUAL["paper" if self.mode == "paper" else self.light]
         return Stopping(
-            tolerance=_or(self.fast_tolerance, usual.tolerance),
-            gap=_or(self.fast_gap, usual.gap),
+            tolerance=given_or(self.fast_tolerance, usual.tolerance),
+            gap=given_or(self.fast_gap, usual.gap),
             rounds=usual.rounds if self.fast_max_rounds is None else self.fast_max_rounds,
         )
 
@@ -223,83 +213,6 @@ def check_mode(settings: DecompositionSettings) -> None:
         )
 
 
-def weights_at(settings: DecompositionSettings, side: float, links_per_pixel: float) -> EnergyWeights:
-    """λ and μ of Eq. 2 for views of a side, px, were they squares.
-
-    The data count pixels and the smoothness lengths, so the same balance takes a λ in proportion to the side.
-    """
-    from stages.photometry.energy import EnergyWeights
-
-    if settings.mode == "transfer":
-        given = (3.0, 1.0)
-        smoothness, consistency = _or(settings.lambda_, given[0]), _or(settings.mu, given[1])
-        consistency = consistency / links_per_pixel if links_per_pixel else 0.0
-        return EnergyWeights(smoothness * side / OWN_SIDE, consistency, settings.delta)
-    smoothness, consistency = BEST_ON_FIG_3[settings.solver or "paper"]
-    return EnergyWeights(
-        _or(settings.lambda_, smoothness * side / PAPER_SIDE), _or(settings.mu, consistency), settings.delta
-    )
-
-
-def _or(given: float | None, default: float) -> float:
+def given_or(given: float | None, default: float) -> float:
+    """What was set, or the default for none."""
     return default if given is None else given
-
-
-def as_alternation(settings: DecompositionSettings, weights: EnergyWeights) -> AlternationSettings:
-    """For `solver: paper`."""
-    from stages.photometry.alternation import AlternationSettings
-
-    return AlternationSettings(
-        weights=weights,
-        max_alternations=settings.max_alternations,
-        energy_tolerance=settings.energy_tolerance,
-        cg_tolerance=settings.cg_tolerance,
-        cg_max_steps=settings.cg_max_steps,
-    )
-
-
-def as_fast(settings: DecompositionSettings, weights: EnergyWeights) -> FastSettings:
-    """For `solver: fast`."""
-    from stages.photometry.fast_alternation import FastSettings
-
-    stopping = settings.stopping
-    return FastSettings(
-        weights=weights,
-        tolerance=stopping.tolerance,
-        gap_tolerance=stopping.gap,
-        max_rounds=stopping.rounds,
-    )
-
-
-def as_transfer(settings: DecompositionSettings, weights: EnergyWeights) -> TransferAlternation:
-    """For `light: harmonics`."""
-    from stages.photometry.pixel_transfer import Bounces
-    from stages.photometry.transfer_alternation import TransferAlternation
-
-    return TransferAlternation(as_fast(settings, weights), Bounces(settings.bounces, settings.brightest))
-
-
-def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> SkyDecomposition:
-    """For `light: directions`."""
-    from stages.photometry.light_from_pairs import PairWeights
-    from stages.photometry.paint_edges import PaintEdges
-    from stages.photometry.sky_decomposition import SkyDecomposition
-    from stages.photometry.sky_light import SkySettings
-
-    return SkyDecomposition(
-        light=SkySettings(
-            samples=settings.samples,
-            bounces=settings.bounces,
-            brightest=settings.brightest,
-            weights=PairWeights(settings.neutrality, settings.evenness),
-        ),
-        lighting=settings.lighting,
-        moving=settings.moving_light,
-        edges=PaintEdges(
-            coarse=max(settings.fine_lambda, settings.coarse_lambda * side / OWN_SIDE),
-            fine=settings.fine_lambda,
-            shading_step=settings.shading_step,
-            chroma_step=settings.chroma_step,
-        ),
-        descent=as_fast(settings, weights),
-    )

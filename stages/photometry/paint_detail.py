@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from stages.photometry.paint_edges import PaintEdges, chroma_of
+from stages.photometry.paint_edges import DARK, PaintEdges, chroma_of
 from stages.photometry.stack import StackedViews
 
 PATCHES = 15  # along the side of a view: what is textured is a matter of neighbourhoods
@@ -17,19 +16,11 @@ TEXTURED = (0.44, 0.56)  # share of the edges that are paint: from nothing of th
 HIGHLIGHT_PX = 5  # smallest highlight that is told from fine paint
 GLOSS = 0.05  # of the logarithm: views that disagree by more see gloss
 DIM = 0.1  # of the median shading: quotients by less are noise
-DARK = 0.02  # of the scaled image
 NOISE = 0.04  # of the logarithm: detail well below is noise, and goes
 
 
-@dataclass(frozen=True, eq=False)
-class Texture:
-    """How textured the surface around every pixel is, (N,), 0 to 1."""
-
-    weight: np.ndarray
-
-
-def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edges: PaintEdges) -> Texture:
-    """Look at what the shading leaves over.
+def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edges: PaintEdges) -> np.ndarray:
+    """How textured the surface around every pixel is, 0 to 1, by what the shading leaves over.
 
     Parameters
     ----------
@@ -38,6 +29,10 @@ def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edge
         Scaled.
     edges : PaintEdges
         Its step of chroma.
+
+    Returns
+    -------
+    ndarray, shape (N,), float32
 
     Notes
     -----
@@ -62,11 +57,11 @@ def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edge
     low, high = TEXTURED
     rise = np.clip((_patch_means(views, paint / np.maximum(degree, 1)) - low) / (high - low), 0, 1)
     matt = np.exp(-((_gloss(views, seen - lit) / GLOSS) ** 2))
-    return Texture((matt * rise * rise * (3 - 2 * rise)).astype(np.float32))
+    return (matt * rise * rise * (3 - 2 * rise)).astype(np.float32)
 
 
 def with_detail(
-    albedo: np.ndarray, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, texture: Texture
+    albedo: np.ndarray, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, textured: np.ndarray
 ) -> np.ndarray:
     """Give the albedo, (N, 3), the detail back that the smoothness took, where the surface is textured.
 
@@ -79,7 +74,7 @@ def with_detail(
     quotient = np.maximum(image, 1e-4) / np.maximum(np.maximum(albedo, 1e-4) * shading, 1e-6)
     left = np.clip(np.log(quotient), -1, 1)
     firm = left * np.maximum(0, 1 - NOISE**2 / np.maximum(left**2, 1e-12))
-    share = np.where(enough, texture.weight, 0)[:, None]
+    share = np.where(enough, textured, 0)[:, None]
     return (np.maximum(albedo, 0) * np.exp(share * firm)).astype(np.float32)
 
 

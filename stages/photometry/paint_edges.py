@@ -81,6 +81,6 @@ def smoothness_of_edges(
 
 
 def chroma_of(image: np.ndarray) -> np.ndarray:
-    """Logarithms of red and blue over green, (N, 2), float32; of what is dark, next to nothing."""
-    logs = np.log(np.maximum(image, 0) + DARK).astype(np.float32)
+    """Logarithms of red and blue over green, (N, 2); of what is dark, next to nothing."""
+    logs = np.log(np.maximum(image, 0) + DARK)
     return logs[:, [0, 2]] - logs[:, [1]]

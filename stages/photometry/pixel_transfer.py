@@ -105,10 +105,15 @@ class PixelTransfer:
         return basis
 
     def at_vertices(self, values: np.ndarray) -> np.ndarray:
-        """Mean of the pixels around every vertex, (P,); their median where no view saw it."""
-        weight = self.blend.sum(axis=0)
-        means = (self.blend.T @ values) / np.where(weight > 0, weight, 1)
-        return np.where(weight > 0, means, np.median(values))
+        """See the function of that name."""
+        return at_vertices(self.blend, values)
+
+
+def at_vertices(blend: sp.csr_array, values: np.ndarray) -> np.ndarray:
+    """Mean of the pixels, (N,), around every vertex, (P,); their median where no view saw it."""
+    weight = blend.sum(axis=0)
+    means = (blend.T @ values) / np.where(weight > 0, weight, 1)
+    return np.where(weight > 0, means, np.median(values))
 
 
 def without_opposed(

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from stages.photometry.environment import directions_of_picture
-from stages.photometry.pixel_transfer import MOST, on_absolute_scale
+from stages.photometry.pixel_transfer import at_vertices, on_absolute_scale
 from stages.photometry.sky_light import SkyScene
 from stages.photometry.transfer import bounced
 
@@ -53,12 +53,10 @@ def relit(
     """
     absolute = on_absolute_scale(np.maximum(albedo, 0), brightest)
     shading, of_vertices = scene.pixels.shading(light), scene.vertices.shading(light)
-    weight = np.asarray(scene.pixels.blend.sum(axis=0)).ravel()
-    for c in range(3 if bounces else 0):
-        means = (scene.pixels.blend.T @ absolute[:, c]) / np.where(weight > 0, weight, 1)
-        typical = float(np.median(absolute[:, c])) if len(absolute) else 0.0
-        at_vertices = np.clip(np.where(weight > 0, means, typical), 0, MOST).astype(np.float32)
+    blend = scene.pixels.blend
+    for c in range(3 if bounces and len(absolute) else 0):
+        there, typical = at_vertices(blend, absolute[:, c]), float(np.median(absolute[:, c]))
         own = np.ascontiguousarray(of_vertices[:, c : c + 1])
-        total = bounced(own, scene.seen, at_vertices, typical, bounces)
-        shading[:, c] += (scene.pixels.blend @ (total - own))[:, 0]
+        total = bounced(own, scene.seen, there.astype(np.float32), typical, bounces)
+        shading[:, c] += (blend @ (total - own))[:, 0]
     return (absolute * shading).astype(np.float32), shading

@@ -134,13 +134,13 @@ def decompose_by_sky(
     light = _shaded(scenes[best], views, lights[best], light_of_view, of_pixel)
     lit = trusted & (light.shading.mean(axis=1) > UNLIT * np.median(light.shading))
     trusted = lit if lit.any() else trusted
-    texture = texture_of(views, image, light.shading, settings.edges)
-    by_edge = smoothness_of_edges(views, image, light.shading, texture.weight, settings.edges)
+    textured = texture_of(views, image, light.shading, settings.edges)
+    by_edge = smoothness_of_edges(views, image, light.shading, textured, settings.edges)
     smooth, detailed = (
         albedo_under_light(views, images, light.shading, trusted, each, settings.descent, threads, step)
         for each in (None, by_edge)
     )
-    albedo = with_detail(detailed.albedo, image, light.shading, trusted, texture)
+    albedo = with_detail(detailed.albedo, image, light.shading, trusted, textured)
     towards = scenes[best].pixels.directions
     light_found = (light, best, disagreements, gains, light_of_view)
     return SkySolution(*light_found, trusted, smooth, detailed, albedo, towards)

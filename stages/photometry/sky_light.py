@@ -10,12 +10,12 @@ import scipy.sparse as sp
 
 from stages.photometry.alike_pairs import alike_pairs, sample_of
 from stages.photometry.light_from_pairs import PairWeights, Sample, light_from_pairs
+from stages.photometry.pixel_transfer import MOST
 from stages.photometry.sky import SkyTransport, Sphere, offsets_in
 from stages.photometry.stack import StackedViews
 from stages.photometry.transfer import Occlusion, bounced
 
 BRIGHT_QUANTILE = 0.98  # of the vertices' albedo, weighted by their light: the brightest material
-MOST = 0.95  # no surface gives back more: bounces would not die out
 LOOKED_AT = 300_000  # pixels that tell the albedo of the vertices while light is sought
 SETTLES = 3  # rounds in which bounces and albedo find together under one light
 NEAR = 0.1  # of a view's side: pixels that are likely to be of one paint

@@ -85,11 +85,12 @@ def as_the_paper(
     """`solver: paper`, channels apart."""
     exact = [image.astype(np.float64) for image in images]
     descents = decompose_channels(views, exact, settings, executor, step)
+    light = np.stack([descent.state.light for descent in descents], axis=1)
     return Solved(
         views=views,
         albedo=np.stack([descent.state.albedo for descent in descents], axis=-1),
-        shading=_shading(views, np.stack([descent.state.light for descent in descents], axis=1)),
-        light=np.stack([descent.state.light for descent in descents], axis=1),
+        shading=_shading(views, light),
+        light=light,
         histories=[descent_as_json(descent) for descent in descents],
         outcomes=[descent.outcome for descent in descents],
     )

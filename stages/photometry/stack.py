@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from stages.photometry.harmonics import shading_basis
+from stages.scene.view_files import images_of
 from stages.solvers.correspondence_operator import (
     Links,
     check_links,
@@ -149,12 +150,5 @@ def stack_pixels(masks: Sequence[np.ndarray], images: Sequence[np.ndarray]) -> n
 
 
 def unstack_pixels(masks: Sequence[np.ndarray], stacked: np.ndarray) -> list[np.ndarray]:
-    """Images (h_i, w_i, …), float32, 0 outside the masks, from stacked values (N, …)."""
-    images, start = [], 0
-    for mask in masks:
-        count = int(np.count_nonzero(mask))
-        image = np.zeros((*mask.shape, *stacked.shape[1:]), np.float32)
-        image[mask] = stacked[start : start + count]
-        images.append(image)
-        start += count
-    return images
+    """All images at once; see `images_of`."""
+    return list(images_of(masks, stacked))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ BY_DIRECTIONS = (
 GAUGE = "in each channel the sum of |albedo| equals the sum of |image| over all masked pixels"
 
 
-def mean_camera_up(cameras: list[Camera]) -> np.ndarray:
+def mean_camera_up(cameras: Sequence[Camera]) -> np.ndarray:
     """World up as the photographers held it: unit mean of the cameras' up (−y) axes, shape (3,)."""
     up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
     length = float(np.linalg.norm(up))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stages.scene.cameras import Camera
+from stages.scene.lighting_file import mean_camera_up
 
 NEAR_AXIS_DEG = 20.0
 
@@ -18,9 +19,7 @@ def upright_from_world(cameras: Sequence[Camera]) -> np.ndarray:
     hand, and by most programs, have an axis upwards. Otherwise the cameras' mean up itself. The rotation is
     the smallest that leads there, so a world whose z is up stays as it is.
     """
-    up = -np.sum([camera.rotation[1] for camera in cameras], axis=0)
-    length = float(np.linalg.norm(up))
-    up = up / length if length > 1e-6 else -cameras[0].rotation[1]
+    up = mean_camera_up(cameras)
     axis = np.zeros(3)
     axis[np.abs(up).argmax()] = np.sign(up[np.abs(up).argmax()])
     if up @ axis > np.cos(np.deg2rad(NEAR_AXIS_DEG)):

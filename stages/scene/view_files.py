@@ -104,17 +104,23 @@ def incidence_of(cameras: Sequence[Camera], masks: Sequence[np.ndarray], normals
     return (np.einsum("nk,nk->n", normals, towards) / np.maximum(length, 1e-12)).astype(np.float32)
 
 
+def images_of(masks: Sequence[np.ndarray], stacked: np.ndarray) -> Iterator[np.ndarray]:
+    """Images (h_i, w_i, …), float32, 0 outside the masks, one after the other, from stacked values (N, …)."""
+    start = 0
+    for mask in masks:
+        count = int(np.count_nonzero(mask))
+        image = np.zeros((*mask.shape, *stacked.shape[1:]), np.float32)
+        image[mask] = stacked[start : start + count]
+        yield image
+        start += count
+
+
 def write_maps(
     folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray], stacked: np.ndarray
 ) -> None:
     """Write stacked values, (N,) or (N, 3), as an EXR per view, 0 outside the masks."""
-    start = 0
-    for camera, mask in zip(cameras, masks, strict=True):
-        count = int(np.count_nonzero(mask))
-        image = np.zeros((*mask.shape, *stacked.shape[1:]), np.float32)
-        image[mask] = stacked[start : start + count]
+    for camera, image in zip(cameras, images_of(masks, stacked), strict=True):
         write_exr(folder / f"{camera.name}.exr", image)
-        start += count
 
 
 def write_previews(
@@ -122,13 +128,8 @@ def write_previews(
 ) -> None:
     """Write stacked values, (N, 3), linear, as 8-bit PNGs: a high quantile of all is white."""
     white = max(float(np.quantile(stacked, PREVIEW_WHITE)), 1e-12) if stacked.size else 1.0
-    start = 0
-    for camera, mask in zip(cameras, masks, strict=True):
-        count = int(np.count_nonzero(mask))
-        image = np.zeros((*mask.shape, 3), np.float32)
-        image[mask] = stacked[start : start + count] / white
-        write_png_srgb8(folder / f"{camera.name}.png", image)
-        start += count
+    for camera, image in zip(cameras, images_of(masks, stacked), strict=True):
+        write_png_srgb8(folder / f"{camera.name}.png", image / white)
 
 
 def write_pictures_of_light(folder: Path, pictures: Mapping[str, np.ndarray]) -> None:

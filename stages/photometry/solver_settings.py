@@ -1,0 +1,100 @@
+"""What the settings of the `decomposition` stage mean to the solvers, at the size of the views."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from stages.photometry.decomposition_settings import DecompositionSettings, given_or
+
+if TYPE_CHECKING:
+    from stages.photometry.alternation import AlternationSettings
+    from stages.photometry.energy import EnergyWeights
+    from stages.photometry.fast_alternation import FastSettings
+    from stages.photometry.sky_decomposition import SkyDecomposition
+    from stages.photometry.transfer_alternation import TransferAlternation
+
+BEST_ON_FIG_3 = {"paper": (40.0, 1.0), "fast": (12.0, 0.2)}  # λ, μ by solver (docs/paper)
+PAPER_SIDE = 720.0  # px: of 540 × 960, were it a square
+OWN_SIDE = 180.0  # px: of the views that λ of `mode: transfer` is stated for
+OWN_WEIGHTS = (3.0, 1.0)  # λ, μ of `mode: transfer`
+
+
+def weights_at(settings: DecompositionSettings, side: float, links_per_pixel: float) -> EnergyWeights:
+    """λ and μ of Eq. 2 for views of a side, px, were they squares.
+
+    The data count pixels and the smoothness lengths, so the same balance takes a λ in proportion to the side.
+    """
+    from stages.photometry.energy import EnergyWeights
+
+    if settings.mode == "transfer":
+        smoothness, consistency = (
+            given_or(*both) for both in zip((settings.lambda_, settings.mu), OWN_WEIGHTS, strict=True)
+        )
+        consistency = consistency / links_per_pixel if links_per_pixel else 0.0
+        return EnergyWeights(smoothness * side / OWN_SIDE, consistency, settings.delta)
+    smoothness, consistency = BEST_ON_FIG_3[settings.solver or "paper"]
+    return EnergyWeights(
+        given_or(settings.lambda_, smoothness * side / PAPER_SIDE),
+        given_or(settings.mu, consistency),
+        settings.delta,
+    )
+
+
+def as_alternation(settings: DecompositionSettings, weights: EnergyWeights) -> AlternationSettings:
+    """For `solver: paper`."""
+    from stages.photometry.alternation import AlternationSettings
+
+    return AlternationSettings(
+        weights=weights,
+        max_alternations=settings.max_alternations,
+        energy_tolerance=settings.energy_tolerance,
+        cg_tolerance=settings.cg_tolerance,
+        cg_max_steps=settings.cg_max_steps,
+    )
+
+
+def as_fast(settings: DecompositionSettings, weights: EnergyWeights) -> FastSettings:
+    """For `solver: fast`."""
+    from stages.photometry.fast_alternation import FastSettings
+
+    stopping = settings.stopping
+    return FastSettings(
+        weights=weights,
+        tolerance=stopping.tolerance,
+        gap_tolerance=stopping.gap,
+        max_rounds=stopping.rounds,
+    )
+
+
+def as_transfer(settings: DecompositionSettings, weights: EnergyWeights) -> TransferAlternation:
+    """For `light: harmonics`."""
+    from stages.photometry.pixel_transfer import Bounces
+    from stages.photometry.transfer_alternation import TransferAlternation
+
+    return TransferAlternation(as_fast(settings, weights), Bounces(settings.bounces, settings.brightest))
+
+
+def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> SkyDecomposition:
+    """For `light: directions`."""
+    from stages.photometry.light_from_pairs import PairWeights
+    from stages.photometry.paint_edges import PaintEdges
+    from stages.photometry.sky_decomposition import SkyDecomposition
+    from stages.photometry.sky_light import SkySettings
+
+    return SkyDecomposition(
+        light=SkySettings(
+            samples=settings.samples,
+            bounces=settings.bounces,
+            brightest=settings.brightest,
+            weights=PairWeights(settings.neutrality, settings.evenness),
+        ),
+        lighting=settings.lighting,
+        moving=settings.moving_light,
+        edges=PaintEdges(
+            coarse=max(settings.fine_lambda, settings.coarse_lambda * side / OWN_SIDE),
+            fine=settings.fine_lambda,
+            shading_step=settings.shading_step,
+            chroma_step=settings.chroma_step,
+        ),
+        descent=as_fast(settings, weights),
+    )
