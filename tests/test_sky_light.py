@@ -14,7 +14,7 @@ from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
 from stages.photometry.light_from_pairs import PairWeights, Sample, _Objective
 from stages.photometry.paint_detail import texture_of, with_detail
-from stages.photometry.paint_edges import PaintEdges, smoothness_of_edges
+from stages.photometry.paint_edges import PaintEdges, colour_change, smoothness_of_edges
 from stages.photometry.sky import even_directions
 from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky, explained_best
 from stages.photometry.sky_light import SkyScene, SkySettings, sky_light
@@ -206,6 +206,14 @@ def test_an_edge_is_the_lights_where_shading_changes_and_colour_does_not():
     assert np.median(smoothness_of_edges(views, rainbow * steep, steep, plain, edges)[along == 0]) < 0.4
     checks = np.where(across % 2, 1.0, 0.3)[:, None] * grey
     assert np.median(smoothness_of_edges(views, checks, steep, plain, edges)[along == 0]) < 0.4
+
+
+def test_paint_has_one_colour_in_any_amount_of_light():
+    red, pink = np.array([[1.0, 0.03, 0.0]]), np.array([[1.0, 0.5, 0.4]])
+    dim = np.array([[0.05], [0.3], [1.0]])
+    assert np.allclose(colour_change(red * dim, np.tile(red, (3, 1))), 0, atol=1e-12)
+    assert np.all(colour_change(red * dim, np.tile(pink, (3, 1))) > 0.12**2)
+    assert np.all(colour_change(0 * red, pink) < 1e-6)  # of black, nothing is known
 
 
 def test_a_nearer_light_is_believed_only_if_it_explains_clearly_more():

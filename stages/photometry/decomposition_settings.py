@@ -134,7 +134,7 @@ class DecompositionSettings(Settings):
         gt=0,
     )
     chroma_step: float = setting(
-        0.15,
+        0.12,
         "Change of colour between neighbouring pixels that makes an edge likely to be paint.",
         unit="of the logarithms of red and blue over green",
         gt=0,

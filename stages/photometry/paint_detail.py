@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from stages.photometry.paint_edges import DARK, PaintEdges, chroma_of
+from stages.photometry.paint_edges import DARK, PaintEdges, colour_change
 from stages.photometry.stack import StackedViews
 
 PATCHES = 15  # along the side of a view: what is textured is a matter of neighbourhoods
@@ -44,12 +44,11 @@ def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edge
     """
     lit = np.log(np.maximum(shading.mean(axis=1), 1e-3))
     seen = np.log(np.maximum(image.mean(axis=1), 0) + DARK)
-    chroma, count = chroma_of(image), len(image)
-    paint, degree = np.zeros(count), np.zeros(count)
+    paint, degree = np.zeros(len(image)), np.zeros(len(image))
     for one, other in views.neighbours():
         explained = lit[one] - lit[other]
         left = np.abs(seen[one] - seen[other] - explained) / (np.abs(explained) + UNEXPLAINED)
-        coloured = ((chroma[one] - chroma[other]) ** 2).sum(axis=1) / edges.chroma_step**2
+        coloured = colour_change(image[one], image[other]) / edges.chroma_step**2
         share = 1 - np.exp(-(left**2) - coloured)
         for end in (one, other):
             np.add.at(paint, end, share)

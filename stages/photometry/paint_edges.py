@@ -9,6 +9,7 @@ import numpy as np
 from stages.photometry.stack import StackedViews
 
 DARK = 0.02  # of the scaled image: below, chromaticity is noise
+NEAR_BLACK = 1e-6
 NO_SHADING = 1e-3
 NOISE = 0.05  # of the logarithm: what the photo of textured surface may differ by without a reason
 DOUBT = 0.1  # and that of other surface, where the light is the likelier reason
@@ -33,7 +34,7 @@ class PaintEdges:
     coarse: float
     fine: float = 0.3
     shading_step: float = 0.02
-    chroma_step: float = 0.15
+    chroma_step: float = 0.12
 
 
 def smoothness_of_edges(
@@ -67,17 +68,31 @@ def smoothness_of_edges(
     """
     brightness = np.log(np.maximum(shading.mean(axis=1), NO_SHADING)).astype(np.float32)
     seen = np.log(np.maximum(image.mean(axis=1), 0) + DARK).astype(np.float32)
-    chroma = chroma_of(image)
     costs = []
     for one, other in views.neighbours():
         explained = np.abs(brightness[one] - brightness[other])
         lit = 1 - np.exp(-explained / edges.shading_step)
-        coloured = ((chroma[one] - chroma[other]) ** 2).sum(axis=1) / edges.chroma_step**2
+        coloured = colour_change(image[one], image[other]) / edges.chroma_step**2
         left = np.abs(seen[one] - seen[other] - brightness[one] + brightness[other])
         doubt = np.maximum(DOUBT - (DOUBT - NOISE) * (textured[one] + textured[other]) / 2, NOISE)
         paint = (left / (explained + doubt)) ** 2
         costs.append(edges.fine + (edges.coarse - edges.fine) * lit * np.exp(-coloured - paint))
     return np.concatenate(costs).astype(np.float32)
+
+
+def colour_change(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Square of the change of chromaticity between pixels (n, 3) and their neighbours, (n,).
+
+    Notes
+    -----
+    ``|Δ (log(r + d) − log(g + d), log(b + d) − log(g + d))|²`` with d = 0.02 of the scaled image
+    for the sake of noise, the brighter pixel first scaled down to the brightness of the darker. So one
+    paint has one colour in any amount of light, even where it sends back next to nothing in some channel.
+    """
+    levels = [np.maximum(pixels.mean(axis=1, keepdims=True), NEAR_BLACK) for pixels in (one, other)]
+    least = np.minimum(*levels)
+    change = chroma_of(one * (least / levels[0])) - chroma_of(other * (least / levels[1]))
+    return (change**2).sum(axis=1)
 
 
 def chroma_of(image: np.ndarray) -> np.ndarray:
