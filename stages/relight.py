@@ -15,7 +15,7 @@ class RelightSettings(Settings):
     )
     bounces: int = setting(4, "How often light is passed on between surfaces.", ge=0, le=100)
     brightest: float = setting(
-        0.8, "What the brightest material is taken to reflect; it says how much light bounces.", gt=0, le=0.95
+        0.9, "What the brightest material is taken to reflect; it says how much light bounces.", gt=0, le=0.95
     )
 
 

@@ -12,7 +12,9 @@ from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.alike_pairs import Pairs, alike_pairs, sample_of
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
+from stages.photometry.highlights import without_highlights
 from stages.photometry.light_from_pairs import PairWeights, Sample, _Objective
+from stages.photometry.neighbourhoods import means_around
 from stages.photometry.paint_detail import texture_of, with_detail
 from stages.photometry.paint_edges import PaintEdges, colour_change, smoothness_of_edges
 from stages.photometry.sky import even_directions
@@ -296,3 +298,34 @@ def test_clipped_pixels_have_no_say_about_the_light(lit):
     )
     assert error(without, shading) < 0.05
     assert error(without, shading) < error(with_all, shading)
+
+
+def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
+    views, _, albedo, shading, normals = lit
+    image = (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
+    rng, linked = np.random.default_rng(1), linked_to_others(views)
+    first = np.arange(len(image)) < views.starts[1]
+    middle = normals[first & linked].mean(axis=0)
+    highlight = 0.6 * np.maximum(normals @ (middle / np.linalg.norm(middle)), 0)[:, None] ** 60
+    highlight[~first] = 0
+    noise = 1 + 0.02 * rng.standard_normal(image.shape)
+    glossy = (image * noise + highlight).astype(np.float32)
+    clean = without_highlights(views, glossy)
+    assert np.all(clean <= glossy)
+    lobe = linked & (highlight[:, 0] > 0.1)
+    assert np.mean(clean[lobe] - image[lobe]) < 0.3 * np.mean(highlight[lobe])
+    matt = without_highlights(views, (image * noise).astype(np.float32))
+    assert np.median(np.abs(matt / (image * noise) - 1)) < 1e-6
+    assert np.array_equal(clean[~linked & ~near(views, linked)], glossy[~linked & ~near(views, linked)])
+
+
+def linked_to_others(views: StackedViews) -> np.ndarray:
+    linked = np.zeros(int(views.starts[-1]), bool)
+    for pair in views.linked_pixels():
+        for end in pair:
+            linked[end] = True
+    return linked
+
+
+def near(views: StackedViews, pixels: np.ndarray) -> np.ndarray:
+    return means_around(views, pixels, 5) > 0

@@ -88,7 +88,7 @@ class DecompositionSettings(Settings):
         le=100,
     )
     brightest: float = setting(
-        0.8,
+        0.9,
         "`mode: transfer`: what the brightest material is taken to reflect, since images do not tell; it "
         "says how much light bounces.",
         gt=0,

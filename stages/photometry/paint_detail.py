@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-import cv2
 import numpy as np
 
+from stages.photometry.highlights import excess_over_linked
+from stages.photometry.neighbourhoods import patch_means
 from stages.photometry.paint_edges import DARK, PaintEdges, colour_change
 from stages.photometry.stack import StackedViews
 
-PATCHES = 15  # along the side of a view: what is textured is a matter of neighbourhoods
 UNEXPLAINED = 0.06  # of the logarithm: a change that the shading leaves over, beyond as much as it explains
 TEXTURED = (0.44, 0.56)  # share of the edges that are paint: from nothing of the detail to all of it
-HIGHLIGHT_PX = 5  # smallest highlight that is told from fine paint
 GLOSS = 0.05  # of the logarithm: views that disagree by more see gloss
 DIM = 0.1  # of the median shading: quotients by less are noise
 NOISE = 0.04  # of the logarithm: detail well below is noise, and goes
@@ -54,7 +51,7 @@ def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edge
             np.add.at(paint, end, share)
             np.add.at(degree, end, 1)
     low, high = TEXTURED
-    rise = np.clip((_patch_means(views, paint / np.maximum(degree, 1)) - low) / (high - low), 0, 1)
+    rise = np.clip((patch_means(views, paint / np.maximum(degree, 1)) - low) / (high - low), 0, 1)
     matt = np.exp(-((_gloss(views, seen - lit) / GLOSS) ** 2))
     return (matt * rise * rise * (3 - 2 * rise)).astype(np.float32)
 
@@ -78,34 +75,5 @@ def with_detail(
 
 
 def _gloss(views: StackedViews, quotient: np.ndarray) -> np.ndarray:
-    """How much views disagree about the log quotient I/S around every pixel, (N,).
-
-    Signed differences are averaged in small squares first: fine paint, half a pixel off, comes to nothing
-    there, a highlight does not.
-    """
-    excess, links = np.zeros(len(quotient)), np.zeros(len(quotient))
-    for one, other in views.linked_pixels():
-        difference = quotient[one] - quotient[other]
-        for end, signed in ((one, difference), (other, -difference)):
-            np.add.at(excess, end, signed)
-            np.add.at(links, end, 1)
-    return _patch_means(views, np.abs(_means(views, excess / np.maximum(links, 1), HIGHLIGHT_PX)))
-
-
-def _patch_means(views: StackedViews, values: np.ndarray) -> np.ndarray:
-    return _means(views, values, max(3, 2 * round(views.side / PATCHES / 2) + 1))
-
-
-def _means(views: StackedViews, values: np.ndarray, size: int) -> np.ndarray:
-    """Mean of the values in a square around every pixel, inside its mask, (N,)."""
-    return np.concatenate(list(_means_of_views(views, values, size)))
-
-
-def _means_of_views(views: StackedViews, values: np.ndarray, size: int) -> Iterator[np.ndarray]:
-    for number, mask in enumerate(views.masks):
-        image = np.zeros(mask.shape, np.float32)
-        image[mask] = values[views.view(number)]
-        total, full = (
-            cv2.boxFilter(one, -1, (size, size), normalize=False) for one in (image, mask.astype(np.float32))
-        )
-        yield (total / np.maximum(full, 1))[mask]
+    """How much views disagree about the log quotient I/S around every pixel, (N,)."""
+    return patch_means(views, np.abs(excess_over_linked(views, quotient)))

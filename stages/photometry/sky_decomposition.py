@@ -10,6 +10,7 @@ import numpy as np
 
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.fast_alternation import FastDescent, FastSettings
+from stages.photometry.highlights import without_highlights
 from stages.photometry.paint_detail import texture_of, with_detail
 from stages.photometry.paint_edges import PaintEdges, smoothness_of_edges
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, sky_light
@@ -125,22 +126,24 @@ def decompose_by_sky(
     gains = view_gains(views, image, trusted)
     light_of_view = _lights(settings, gains, views.view_count)
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
-    lights = [
-        sky_light(scene, views, image / of_pixel, trusted, light_of_view, settings.light, step)
-        for scene in scenes
-    ]
+    matt = image / of_pixel
+    if not light_of_view.any():  # one light: matt surface looks the same in all views
+        matt = without_highlights(views, matt)
+    lights = [sky_light(scene, views, matt, trusted, light_of_view, settings.light, step) for scene in scenes]
     disagreements = [light.disagreement for light in lights]
     best = explained_best(disagreements)
     light = _shaded(scenes[best], views, lights[best], light_of_view, of_pixel)
     lit = trusted & (light.shading.mean(axis=1) > UNLIT * np.median(light.shading))
     trusted = lit if lit.any() else trusted
     textured = texture_of(views, image, light.shading, settings.edges)
-    by_edge = smoothness_of_edges(views, image, light.shading, textured, settings.edges)
+    matt *= of_pixel
+    by_edge = smoothness_of_edges(views, matt, light.shading, textured, settings.edges)
+    channels = list(np.ascontiguousarray(matt.T))
     smooth, detailed = (
-        albedo_under_light(views, images, light.shading, trusted, each, settings.descent, threads, step)
+        albedo_under_light(views, channels, light.shading, trusted, each, settings.descent, threads, step)
         for each in (None, by_edge)
     )
-    albedo = with_detail(detailed.albedo, image, light.shading, trusted, textured)
+    albedo = with_detail(detailed.albedo, matt, light.shading, trusted, textured)
     towards = scenes[best].pixels.directions
     light_found = (light, best, disagreements, gains, light_of_view)
     return SkySolution(*light_found, trusted, smooth, detailed, albedo, towards)

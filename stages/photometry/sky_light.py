@@ -44,7 +44,7 @@ class SkySettings:
     samples: int = 20_000
     scales: tuple[float, ...] = (0.6, 0.4, 0.4)
     bounces: int = 6
-    brightest: float = 0.8
+    brightest: float = 0.9
     weights: PairWeights = PairWeights()
     seed: int = 0
 

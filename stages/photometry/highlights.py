@@ -1,0 +1,69 @@
+"""Highlights, by what one view sees and the others do not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.photometry.neighbourhoods import means_around, patch_means
+from stages.photometry.paint_edges import DARK
+from stages.photometry.stack import StackedViews
+
+SIZE_PX = 5  # of the smallest highlight that is told from fine paint
+ROUNDS = 3  # with each, the brighter of the views that are left come down to the rest
+TOLERANCE = 0.02  # of the logarithm: noise
+
+
+def without_highlights(views: StackedViews, image: np.ndarray) -> np.ndarray:
+    """Take off what a view sees of its surface beyond what the others see of it.
+
+    Parameters
+    ----------
+    views : StackedViews
+        Their links say what is the same surface.
+    image : ndarray, shape (N, 3), float32
+        Scaled, under one light; gains of the views divided out.
+
+    Returns
+    -------
+    ndarray, shape (N, 3), float32
+        Nowhere above the image.
+
+    Notes
+    -----
+    Matt surface looks the same from everywhere, and gloss only adds. Per channel, with ``l = log(I + d)``:
+    ``l ← l − max(0, m − s − 0.02)``, m from `excess_over_linked`, s the root mean square of what is negative
+    among m around. Views that see each other's fine paint half a pixel off differ in both directions alike,
+    and keep what they have. Highlights of a few pixels are cut by half.
+    """
+    matt = np.empty_like(image)
+    for c, seen in enumerate(image.T):
+        before = np.log(np.maximum(seen, 0) + DARK)
+        after = before
+        for _ in range(ROUNDS):
+            excess = excess_over_linked(views, after)
+            after = after - np.maximum(0, excess - _misfit(views, excess) - TOLERANCE)
+        gloss = (np.maximum(seen, 0) + DARK) * (1 - np.exp(after - before))
+        matt[:, c] = np.maximum(seen - gloss, np.minimum(seen, 0))
+    return matt
+
+
+def excess_over_linked(views: StackedViews, values: np.ndarray) -> np.ndarray:
+    """Mean of ``v_p − v_q`` over all links of the pixels p in small squares to pixels q elsewhere, (N,).
+
+    Fine paint, half a pixel off, comes to nothing there, a highlight does not. 0 where there are no links.
+    """
+    excess, links = np.zeros(len(values)), np.zeros(len(values))
+    for one, other in views.linked_pixels():
+        difference = values[one] - values[other]
+        for end, signed in ((one, difference), (other, -difference)):
+            excess += np.bincount(end, signed, len(values))
+            links += np.bincount(end, minlength=len(values))
+    excess, links = (means_around(views, each, SIZE_PX) for each in (excess, links))
+    return np.where(links > 0, excess / np.maximum(links, 1e-6), 0)
+
+
+def _misfit(views: StackedViews, excess: np.ndarray) -> np.ndarray:
+    """Root mean square of the negative values around every pixel, (N,)."""
+    square = patch_means(views, np.minimum(excess, 0) ** 2)
+    share = patch_means(views, excess < 0)
+    return np.sqrt(np.maximum(square, 0) / np.maximum(share, 0.05))

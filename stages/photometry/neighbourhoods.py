@@ -1,0 +1,32 @@
+"""Means over neighbourhoods of pixels, inside the masks."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from stages.photometry.stack import StackedViews
+
+PATCHES = 15  # along the side of a view: what is textured, or glossy, is a matter of neighbourhoods
+
+
+def patch_means(views: StackedViews, values: np.ndarray) -> np.ndarray:
+    """Mean of the values, (N,), in a patch around every pixel, (N,)."""
+    return means_around(views, values, max(3, 2 * round(views.side / PATCHES / 2) + 1))
+
+
+def means_around(views: StackedViews, values: np.ndarray, size_px: int) -> np.ndarray:
+    """Mean of the values, (N,), in a square around every pixel, inside its mask, (N,), float32."""
+    return np.concatenate(
+        [_means(mask, values[views.view(number)], size_px) for number, mask in enumerate(views.masks)]
+    )
+
+
+def _means(mask: np.ndarray, values: np.ndarray, size_px: int) -> np.ndarray:
+    image = np.zeros(mask.shape, np.float32)
+    image[mask] = values
+    total, full = (
+        cv2.boxFilter(one, -1, (size_px, size_px), normalize=False)
+        for one in (image, mask.astype(np.float32))
+    )
+    return (total / np.maximum(full, 1))[mask]
