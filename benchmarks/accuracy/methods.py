@@ -7,9 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from benchmarks.paper.judging import Judge, maps_in
 from benchmarks.paper.laboratory import Laboratory
-from benchmarks.paper.methods import SOLVED_WELL, cartoon
+from benchmarks.paper.methods import SOLVED_WELL, Estimate, cartoon
+from benchmarks.paper.pictures import figure
 from benchmarks.paper.rows import Row
 from stages.evaluation.scores import Scores
 from stages.photometry.decomposition_settings import DecompositionSettings
@@ -34,7 +37,8 @@ def _ours(name: str, artefact: str = "albedo", **settings: Any) -> Method:
 PAPER = Method("mode: paper", {"mode": "paper"})
 WELL = Method("mode: paper, solved well", {"mode": "paper", **SOLVED_WELL})
 OURS = _ours("mode: transfer")
-METHODS = (Method("the image itself"), Method("cartoon-texture"), PAPER, WELL, OURS)
+IMAGE = Method("the image itself")
+METHODS = (IMAGE, Method("cartoon-texture"), PAPER, WELL, OURS)
 ABLATIONS = (
     _ours("albedo_tv", artefact="albedo_tv"),
     _ours("light: harmonics", light="harmonics"),
@@ -49,26 +53,52 @@ ABLATIONS = (
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What a method made of a row."""
+    """What a method made of a row, in how long, and what its record says."""
 
-    row: str
-    about: str
     method: str
     scores: Scores
     seconds: float
     facts: dict[str, Any] = field(default_factory=dict)
 
+    def as_json(self) -> dict[str, Any]:
+        """For machines."""
+        return {"scores": self.scores.as_json(), "seconds": round(self.seconds, 1)}
 
-def judge_row(laboratory: Laboratory, row: Row, methods: Sequence[Method]) -> list[Judged]:
+
+@dataclass(frozen=True, eq=False)
+class JudgedRow:
+    """A row by all methods.
+
+    Attributes
+    ----------
+    name, about : str
+    judged : tuple of Judged
+    picture : ndarray, shape (h, w, 3), uint8
+        One view: photo, truth, the albedo of every method.
+    """
+
+    name: str
+    about: str
+    judged: tuple[Judged, ...]
+    picture: np.ndarray
+
+    def by(self, method: Method) -> Judged:
+        """What one of the methods made of it."""
+        return next(one for one in self.judged if one.method == method.name)
+
+
+def judge_row(laboratory: Laboratory, row: Row, methods: Sequence[Method]) -> JudgedRow:
     """Decompose a row by every method, and judge."""
     judge = Judge.of(laboratory.prepare(row))
-    judged = []
+    judged, estimates = [], []
     for method in methods:
         begun = time.monotonic()
         albedo, facts = _albedo(laboratory, row, judge, method)
-        seconds = time.monotonic() - begun
-        judged.append(Judged(row.name, row.about, method.name, judge.scores(albedo), seconds, facts))
-    return judged
+        seconds, scores = time.monotonic() - begun, judge.scores(albedo)
+        judged.append(Judged(method.name, scores, seconds, facts))
+        if method != IMAGE:
+            estimates.append(Estimate(method.name, "", albedo, scores))
+    return JudgedRow(row.name, row.about, tuple(judged), figure(judge, estimates, shown=(0.5,)))
 
 
 def _albedo(laboratory: Laboratory, row: Row, judge: Judge, method: Method):

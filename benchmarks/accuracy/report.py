@@ -2,80 +2,85 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.accuracy.methods import OURS, PAPER, Judged
+from benchmarks.accuracy.methods import IMAGE, OURS, PAPER, Judged, JudgedRow
 from benchmarks.paper.tables import markdown
+from stages.evaluation.scores import Scores
+from stages.scene.photos import write_png8
 
 LEAST_VARIANCE = 5e-4  # of the method compared with: below, a ratio says nothing (EVALUATION)
 HEAD = """# Albedo against truth, scene by scene
 
 Written by `python -m benchmarks.accuracy`. Linear values; si-RMSE after one scale per channel for all views.
 Every method has the λ and μ that are best on Fig. 3 by the same rule (docs/paper), kept for all scenes but
-where the paper itself divides λ by 12 (Figs. 5 to 7); `mode: transfer` has its defaults, everywhere.
-"""
+where the paper itself divides λ by 12 (Figs. 5 to 7); `mode: transfer` has its defaults, everywhere. Leak:
+slope of log albedo on log true shading inside parts of one paint; scenes without such parts have none."""
 
 
-def page(judged: Sequence[Judged], methods: Sequence[str]) -> str:
-    """The whole page."""
-    rows = list(dict.fromkeys(one.row for one in judged))
-    by_place = {(one.row, one.method): one for one in judged}
-    parts = [HEAD, "## si-RMSE (red green blue)", _triples(rows, methods, by_place, "si_rmse", 4)]
-    parts += ["## Leak of the shading (slope)", _triples(rows, methods, by_place, "leak", 2)]
-    if all((row, name) in by_place for row in rows for name in (OURS.name, PAPER.name)):
-        parts += ["## `mode: transfer` against `mode: paper` and the image", _ratios(rows, by_place)]
-    parts += [
+def write_report(to: Path, rows: Sequence[JudgedRow]) -> Path:
+    """Write `accuracy.md`, `accuracy.json` and a picture per row into a folder; returns the page."""
+    to.mkdir(parents=True, exist_ok=True)
+    for row in rows:
+        write_png8(to / f"{row.name}.png", row.picture)
+    numbers = {row.name: {one.method: one.as_json() for one in row.judged} for row in rows}
+    (to / "accuracy.json").write_text(json.dumps(numbers, indent=1), encoding="utf-8")
+    page = to / "accuracy.md"
+    page.write_text(page_of(rows), encoding="utf-8")
+    return page
+
+
+def page_of(rows: Sequence[JudgedRow]) -> str:
+    """The whole page, without its pictures."""
+    parts = [
+        HEAD,
+        "## si-RMSE (red green blue)",
+        _table(rows, lambda one: _triple(one.scores.si_rmse, 3)),
+        "## Leak of the shading (slope)",
+        _table(rows, lambda one: _triple(one.scores.leak, 2)),
+        "## `mode: transfer` against `mode: paper` and the image",
+        _ratios(rows),
         "## Seconds of the decomposition (0 where it was there already)",
-        _seconds(rows, methods, by_place),
+        _table(rows, lambda one: f"{one.seconds:.0f}"),
+        "## Pictures",
+        *(f"{row.name}: {row.about}\n\n![{row.name}]({row.name}.png)" for row in rows),
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def _triples(rows, methods, by_place, measure: str, digits: int) -> str:
-    """A measure of red, green and blue, scene by scene."""
-    table = []
-    for row in rows:
-        triples = [getattr(by_place[row, name].scores, measure) for name in methods]
-        table.append([row, *(" ".join(f"{value:.{digits}f}" for value in triple) for triple in triples)])
-    return markdown(["scene", *methods], table)
+def _table(rows: Sequence[JudgedRow], cell: Callable[[Judged], str]) -> str:
+    methods = [one.method for one in rows[0].judged]
+    return markdown(["scene", *methods], [[row.name, *map(cell, row.judged)] for row in rows])
 
 
-def _ratios(rows, by_place) -> str:
+def _triple(values: Sequence[float], digits: int) -> str:
+    return " ".join("–" if np.isnan(value) else f"{value:.{digits}f}" for value in values)
+
+
+def _ratios(rows: Sequence[JudgedRow]) -> str:
     table = []
     for row in rows:
-        ours, paper, image = (
-            by_place[row, name].scores for name in (OURS.name, PAPER.name, "the image itself")
-        )
-        error = np.mean(ours.si_rmse) / np.mean(paper.si_rmse)
-        worst = max(np.array(ours.si_rmse) / np.array(image.si_rmse))
+        ours, paper, image = (row.by(method).scores for method in (OURS, PAPER, IMAGE))
         variances = _variance_ratios(ours, paper)
-        facts = by_place[row, OURS.name].facts
-        table.append(
-            [
-                row,
-                f"{error:.2f}",
-                f"{worst:.2f}",
-                "–" if not variances else f"{max(variances):.2f} ({np.median(variances):.2f})",
-                str(facts.get("light_distance", "")),
-            ]
-        )
+        cells = [
+            f"{np.mean(ours.si_rmse) / np.mean(paper.si_rmse):.2f}",
+            f"{max(np.array(ours.si_rmse) / np.array(image.si_rmse)):.2f}",
+            f"{max(variances):.2f} ({np.median(variances):.2f})" if variances else "–",
+            str(row.by(OURS).facts.get("light_distance", "")),
+        ]
+        table.append([row.name, *cells])
     head = ["scene", "si-RMSE / paper's", "worst channel / image's", "variance / paper's: worst (median)"]
     return markdown([*head, "light's distance"], table)
 
 
-def _variance_ratios(ours, paper) -> list[float]:
+def _variance_ratios(ours: Scores, paper: Scores) -> list[float]:
     """Of all parts and channels that count."""
     return [
         mine.variance / theirs.variance
         for mine, theirs in zip(ours.variances, paper.variances, strict=True)
         if theirs.enters_ratios and theirs.variance >= LEAST_VARIANCE
     ]
-
-
-def _seconds(rows, methods, by_place) -> str:
-    return markdown(
-        ["scene", *methods],
-        [[row, *(f"{by_place[row, name].seconds:.0f}" for name in methods)] for row in rows],
-    )

@@ -33,9 +33,9 @@ COMBINATIONS: tuple[tuple[str, str, dict[str, Any], dict[str, Any]], ...] = (
 LIGHTS_OF_OUR_OWN = ("dome", "four_lamps", "one_lamp")
 
 
-def paper_rows() -> tuple[tuple[Row, Size], ...]:
+def paper_rows(size: Size = QUARTER) -> tuple[tuple[Row, Size], ...]:
     """The paper's, at a quarter of its size."""
-    return tuple((row, QUARTER) for row in ROWS)
+    return tuple((row, size) for row in ROWS)
 
 
 def scan_rows(data: Path) -> tuple[tuple[Row, Size], ...]:

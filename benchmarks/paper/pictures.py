@@ -15,9 +15,17 @@ from stages.scene.contact_sheet import contact_sheet
 from stages.scene.photos import encode_srgb8
 
 
-def figure(judge: Judge, estimates: Sequence[Estimate], width_px: int = 220) -> np.ndarray:
-    """One row per view, one column per method, (h, w, 3) uint8 sRGB; albedo scaled to the truth."""
-    shown = [judge.names[k] for k in (0, len(judge.names) // 2, len(judge.names) - 1)]
+def figure(
+    judge: Judge,
+    estimates: Sequence[Estimate],
+    shown: Sequence[float] = (0, 0.5, 1),
+    width_px: int = 220,
+) -> np.ndarray:
+    """One row per view, one column per method, (h, w, 3) uint8 sRGB; albedo scaled to the truth.
+
+    Views are `shown` by where they stand among all: 0 the first, 1 the last.
+    """
+    names = [judge.names[int(place * (len(judge.names) - 1))] for place in shown]
     exposure = 1 / np.percentile(np.concatenate([judge.images[n][judge.masks[n]] for n in judge.names]), 99.5)
     rows = {
         name: [
@@ -26,7 +34,7 @@ def figure(judge: Judge, estimates: Sequence[Estimate], width_px: int = 220) -> 
             *(encode_srgb8(fitted(estimate, name) * judge.masks[name][..., None]) for estimate in estimates),
             *(light_on_a_sphere(estimate, name, width_px) for estimate in estimates if estimate.light),
         ]
-        for name in shown
+        for name in names
     }
     lights = [f"light, {estimate.method}" for estimate in estimates if estimate.light]
     return contact_sheet(rows, ["photo", "truth", *(e.method for e in estimates), *lights], width_px)

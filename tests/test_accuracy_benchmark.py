@@ -1,0 +1,43 @@
+"""`benchmarks.accuracy`, from render to report, too small to mean much."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks.accuracy.__main__ import main
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("accuracy")
+    to = ["--workspace", str(folder), "--to", str(folder / "report")]
+    return main(["--tiny", "--rows", "fig3,fig5", *to])
+
+
+def test_every_method_is_judged_on_every_row_and_shown(report):
+    numbers = json.loads(report.with_name("accuracy.json").read_text(encoding="utf-8"))
+    assert set(numbers) == {"fig3", "fig5"}
+    page = report.read_text(encoding="utf-8")
+    for name, methods in numbers.items():
+        assert len(methods) == 5
+        assert report.with_name(f"{name}.png").stat().st_size > 1000
+        assert f"({name}.png)" in page
+        for method in methods:
+            assert f"| {method} |" in page
+
+
+def test_ours_is_nearer_to_the_truth_than_image_and_paper_even_at_this_size(report):
+    numbers = json.loads(report.with_name("accuracy.json").read_text(encoding="utf-8"))
+    for methods in numbers.values():
+        error = {name: np.array(list(one["scores"]["si_rmse"].values())) for name, one in methods.items()}
+        assert np.all(error["mode: transfer"] < error["the image itself"])
+        assert error["mode: transfer"].mean() < 0.8 * error["mode: paper"].mean()
+
+
+def test_a_row_that_is_not_there_is_refused_by_name(tmp_path):
+    with pytest.raises(SystemExit, match="fig8"):
+        main(["--tiny", "--rows", "fig3,fig8", "--workspace", str(tmp_path), "--to", str(tmp_path)])
+    assert not list(tmp_path.iterdir())
