@@ -16,7 +16,7 @@ from stages.photometry.highlights import without_highlights
 from stages.photometry.light_from_pairs import PairWeights, Sample, _Objective
 from stages.photometry.neighbourhoods import means_around
 from stages.photometry.paint_detail import texture_of, with_detail
-from stages.photometry.paint_edges import PaintEdges, colour_change, smoothness_of_edges
+from stages.photometry.paint_edges import PaintEdges, colour_change, in_white_light, smoothness_of_edges
 from stages.photometry.sky import even_directions
 from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky, explained_best
 from stages.photometry.sky_light import SkyScene, SkySettings, sky_light
@@ -216,6 +216,15 @@ def test_paint_has_one_colour_in_any_amount_of_light():
     assert np.allclose(colour_change(red * dim, np.tile(red, (3, 1))), 0, atol=1e-12)
     assert np.all(colour_change(red * dim, np.tile(pink, (3, 1))) > 0.12**2)
     assert np.all(colour_change(0 * red, pink) < 1e-6)  # of black, nothing is known
+
+
+def test_the_lights_colour_is_taken_out_and_its_brightness_stays():
+    rng = np.random.default_rng(2)
+    paint, grey = np.array([0.9, 0.5, 0.3]), rng.uniform(0.2, 1, (50, 1))
+    shading = grey * rng.uniform(0.5, 1.5, (50, 3))
+    white = in_white_light(paint * shading, shading)
+    assert np.allclose(white, paint * shading.mean(axis=1, keepdims=True), rtol=1e-5)
+    assert np.all(np.isfinite(in_white_light(paint * shading, 0 * shading)))
 
 
 def test_a_nearer_light_is_believed_only_if_it_explains_clearly_more():

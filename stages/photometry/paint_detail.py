@@ -22,8 +22,9 @@ def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edge
     Parameters
     ----------
     views : StackedViews
-    image, shading : ndarray, shape (N, 3)
-        Scaled.
+    image : ndarray, shape (N, 3)
+        Scaled, in white light; highlights and all.
+    shading : ndarray, shape (N, 3)
     edges : PaintEdges
         Its step of chroma.
 

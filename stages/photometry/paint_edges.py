@@ -50,7 +50,7 @@ def smoothness_of_edges(
     ----------
     views : StackedViews
     image : ndarray, shape (N, 3)
-        Scaled.
+        Scaled, in white light.
     shading : ndarray, shape (N, 3)
         As the light is known by now.
     textured : ndarray, shape (N,)
@@ -78,6 +78,16 @@ def smoothness_of_edges(
         paint = (left / (explained + doubt)) ** 2
         costs.append(edges.fine + (edges.coarse - edges.fine) * lit * np.exp(-coloured - paint))
     return np.concatenate(costs).astype(np.float32)
+
+
+def in_white_light(image: np.ndarray, shading: np.ndarray) -> np.ndarray:
+    """Take the light's colour out of an image, (N, 3), and leave its brightness in: I · mean(S) / S, float32.
+
+    What light does to colours from place to place (red that a mouth throws on itself, blue of the sky in the
+    shadows) is then not taken for paint.
+    """
+    mean = shading.mean(axis=1, keepdims=True)
+    return (image * (mean / np.maximum(shading, np.maximum(0.1 * mean, NO_SHADING)))).astype(np.float32)
 
 
 def colour_change(one: np.ndarray, other: np.ndarray) -> np.ndarray:

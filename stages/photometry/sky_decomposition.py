@@ -12,7 +12,7 @@ from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.fast_alternation import FastDescent, FastSettings
 from stages.photometry.highlights import without_highlights
 from stages.photometry.paint_detail import texture_of, with_detail
-from stages.photometry.paint_edges import PaintEdges, smoothness_of_edges
+from stages.photometry.paint_edges import PaintEdges, in_white_light, smoothness_of_edges
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, sky_light
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_gains import ViewGains, view_gains
@@ -135,9 +135,10 @@ def decompose_by_sky(
     light = _shaded(scenes[best], views, lights[best], light_of_view, of_pixel)
     lit = trusted & (light.shading.mean(axis=1) > UNLIT * np.median(light.shading))
     trusted = lit if lit.any() else trusted
-    textured = texture_of(views, image, light.shading, settings.edges)
     matt *= of_pixel
-    by_edge = smoothness_of_edges(views, matt, light.shading, textured, settings.edges)
+    shown, white = (in_white_light(one, light.shading) for one in (image, matt))
+    textured = texture_of(views, shown, light.shading, settings.edges)
+    by_edge = smoothness_of_edges(views, white, light.shading, textured, settings.edges)
     channels = list(np.ascontiguousarray(matt.T))
     smooth, detailed = (
         albedo_under_light(views, channels, light.shading, trusted, each, settings.descent, threads, step)
