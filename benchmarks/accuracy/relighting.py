@@ -1,0 +1,151 @@
+"""Views in a light they never saw, against path-traced truth: ``python -m benchmarks.accuracy.relighting``.
+
+A scene is decomposed in its own light, and `relight` shows it under another: from the albedo, and, as one
+would without Unshade, from the photos taken for albedo (the photo-textured model). The truth is the same
+scene rendered in the other light. Needs ``UNSHADE_DATA``, whose pictures of light are the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
+
+import numpy as np  # noqa: E402
+
+from benchmarks.accuracy.scenes import paper_rows, scan_rows  # noqa: E402
+from benchmarks.paper.judging import Maps, maps_in  # noqa: E402
+from benchmarks.paper.laboratory import Laboratory, Size  # noqa: E402
+from benchmarks.paper.rows import Row  # noqa: E402
+from benchmarks.paper.tables import markdown  # noqa: E402
+from pipeline import Job  # noqa: E402
+from pipeline.terminal import Terminal  # noqa: E402
+from stages.evaluation.judged_views import judge_view  # noqa: E402
+from stages.evaluation.scaled_error import psnr_h  # noqa: E402
+from stages.relight import RELIGHT, RelightSettings  # noqa: E402
+from stages.scene.camera_file import read_cameras  # noqa: E402
+from stages.scene.contact_sheet import contact_sheet  # noqa: E402
+from stages.scene.photos import encode_srgb8, read_mask, write_png8  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+OTHER_LIGHT = {  # of a row, a picture of light that it does not stand in
+    "fig3": "city",
+    "fig4": "park",
+    "fig5": "workshop",
+    "gutenberg-dome-parts": "venice",
+    "plato-one_lamp-texture": "apartment",
+    "skull-workshop-stripes": "studio",
+}
+WHITE = 0.99  # quantile of the true radiance that PSNR takes for 1
+
+
+@dataclass(frozen=True, eq=False)
+class Relit:
+    """A row in another light: PSNR, dB, from the photos and from the albedo; and one view of each."""
+
+    name: str
+    light: str
+    from_photos: float
+    from_albedo: float
+    picture: np.ndarray
+
+
+def main(argv: Sequence[str] | None = None) -> Path:
+    """Decompose, relight, render, judge, write; returns the page."""
+    given = arguments(argv)
+    data = Path(os.environ["UNSHADE_DATA"])
+    rows = {row.name: (row, size) for row, size in (*paper_rows(), *scan_rows(data))}
+    given.to.mkdir(parents=True, exist_ok=True)
+    judged = []
+    for name in given.rows.split(","):
+        light = data / f"hdri-polyhaven-1k/{OTHER_LIGHT[name]}.hdr"
+        judged.append(in_another_light(*rows[name], light, given.workspace))
+        write_png8(given.to / f"{name}-relit.png", judged[-1].picture)
+        page = given.to / "relighting.md"
+        page.write_text(page_of(judged), encoding="utf-8")
+    return page
+
+
+def in_another_light(row: Row, size: Size, light: Path, workspace: Path) -> Relit:
+    """Relight a row in both ways, and compare with the truth."""
+    done = Laboratory(workspace / row.name, size, Terminal()).run_with(row, {"mode": "transfer"}).paths
+    elsewhere = replace(
+        row,
+        name=f"{row.name}-in-{light.stem}",
+        render={**row.render, "light": "environment"},
+        sources={**row.sources, "environment": light},
+    )
+    truth = Laboratory(workspace / row.name, size, Terminal()).prepare(elsewhere).paths
+    names = tuple(camera.name for camera in read_cameras(done["cameras"]))
+    masks = {name: read_mask(done["mask"] / f"{name}.png") for name in names}
+    true = maps_in(truth["linear"], names)
+    white = np.quantile(np.concatenate([true[name][masks[name]] for name in names]), WHITE)
+    true = {name: image / white for name, image in true.items()}
+    from_photos, from_albedo = (relit(done, done[kind], light, names) for kind in ("linear", "albedo"))
+    decibels = [_psnr(maps, true, masks) for maps in (from_photos, from_albedo)]
+    middle = names[len(names) // 2]
+    photo = maps_in(done["linear"], (middle,))[middle]
+    shown = [_fitted(maps[middle], true[middle], masks[middle]) for maps in (from_photos, from_albedo)]
+    columns = [photo / np.quantile(photo[masks[middle]], WHITE), true[middle], *shown]
+    pictures = [encode_srgb8(one * masks[middle][..., None]) for one in columns]
+    heads = ["photo", f"truth, {light.stem}", "relit from photo", "relit from albedo"]
+    return Relit(row.name, light.stem, *decibels, contact_sheet({middle: pictures}, heads, 220))
+
+
+def relit(paths: Mapping[str, Path], albedo: Path, light: Path, names: Sequence[str]) -> Maps:
+    """What the `relight` stage makes of some albedo maps."""
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
+        job = Job(
+            settings=RelightSettings(),
+            inputs={**paths, "albedo": albedo, "light": light},
+            outputs={"relit": Path(folder)},
+            scratch=Path(folder),
+            threads=len(os.sched_getaffinity(0)),
+            executor=executor,
+            shown=Terminal(),
+            say=Terminal().say,
+        )
+        RELIGHT.run(job)
+        return maps_in(Path(folder), tuple(names))
+
+
+def _psnr(maps: Maps, true: Maps, masks: Mapping[str, np.ndarray]) -> float:
+    """Mean over the views; one scale per channel for all views."""
+    views = [judge_view(name, maps[name], image, masks[name]) for name, image in true.items()]
+    return float(np.mean(list(psnr_h(views).values())))
+
+
+def _fitted(image: np.ndarray, true: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    inside, truth = image[mask], true[mask]
+    return image * ((inside * truth).sum(axis=0) / np.maximum((inside * inside).sum(axis=0), 1e-12))
+
+
+def page_of(judged: Sequence[Relit]) -> str:
+    """Table and pictures."""
+    table = [
+        [one.name, one.light, f"{one.from_photos:.1f}", f"{one.from_albedo:.1f}", f"{gain:+.1f}"]
+        for one in judged
+        for gain in [one.from_albedo - one.from_photos]
+    ]
+    head = ["scene", "other light", "from the photos, dB", "from the albedo, dB", "gain, dB"]
+    pictures = [f"![{one.name}]({one.name}-relit.png)" for one in judged]
+    return "\n\n".join(["# Relit, against path-traced truth", markdown(head, table), *pictures]) + "\n"
+
+
+def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """What was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--rows", default=",".join(OTHER_LIGHT), help="comma-separated; all by default")
+    parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "accuracy")
+    parser.add_argument("--to", type=Path, default=ROOT / "workspaces" / "accuracy" / "report")
+    return parser.parse_args(argv)
+
+
+if __name__ == "__main__":
+    main()
