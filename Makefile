@@ -4,7 +4,7 @@ UNSHADE := $(VENV)/bin/unshade
 PYTEST  := $(VENV)/bin/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help sample fountain paper paper-quick test test-all check docs benchmarks clean
+.PHONY: help sample fountain paper paper-quick accuracy accuracy-quick test test-all check docs benchmarks clean
 
 help: ## show this
 	@echo "Unshade: per-view albedo from photos or a COLMAP workspace."
@@ -36,6 +36,12 @@ paper: $(VENV)/.ready-synthetic ## the paper's experiments at its size, renders 
 
 paper-quick: $(VENV)/.ready-synthetic ## the same at a quarter of the size
 	$(VENV)/bin/python -m benchmarks.paper --quick
+
+accuracy: $(VENV)/.ready-synthetic ## albedo against truth on many scenes, all methods (hours; scans only with UNSHADE_DATA)
+	$(VENV)/bin/python -m benchmarks.accuracy
+
+accuracy-quick: $(VENV)/.ready-synthetic ## the same on the paper's five rows, a tenth of their size
+	$(VENV)/bin/python -m benchmarks.accuracy --quick
 
 test: $(VENV)/.ready-test ## the fast tests
 	$(PYTEST) -m "not slow"

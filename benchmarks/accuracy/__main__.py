@@ -2,7 +2,7 @@
 
 Renders the scenes (kept in ``workspaces/accuracy``), decomposes them by every method with its defaults, and
 writes ``accuracy.md`` with a picture of each, and ``accuracy.json``. `--quick` takes the five rows of the
-paper only; scans need ``UNSHADE_DATA``. `--ablations` adds `mode: transfer` with one of its parts left out at
+paper only, at a tenth of its size; scans need ``UNSHADE_DATA``. `--ablations` adds `mode: transfer` with one of its parts left out at
 a time. `--tiny` only shows that everything works.
 """
 
@@ -18,14 +18,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads
 from benchmarks.accuracy.methods import ABLATIONS, METHODS, judge_row  # noqa: E402
 from benchmarks.accuracy.report import write_report  # noqa: E402
 from benchmarks.accuracy.scenes import paper_rows, scan_rows  # noqa: E402
-from benchmarks.paper.laboratory import QUARTER, TINY, Laboratory, Size  # noqa: E402
+from benchmarks.paper.laboratory import QUARTER, TENTH, TINY, Laboratory, Size  # noqa: E402
 from benchmarks.paper.rows import ROWS, Row  # noqa: E402
 from pipeline.terminal import Terminal  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-PAPERS_OWN = (
-    ROOT / "workspaces" / "paper" / QUARTER.name
-)  # where `benchmarks.paper` has rendered the same rows
+PAPERS_OWN = ROOT / "workspaces" / "paper"  # where `benchmarks.paper` renders the same rows
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
@@ -35,7 +33,8 @@ def main(argv: Sequence[str] | None = None) -> Path:
     judged = []
     for row, size in scenes_of(given):
         at_home = row not in ROWS or given.tiny
-        laboratory = Laboratory(given.workspace / row.name if at_home else PAPERS_OWN, size, Terminal())
+        folder = given.workspace / row.name if at_home else PAPERS_OWN / size.name
+        laboratory = Laboratory(folder, size, Terminal())
         judged.append(judge_row(laboratory, row, methods))
         page = write_report(given.to, judged)
     return page
@@ -43,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> Path:
 
 def scenes_of(given: argparse.Namespace) -> list[tuple[Row, Size]]:
     """What is to be judged; refuses rows that are not there."""
-    scenes = list(paper_rows(TINY if given.tiny else QUARTER))
+    scenes = list(paper_rows(TINY if given.tiny else TENTH if given.quick else QUARTER))
     if not (given.quick or given.tiny) and "UNSHADE_DATA" in os.environ:
         scenes += scan_rows(Path(os.environ["UNSHADE_DATA"]))
     if given.rows is None:
@@ -58,8 +57,8 @@ def scenes_of(given: argparse.Namespace) -> list[tuple[Row, Size]]:
 def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """What was asked for."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--quick", action="store_true", help="the five rows of the paper only")
-    parser.add_argument("--tiny", action="store_true", help="and these too small to mean much")
+    parser.add_argument("--quick", action="store_true", help="the paper's rows only, at a tenth of its size")
+    parser.add_argument("--tiny", action="store_true", help="and smaller still, to show that it works")
     parser.add_argument("--rows", help="comma-separated names; all by default")
     parser.add_argument("--ablations", action="store_true", help="`mode: transfer` with a part left out, too")
     parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "accuracy")
