@@ -8,7 +8,7 @@ PYTEST  := $(VENV)/bin/python -m pytest
 
 help: ## show this
 	@echo "Unshade: per-view albedo from photos or a COLMAP workspace."
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 24
 	@echo "Each sets up what it needs in $(VENV) by itself. On your own photos: $(UNSHADE) run --images DIR"
 
 $(VENV)/.ready: pyproject.toml setup.sh

@@ -2,8 +2,8 @@
 
 Renders the scenes (kept in ``workspaces/accuracy``), decomposes them by every method with its defaults, and
 writes ``accuracy.md`` with a picture of each, and ``accuracy.json``. `--quick` takes the five rows of the
-paper only, at a tenth of its size; scans need ``UNSHADE_DATA``. `--ablations` adds `mode: transfer` with one of its parts left out at
-a time. `--tiny` only shows that everything works.
+paper only, at a tenth of its size; scans need ``UNSHADE_DATA``. `--ablations` adds `mode: transfer` with one
+of its parts left out at a time. `--tiny` only shows that everything works.
 """
 
 from __future__ import annotations
