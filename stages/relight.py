@@ -50,9 +50,8 @@ def run(job: Job) -> None:
     stored = read_transfer(job.inputs["transfer"])
     points = read_surface_points(job.inputs, cameras, masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]).faces, points)
-    far = replace(
-        stored, radii=stored.radii[:1], visible=stored.visible[:1]
-    )  # light from infinitely far away
+    # what is seen of light from infinitely far away
+    far = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])
     (scene,), opposed = sky_scenes(far, blend, normals)
     use_threads(job.threads)
     turn = np.deg2rad(-settings.turn_deg)
@@ -67,7 +66,7 @@ def run(job: Job) -> None:
 
 RELIGHT = Stage(
     name="relight",
-    version=1,
+    version=2,
     about="The views under another light, from their albedo.",
     settings=RelightSettings,
     takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer", "light"),

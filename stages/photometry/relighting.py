@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -10,12 +11,17 @@ from stages.photometry.pixel_transfer import at_vertices, on_absolute_scale
 from stages.photometry.sky_light import SkyScene
 from stages.photometry.transfer import bounced
 
+ROWS = 512  # 0.35° each
+
 
 def light_of_picture(picture: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Mean light, (M, 3), around each of some even directions, (M, 3), of a picture of all directions.
 
-    Every pixel belongs to the direction nearest to it, and counts by the solid angle that it covers.
+    Every pixel belongs to the direction nearest to it, and counts by the solid angle that it covers. Pictures
+    with more rows are reduced first, which changes nothing at that many directions.
     """
+    if picture.shape[0] > ROWS:
+        picture = cv2.resize(picture, (2 * ROWS, ROWS), interpolation=cv2.INTER_AREA)
     rows = picture.shape[0]
     towards = directions_of_picture(rows).reshape(-1, 3)
     angle = np.repeat(np.sin(np.pi * (np.arange(rows) + 0.5) / rows), 2 * rows)
