@@ -17,13 +17,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads
 
 from benchmarks.accuracy.methods import ABLATIONS, METHODS, judge_row  # noqa: E402
 from benchmarks.accuracy.report import write_report  # noqa: E402
-from benchmarks.accuracy.scenes import paper_rows, scan_rows  # noqa: E402
-from benchmarks.paper.laboratory import QUARTER, TENTH, TINY, Laboratory, Size  # noqa: E402
-from benchmarks.paper.rows import ROWS, Row  # noqa: E402
-from pipeline.terminal import Terminal  # noqa: E402
+from benchmarks.accuracy.scenes import laboratory_of, paper_rows, scan_rows  # noqa: E402
+from benchmarks.paper.laboratory import QUARTER, TENTH, TINY, Size  # noqa: E402
+from benchmarks.paper.rows import Row  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-PAPERS_OWN = ROOT / "workspaces" / "paper"  # where `benchmarks.paper` renders the same rows
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
@@ -32,10 +30,7 @@ def main(argv: Sequence[str] | None = None) -> Path:
     methods = METHODS + (ABLATIONS if given.ablations else ())
     judged = []
     for row, size in scenes_of(given):
-        at_home = row not in ROWS or given.tiny
-        folder = given.workspace / row.name if at_home else PAPERS_OWN / size.name
-        laboratory = Laboratory(folder, size, Terminal())
-        judged.append(judge_row(laboratory, row, methods))
+        judged.append(judge_row(laboratory_of(row, size, given.workspace), row, methods))
         page = write_report(given.to, judged)
     return page
 

@@ -19,9 +19,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads
 
 import numpy as np  # noqa: E402
 
-from benchmarks.accuracy.scenes import paper_rows, scan_rows  # noqa: E402
+from benchmarks.accuracy.scenes import laboratory_of, paper_rows, scan_rows  # noqa: E402
 from benchmarks.paper.judging import Maps, maps_in  # noqa: E402
-from benchmarks.paper.laboratory import Laboratory, Size  # noqa: E402
+from benchmarks.paper.laboratory import Size  # noqa: E402
 from benchmarks.paper.rows import Row  # noqa: E402
 from benchmarks.paper.tables import markdown  # noqa: E402
 from pipeline import Job  # noqa: E402
@@ -59,6 +59,10 @@ class Relit:
 def main(argv: Sequence[str] | None = None) -> Path:
     """Decompose, relight, render, judge, write; returns the page."""
     given = arguments(argv)
+    if "UNSHADE_DATA" not in os.environ:
+        raise SystemExit("UNSHADE_DATA is not set; expected the folder that holds hdri-polyhaven-1k.")
+    if unknown := [name for name in given.rows.split(",") if name not in OTHER_LIGHT]:
+        raise SystemExit(f"--rows {', '.join(unknown)}: expected names among {', '.join(OTHER_LIGHT)}.")
     data = Path(os.environ["UNSHADE_DATA"])
     rows = {row.name: (row, size) for row, size in (*paper_rows(), *scan_rows(data))}
     given.to.mkdir(parents=True, exist_ok=True)
@@ -74,14 +78,15 @@ def main(argv: Sequence[str] | None = None) -> Path:
 
 def in_another_light(row: Row, size: Size, light: Path, workspace: Path) -> Relit:
     """Relight a row in both ways, and compare with the truth."""
-    done = Laboratory(workspace / row.name, size, Terminal()).run_with(row, {"mode": "transfer"}).paths
+    laboratory = laboratory_of(row, size, workspace)
+    done = laboratory.run_with(row, {"mode": "transfer"}).paths
     elsewhere = replace(
         row,
         name=f"{row.name}-in-{light.stem}",
         render={**row.render, "light": "environment"},
         sources={**row.sources, "environment": light},
     )
-    truth = Laboratory(workspace / row.name, size, Terminal()).prepare(elsewhere).paths
+    truth = laboratory.prepare(elsewhere).paths
     names = tuple(camera.name for camera in read_cameras(done["cameras"]))
     masks = {name: read_mask(done["mask"] / f"{name}.png") for name in names}
     true = maps_in(truth["linear"], names)

@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from benchmarks.paper.laboratory import QUARTER, Size
+from benchmarks.paper.laboratory import QUARTER, TINY, Laboratory, Size
 from benchmarks.paper.rows import ROWS, Row
+from pipeline.terminal import Terminal
+
+PAPERS_OWN = Path(__file__).resolve().parents[2] / "workspaces" / "paper"
 
 SCANS = {
     "gutenberg": "meshes-threedscans/subdiv2/Gutenberg.ply",
@@ -31,6 +34,12 @@ COMBINATIONS: tuple[tuple[str, str, dict[str, Any], dict[str, Any]], ...] = (
     ("skull", "workshop", STRIPES, {}),
 )
 LIGHTS_OF_OUR_OWN = ("dome", "four_lamps", "one_lamp")
+
+
+def laboratory_of(row: Row, size: Size, workspace: Path) -> Laboratory:
+    """Where a row is rendered and decomposed: the paper's where `benchmarks.paper` has done so already."""
+    shared = row in ROWS and size is not TINY
+    return Laboratory(PAPERS_OWN / size.name if shared else workspace / row.name, size, Terminal())
 
 
 def paper_rows(size: Size = QUARTER) -> tuple[tuple[Row, Size], ...]:
