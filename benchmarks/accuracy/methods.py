@@ -46,7 +46,7 @@ ABLATIONS = (
     _ours("one light per view", lighting="per-view"),
     _ours("channels apart", neutrality=0.0),
     _ours("no evenness", evenness=0.0),
-    _ours("one λ for all edges", chroma_step=1e-6),
+    _ours("any change of colour is paint", chroma_step=1e-3),
     _ours("hardly any λ", coarse_lambda=0.3),
 )
 

@@ -70,11 +70,15 @@ def _ratios(rows: Sequence[JudgedRow]) -> str:
             f"{np.mean(ours.si_rmse) / np.mean(paper.si_rmse):.2f}",
             f"{max(np.array(ours.si_rmse) / np.array(image.si_rmse)):.2f}",
             f"{max(variances):.2f} ({np.median(variances):.2f})" if variances else "–",
-            str(row.by(OURS).facts.get("light_distance", "")),
+            _distance(row.by(OURS).facts.get("light_distance", "")),
         ]
         table.append([row.name, *cells])
     head = ["scene", "si-RMSE / paper's", "worst channel / image's", "variance / paper's: worst (median)"]
     return markdown([*head, "light's distance"], table)
+
+
+def _distance(found: float | str) -> str:
+    return found if isinstance(found, str) else f"{found:.2f}"
 
 
 def _variance_ratios(ours: Scores, paper: Scores) -> list[float]:
