@@ -8,6 +8,11 @@ import numpy as np
 import pytest
 
 from benchmarks.accuracy.__main__ import main
+from benchmarks.accuracy.relighting import in_another_light
+from benchmarks.accuracy.scenes import paper_rows
+from benchmarks.paper.laboratory import TINY
+from stages.photometry.environment import directions_of_picture
+from stages.scene.exr import write_exr
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +40,17 @@ def test_ours_is_nearer_to_the_truth_than_image_and_paper_even_at_this_size(repo
         error = {name: np.array(list(one["scores"]["si_rmse"].values())) for name, one in methods.items()}
         assert np.all(error["mode: transfer"] < error["the image itself"])
         assert error["mode: transfer"].mean() < 0.8 * error["mode: paper"].mean()
+
+
+def test_views_relit_from_the_albedo_are_nearer_to_the_truth_than_from_the_photos(report, tmp_path):
+    light = tmp_path / "sunset.exr"
+    towards = directions_of_picture(16)
+    write_exr(
+        light, (0.2 + np.maximum(towards @ [0.0, -1.0, 0.0], 0)[..., None] * [3, 2, 1]).astype(np.float32)
+    )
+    relit = in_another_light(*paper_rows(TINY)[2], light, report.parent.parent)
+    assert relit.from_albedo > relit.from_photos + 3
+    assert relit.picture.ndim == 3
 
 
 def test_a_row_that_is_not_there_is_refused_by_name(tmp_path):

@@ -42,6 +42,10 @@ OTHER_LIGHT = {  # of a row, a picture of light that it does not stand in
     "plato-one_lamp-texture": "apartment",
     "skull-workshop-stripes": "studio",
 }
+HEAD = """# Relit, against path-traced truth
+
+Written by `python -m benchmarks.accuracy.relighting`. PSNR of the masked views, one scale per channel for all
+of them; the empty part of the frame counts as correct: differences mean something, levels little."""
 WHITE = 0.99  # quantile of the true radiance that PSNR takes for 1
 
 
@@ -140,7 +144,7 @@ def page_of(judged: Sequence[Relit]) -> str:
     ]
     head = ["scene", "other light", "from the photos, dB", "from the albedo, dB", "gain, dB"]
     pictures = [f"![{one.name}]({one.name}-relit.png)" for one in judged]
-    return "\n\n".join(["# Relit, against path-traced truth", markdown(head, table), *pictures]) + "\n"
+    return "\n\n".join([HEAD, markdown(head, table), *pictures]) + "\n"
 
 
 def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
