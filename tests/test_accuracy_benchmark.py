@@ -44,10 +44,8 @@ def test_ours_is_nearer_to_the_truth_than_image_and_paper_even_at_this_size(repo
 
 def test_views_relit_from_the_albedo_are_nearer_to_the_truth_than_from_the_photos(report, tmp_path):
     light = tmp_path / "sunset.exr"
-    towards = directions_of_picture(16)
-    write_exr(
-        light, (0.2 + np.maximum(towards @ [0.0, -1.0, 0.0], 0)[..., None] * [3, 2, 1]).astype(np.float32)
-    )
+    sun = np.maximum(directions_of_picture(16) @ [0.0, -1.0, 0.0], 0)[..., None]
+    write_exr(light, (0.2 + sun * [3, 2, 1]).astype(np.float32))
     relit = in_another_light(*paper_rows(TINY)[2], light, report.parent.parent)
     assert relit.from_albedo > relit.from_photos + 3
     assert relit.picture.ndim == 3
