@@ -16,6 +16,7 @@ from stages.adopt_model import ADOPT_MODEL
 from stages.correspondence import CORRESPONDENCE
 from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER
 from stages.deliver import DELIVER
+from stages.full_resolution import FULL_RESOLUTION
 from stages.known_geometry import KNOWN_GEOMETRY
 from stages.mesh import MESH
 from stages.mvs import MVS
@@ -61,7 +62,7 @@ DATAFLOW = (
 )
 ENTRY_POINTS = (ADOPT_MODEL, ADOPT_MESH)
 EXPERIMENT = (RENDER, KNOWN_GEOMETRY)  # instead of photos: scenes whose truth is known
-AFTERWARDS = (RELIGHT,)  # what is made of a result when one asks for it
+AFTERWARDS = (FULL_RESOLUTION, RELIGHT)  # what is made of a result when one asks for it
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
 
 
@@ -130,6 +131,11 @@ def with_relighting(flow: tuple[Stage, ...]) -> tuple[Stage, ...]:
     """A dataflow that also shows the views under another light; `mode: paper` lacks the transfer for it."""
     transfer = () if TRANSFER in flow else (TRANSFER,)
     return (*flow, *transfer, RELIGHT)
+
+
+def with_full_resolution(flow: tuple[Stage, ...]) -> tuple[Stage, ...]:
+    """A dataflow that also carries the albedo to the photos' own resolution."""
+    return (*flow, FULL_RESOLUTION)
 
 
 def kinds_of_sources(flow: Collection[Stage]) -> tuple[Source, ...]:

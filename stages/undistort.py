@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.wording import listed
@@ -12,6 +12,7 @@ from stages.scene.wording import listed
 if TYPE_CHECKING:
     import pycolmap
 
+    from stages.geometry.pinhole_photos import Photo
     from stages.scene.cameras import Camera
 
 
@@ -35,23 +36,9 @@ class UndistortSettings(Settings):
 
 @dataclass(frozen=True)
 class View:
-    """One view's work, in values that a worker can be sent.
+    """One view's work: the photo, the pinhole camera wanted, and where the results go."""
 
-    Attributes
-    ----------
-    photo, mask : Path
-        The mask may be missing.
-    lens : dict
-        COLMAP camera of the photo, as keywords.
-    camera : Camera
-        The pinhole camera wanted.
-    image, linear, kept : Path
-        Where the results go.
-    """
-
-    photo: Path
-    mask: Path | None
-    lens: dict[str, Any]
+    photo: Photo
     camera: Camera
     image: Path
     linear: Path
@@ -60,6 +47,7 @@ class View:
 
 def run(job: Job) -> None:
     """Choose the pinhole cameras, resample view by view, write the workspace."""
+    from stages.geometry.pinhole_photos import Photo, lens_of
     from stages.scene.colmap_model import pinhole_model, read_model, registered
     from stages.scene.dense_workspace import write_stereo_settings
 
@@ -70,9 +58,11 @@ def run(job: Job) -> None:
     masks = _find_masks(job, [image.name for image in images])
     views = [
         View(
-            photo=job.inputs["images"] / image.name,
-            mask=masks.get(image.name),
-            lens=_lens(model.cameras[image.camera_id]),
+            photo=Photo(
+                job.inputs["images"] / image.name,
+                masks.get(image.name),
+                lens_of(model.cameras[image.camera_id]),
+            ),
             camera=camera,
             image=workspace / "images" / f"{camera.name}.png",
             linear=job.outputs["linear"] / f"{camera.name}.exr",
@@ -98,45 +88,16 @@ def run(job: Job) -> None:
 
 def undistort_view(view: View) -> bool:
     """Write one view's linear image, 8-bit image and mask; whether it had to be resampled."""
-    import numpy as np
-
-    from stages.geometry.undistortion import oversampling, resample
+    from stages.geometry.pinhole_photos import pinhole_photo
     from stages.scene.exr import write_exr
-    from stages.scene.photos import read_mask, read_photo, write_mask, write_png_srgb8
+    from stages.scene.photos import write_mask, write_png_srgb8
 
-    linear = read_photo(view.photo)
-    lens = _camera(view.lens)
-    height, width = linear.shape[:2]
-    if (width, height) != (lens.width, lens.height):
-        raise UserError(
-            f"{view.photo} is {width} × {height} pixels, but its camera in the model is {lens.width} × "
-            f"{lens.height}; give the photos that the model was made from."
-        )
-    kept = np.ones((height, width), bool)
-    if view.mask is not None:
-        kept = read_mask(view.mask)
-        if kept.shape != (height, width):
-            raise UserError(
-                f"The mask {view.mask} is {kept.shape[1]} × {kept.shape[0]} pixels, its photo {width} × "
-                f"{height}; masks must have their photo's size."
-            )
-    finite = np.isfinite(linear).all(axis=2)  # renderers and merging tools leave NaN and infinity behind
-    if not finite.all():
-        linear, kept = np.where(finite[..., None], linear, np.float32(0)), kept & finite
-    exact = _same_camera(lens, view.camera)
-    if not exact:
-        linear, kept = resample(
-            linear,
-            kept,
-            (view.camera.width, view.camera.height),
-            lambda xy: _source_from_target(lens, view.camera, xy),
-            oversampling(lens.mean_focal_length(), view.camera.focal_px),
-        )
+    linear, kept, touched = pinhole_photo(view.photo, view.camera)
     write_exr(view.linear, linear)
     write_png_srgb8(view.image, linear)
-    if view.mask is not None or not kept.all():
+    if view.photo.mask is not None or not kept.all():
         write_mask(view.kept, kept)
-    return not exact
+    return touched
 
 
 def _pinhole_cameras(model: pycolmap.Reconstruction, settings: UndistortSettings) -> list[Camera]:
@@ -155,45 +116,6 @@ def _pinhole_cameras(model: pycolmap.Reconstruction, settings: UndistortSettings
             pinholes[image.camera_id] = ideal
     cameras = [camera_of(image, pinholes[image.camera_id]) for image in registered(model)]
     return [c.scaled(*working_size(c.width, c.height, settings.max_size_px)) for c in cameras]
-
-
-def _source_from_target(lens: pycolmap.Camera, camera: Camera, xy: Any) -> Any:
-    """Pixels (n, 2) of the photo behind pixels of the pinhole image; NaN where the lens sees nothing."""
-    import numpy as np
-
-    K = camera.intrinsics
-    rays = np.ones((len(xy), 3))
-    rays[:, 0] = (xy[:, 0] - K[0, 2]) / K[0, 0]
-    rays[:, 1] = (xy[:, 1] - K[1, 2]) / K[1, 1]
-    return lens.img_from_cam(rays)
-
-
-def _same_camera(lens: pycolmap.Camera, camera: Camera) -> bool:
-    """Whether the photo is the pinhole image already, to the bit."""
-    import numpy as np
-
-    from stages.scene.colmap_model import PINHOLES
-
-    return (
-        lens.model_name in PINHOLES
-        and (lens.width, lens.height) == (camera.width, camera.height)
-        and np.array_equal(lens.calibration_matrix(), camera.intrinsics)
-    )
-
-
-def _lens(camera: pycolmap.Camera) -> dict[str, Any]:
-    return {
-        "model": camera.model_name,
-        "width": camera.width,
-        "height": camera.height,
-        "params": list(camera.params),
-    }
-
-
-def _camera(lens: dict[str, Any]) -> pycolmap.Camera:
-    import pycolmap
-
-    return pycolmap.Camera(**lens)
 
 
 def _find_masks(job: Job, names: list[str]) -> dict[str, Path]:

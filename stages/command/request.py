@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import stages
@@ -34,7 +35,10 @@ def request_of(command: Run) -> Request:
     """
     selection = Selection(command.only, command.first, command.last, command.force)
     config = config_of(command)
-    return _request(command, config, sources_of(command, config), selection)
+    request = _request(command, config, sources_of(command, config), selection)
+    if not command.full_resolution:
+        return request
+    return replace(request, flow=stages.with_full_resolution(request.flow))
 
 
 def relighting_of(command: Relight) -> Request:

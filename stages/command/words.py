@@ -76,12 +76,15 @@ class Run(Given):
         Stop after this stage.
     force
         Run the selected stages even where they are up to date.
+    full_resolution
+        Also write the albedo at the photos' own resolution, into output/albedo_full.
     """
 
     only: StageName = None
     first: Annotated[str | None, optional("STAGE", "from")] = None
     last: Annotated[str | None, optional("STAGE", "to")] = None
     force: bool = False
+    full_resolution: bool = False
 
 
 @dataclass(frozen=True)

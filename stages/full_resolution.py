@@ -1,0 +1,110 @@
+"""The albedo at the photos' own resolution, after the decomposition at working size."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline import Artefact, Job, Settings, Stage, setting
+
+if TYPE_CHECKING:
+    from stages.geometry.pinhole_photos import Photo
+    from stages.scene.cameras import Camera
+
+
+class FullResolutionSettings(Settings):
+    """Settings of the `full_resolution` stage."""
+
+    most_contrast: float = setting(
+        4.0,
+        "By how much a pixel may be brighter or darker than its surroundings of a working pixel's size: more "
+        "is taken for noise or misfit.",
+        unit="factor",
+        gt=1,
+    )
+
+
+@dataclass(frozen=True)
+class View:
+    """One view's work: the photo, its camera at working size, what is known there, where the results go."""
+
+    photo: Photo
+    camera: Camera
+    albedo: Path
+    mask: Path
+    maps: Path
+    pictures: Path
+    white: float
+    most_contrast: float
+
+
+def run(job: Job) -> None:
+    """Hand the views to workers. Memory per worker: some 70 B per pixel of a photo."""
+    from stages.geometry.pinhole_photos import Photo, lens_of
+    from stages.scene.camera_file import read_cameras
+    from stages.scene.cameras import view_name
+    from stages.scene.colmap_model import read_model, registered
+
+    model = read_model(job.inputs["model"])
+    photos = {
+        view_name(image.name): Photo(
+            job.inputs["images"] / image.name, None, lens_of(model.cameras[image.camera_id])
+        )
+        for image in registered(model)
+    }
+    white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
+    views = [
+        View(
+            photo=photos[camera.name],
+            camera=camera,
+            albedo=job.inputs["albedo"] / f"{camera.name}.exr",
+            mask=job.inputs["mask"] / f"{camera.name}.png",
+            maps=job.outputs["albedo_full"] / f"{camera.name}.exr",
+            pictures=job.outputs["albedo_full"] / f"{camera.name}.png",
+            white=white,
+            most_contrast=job.settings.most_contrast,
+        )
+        for camera in read_cameras(job.inputs["cameras"])
+    ]
+    sizes = set()
+    with job.progress("views", len(views)) as step:
+        for size in job.executor.map(write_view, views):
+            sizes.add(size)
+            step()
+    job.note(views=len(views), sizes_px=sorted(sizes))
+
+
+def write_view(view: View) -> str:
+    """Write one view's albedo as EXR (half) and PNG; returns its size, as in 3072x2048."""
+    from stages.geometry.pinhole_photos import pinhole_photo
+    from stages.photometry.full_resolution import at_full_resolution
+    from stages.scene.exr import read_exr, write_exr
+    from stages.scene.photos import read_mask, write_png_srgb16
+
+    finer = max(1.0, view.photo.focal_px / view.camera.focal_px)
+    camera = view.camera.scaled(round(view.camera.width * finer), round(view.camera.height * finer))
+    linear, _, _ = pinhole_photo(view.photo, camera)
+    albedo, _ = at_full_resolution(read_exr(view.albedo), read_mask(view.mask), linear, view.most_contrast)
+    write_exr(view.maps, albedo, half=True)
+    write_png_srgb16(view.pictures, albedo / view.white)
+    return f"{camera.width}x{camera.height}"
+
+
+FULL_RESOLUTION = Stage(
+    name="full_resolution",
+    version=1,
+    about="The albedo at the photos' own resolution.",
+    settings=FullResolutionSettings,
+    takes=("images", "model", "cameras", "albedo", "mask", "scales"),
+    gives=(
+        Artefact(
+            "albedo_full",
+            "the albedo at the photos' own size: EXR (linear, half), PNG (16-bit sRGB)",
+            output="albedo_full",
+        ),
+    ),
+    run=run,
+    tools=("pycolmap", "numpy", "scipy"),
+)

@@ -1,0 +1,92 @@
+"""The albedo carried to the photos' own resolution: laws of the core, and the command."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from stages.photometry.full_resolution import at_full_resolution
+from stages.scene.exr import read_exr
+from stages.scene.resize import reduce_by_area
+from tests.rendered_scene import TINY, unshade, write_config
+
+RNG = np.random.default_rng(0)
+
+
+def painted(rows: int = 60, columns: int = 84) -> tuple[np.ndarray, np.ndarray]:
+    """Albedo in slanted stripes of two paints, and light that changes slowly over it, (h, w, 3)."""
+    y, x = np.mgrid[:rows, :columns] + 0.5
+    stripes = ((x + 0.6 * y) % 17 < 8)[..., None]
+    albedo = np.where(stripes, [0.8, 0.3, 0.2], [0.2, 0.4, 0.7]).astype(np.float32)
+    return albedo, (0.3 + x / columns + (y / rows) ** 2).astype(np.float32)[..., None] * np.ones(
+        3, np.float32
+    )
+
+
+def test_nothing_changes_where_the_sizes_are_equal():
+    albedo, shading = painted()
+    mask = RNG.random(albedo.shape[:2]) < 0.8
+    fine, known = at_full_resolution(albedo, mask, albedo * shading, 4.0)
+    assert np.array_equal(known, mask)
+    assert np.array_equal(fine, np.where(mask[..., None], albedo, 0))
+
+
+def test_edges_of_paint_are_as_sharp_as_in_the_photo():
+    truth, shading = painted()
+    coarse = reduce_by_area(truth, (20, 28))
+    everywhere = np.ones(coarse.shape[:2], bool)
+    fine, known = at_full_resolution(coarse, everywhere, truth * shading, 4.0)
+    assert known.all()
+    blurred = cv2.resize(coarse, truth.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    assert np.abs(fine - truth).mean() < 0.15 * np.abs(blurred - truth).mean()
+
+
+def test_what_is_not_known_stays_so_and_does_not_bleed_in():
+    truth, shading = painted()
+    coarse = reduce_by_area(truth, (20, 28))
+    mask = np.ones(coarse.shape[:2], bool)
+    mask[:, 14:] = False
+    poisoned = np.where(mask[..., None], coarse, 1e6).astype(np.float32)
+    fine, known = at_full_resolution(poisoned, mask, truth * shading, 4.0)
+    assert known[:, :41].all()
+    assert not known[:, 43:].any()
+    assert np.all(fine[~known] == 0)
+    assert fine.max() < 4
+    nothing, none = at_full_resolution(coarse, np.zeros_like(mask), truth * shading, 4.0)
+    assert not none.any()
+    assert not nothing.any()
+
+
+def test_dark_pixels_and_outliers_are_held_back():
+    truth, shading = painted()
+    photo = truth * shading
+    photo[30, 40] = 100.0
+    photo[10, 10] = 0.0
+    coarse = reduce_by_area(truth, (20, 28))
+    fine, _ = at_full_resolution(coarse, np.ones(coarse.shape[:2], bool), photo, 4.0)
+    assert np.isfinite(fine).all()
+    assert fine.max() <= 4 * coarse.max()
+
+
+def test_the_command_writes_the_photos_own_size(tmp_path, capsys):
+    config = write_config(
+        tmp_path / "scene.yaml",
+        render=TINY | {"views": 2, "arc_deg": 20.0, "noise": 0.3, "width_px": 48, "height_px": 64},
+        undistort={"max_size_px": 32},
+        raycast={"reduce": 1},
+    )
+    code, _, said = unshade(capsys, "run", config, "--full-resolution")
+    assert code == 0, said
+    for name in ("000", "001"):
+        small = read_exr(tmp_path / f"w/output/albedo/{name}.exr")
+        large = read_exr(tmp_path / f"w/output/albedo_full/{name}.exr")
+        assert small.shape == (32, 24, 3)
+        assert large.shape == (64, 48, 3)
+        back = reduce_by_area(large, small.shape[:2])
+        inside = reduce_by_area((large.max(axis=2) > 0).astype(np.float32), small.shape[:2]) == 1
+        assert inside.any()
+        assert np.median(np.abs(back[inside] - small[inside])) < 0.15 * small[inside].mean()
+        assert (tmp_path / f"w/output/albedo_full/{name}.png").is_file()
+    code, said, _ = unshade(capsys, "plan", config, "--full-resolution")
+    assert code == 0
+    assert "run" not in [line.split()[1] for line in said.splitlines() if line.startswith("full_resolution")]
