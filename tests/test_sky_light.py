@@ -14,7 +14,6 @@ from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
 from stages.photometry.highlights import without_highlights
 from stages.photometry.light_from_pairs import PairWeights, Sample, _Objective
-from stages.photometry.neighbourhoods import means_around
 from stages.photometry.paint_detail import texture_of, with_detail
 from stages.photometry.paint_edges import PaintEdges, colour_change, in_white_light, smoothness_of_edges
 from stages.photometry.sky import even_directions
@@ -263,8 +262,8 @@ def test_texture_is_told_from_relief_and_its_detail_comes_back():
     shading = np.exp(0.2 * np.sin(across))[:, None] * np.ones(3)
     grain = np.exp(np.clip(rng.normal(0, 0.5, (count, 1)), -0.9, 0.9)) * np.array([0.5, 0.4, 0.3])
     edges, trusted = PaintEdges(coarse=10.0), np.ones(count, bool)
-    textured = texture_of(views, grain * shading, shading, edges)
-    plain = texture_of(views, 0.4 * shading, shading, edges)
+    textured = texture_of(views, grain * shading, shading, trusted, edges)
+    plain = texture_of(views, 0.4 * shading, shading, trusted, edges)
     assert np.mean(textured) > 0.9
     assert np.max(plain) == 0
     smooth = np.tile(np.median(grain, axis=0), (count, 1))
@@ -319,13 +318,30 @@ def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
     highlight[~first] = 0
     noise = 1 + 0.02 * rng.standard_normal(image.shape)
     glossy = (image * noise + highlight).astype(np.float32)
-    clean = without_highlights(views, glossy)
+    everything = np.ones(len(image), bool)
+    clean = without_highlights(views, glossy, everything)
     assert np.all(clean <= glossy)
     lobe = linked & (highlight[:, 0] > 0.1)
-    assert np.mean(clean[lobe] - image[lobe]) < 0.3 * np.mean(highlight[lobe])
-    matt = without_highlights(views, (image * noise).astype(np.float32))
-    assert np.median(np.abs(matt / (image * noise) - 1)) < 1e-6
-    assert np.array_equal(clean[~linked & ~near(views, linked)], glossy[~linked & ~near(views, linked)])
+    assert np.abs(np.mean(clean[lobe] - image[lobe])) < 0.3 * np.mean(highlight[lobe])
+    matt = without_highlights(views, (image * noise).astype(np.float32), everything)
+    assert np.mean(np.abs(matt / (image * noise) - 1) < 1e-6) > 0.9
+    alone = replace(views, links={pair: block for pair, block in views.links.items() if 0 not in pair})
+    assert np.array_equal(without_highlights(alone, glossy, everything)[first], glossy[first])
+
+
+def test_clipped_pixels_do_not_drag_down_those_that_see_better(lit):
+    views, _, albedo, shading, _ = lit
+    image = (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
+    first = np.arange(len(image)) < views.starts[1]
+    clipped = image.copy()
+    clipped[first] = np.minimum(image[first], 0.4)
+    seen_well = ~(first[:, None] & (clipped == 0.4)).any(axis=1)
+    dragged, dragged_by_clipped = (
+        np.mean(without_highlights(views, clipped, trusted)[~first] < 0.95 * image[~first])
+        for trusted in (seen_well, np.ones(len(image), bool))
+    )
+    assert dragged < 0.03
+    assert dragged_by_clipped > 2 * dragged
 
 
 def linked_to_others(views: StackedViews) -> np.ndarray:
@@ -334,7 +350,3 @@ def linked_to_others(views: StackedViews) -> np.ndarray:
         for end in pair:
             linked[end] = True
     return linked
-
-
-def near(views: StackedViews, pixels: np.ndarray) -> np.ndarray:
-    return means_around(views, pixels, 5) > 0

@@ -9,11 +9,13 @@ from stages.photometry.paint_edges import DARK
 from stages.photometry.stack import StackedViews
 
 SIZE_PX = 5  # of the smallest highlight that is told from fine paint
+FEWEST = 0.2  # share of a square that has to be linked for a word about it
 ROUNDS = 3  # with each, the brighter of the views that are left come down to the rest
 TOLERANCE = 0.02  # of the logarithm: noise
+RARE = 0.05  # share of a patch: fewer negative values than that count for less
 
 
-def without_highlights(views: StackedViews, image: np.ndarray) -> np.ndarray:
+def without_highlights(views: StackedViews, image: np.ndarray, trusted: np.ndarray) -> np.ndarray:
     """Take off what a view sees of its surface beyond what the others see of it.
 
     Parameters
@@ -22,6 +24,8 @@ def without_highlights(views: StackedViews, image: np.ndarray) -> np.ndarray:
         Their links say what is the same surface.
     image : ndarray, shape (N, 3), float32
         Scaled, under one light; gains of the views divided out.
+    trusted : ndarray, shape (N,), bool
+        Pixels that others are compared with, and that are looked at: what is clipped is no measure.
 
     Returns
     -------
@@ -32,38 +36,42 @@ def without_highlights(views: StackedViews, image: np.ndarray) -> np.ndarray:
     -----
     Matt surface looks the same from everywhere, and gloss only adds. Per channel, with ``l = log(I + d)``:
     ``l ← l − max(0, m − s − 0.02)``, m from `excess_over_linked`, s the root mean square of what is negative
-    among m around. Views that see each other's fine paint half a pixel off differ in both directions alike,
-    and keep what they have. Highlights of a few pixels are cut by half.
+    among m around (less where hardly anything is). Views that see each other's fine paint half a pixel off
+    differ in both directions alike, and keep what they have. Highlights of a few pixels are cut by half.
     """
     matt = np.empty_like(image)
     for c, seen in enumerate(image.T):
         before = np.log(np.maximum(seen, 0) + DARK)
         after = before
         for _ in range(ROUNDS):
-            excess = excess_over_linked(views, after)
+            excess = excess_over_linked(views, after, trusted)
             after = after - np.maximum(0, excess - _misfit(views, excess) - TOLERANCE)
         gloss = (np.maximum(seen, 0) + DARK) * (1 - np.exp(after - before))
-        matt[:, c] = np.maximum(seen - gloss, np.minimum(seen, 0))
+        matt[:, c] = np.where(trusted, np.maximum(seen - gloss, np.minimum(seen, 0)), seen)
     return matt
 
 
-def excess_over_linked(views: StackedViews, values: np.ndarray) -> np.ndarray:
+def excess_over_linked(views: StackedViews, values: np.ndarray, trusted: np.ndarray) -> np.ndarray:
     """Mean of ``v_p − v_q`` over all links of the pixels p in small squares to pixels q elsewhere, (N,).
 
-    Fine paint, half a pixel off, comes to nothing there, a highlight does not. 0 where there are no links.
+    Fine paint, half a pixel off, comes to nothing there, a highlight does not. Only links between `trusted`
+    pixels, (N,), bool, count; 0 where less than a fifth of a square has some. The cost grows with the links.
     """
     excess, links = np.zeros(len(values)), np.zeros(len(values))
     for one, other in views.linked_pixels():
+        both = trusted[one] & trusted[other]
+        one, other = one[both], other[both]
         difference = values[one] - values[other]
         for end, signed in ((one, difference), (other, -difference)):
-            excess += np.bincount(end, signed, len(values))
-            links += np.bincount(end, minlength=len(values))
+            np.add.at(excess, end, signed)
+            np.add.at(links, end, 1)
+    enough = means_around(views, links > 0, SIZE_PX) >= FEWEST
     excess, links = (means_around(views, each, SIZE_PX) for each in (excess, links))
-    return np.where(links > 0, excess / np.maximum(links, 1e-6), 0)
+    return np.where(enough, excess / np.maximum(links, 1e-6), 0)
 
 
 def _misfit(views: StackedViews, excess: np.ndarray) -> np.ndarray:
     """Root mean square of the negative values around every pixel, (N,)."""
     square = patch_means(views, np.minimum(excess, 0) ** 2)
     share = patch_means(views, excess < 0)
-    return np.sqrt(np.maximum(square, 0) / np.maximum(share, 0.05))
+    return np.sqrt(np.maximum(square, 0) / np.maximum(share, RARE))

@@ -16,7 +16,9 @@ DIM = 0.1  # of the median shading: quotients by less are noise
 NOISE = 0.04  # of the logarithm: detail well below is noise, and goes
 
 
-def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edges: PaintEdges) -> np.ndarray:
+def texture_of(
+    views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, edges: PaintEdges
+) -> np.ndarray:
     """How textured the surface around every pixel is, 0 to 1, by what the shading leaves over.
 
     Parameters
@@ -25,6 +27,8 @@ def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edge
     image : ndarray, shape (N, 3)
         Scaled, in white light; highlights and all.
     shading : ndarray, shape (N, 3)
+    trusted : ndarray, shape (N,), bool
+        Pixels by which views are compared.
     edges : PaintEdges
         Its step of chroma.
 
@@ -53,7 +57,7 @@ def texture_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, edge
             np.add.at(degree, end, 1)
     low, high = TEXTURED
     rise = np.clip((patch_means(views, paint / np.maximum(degree, 1)) - low) / (high - low), 0, 1)
-    matt = np.exp(-((_gloss(views, seen - lit) / GLOSS) ** 2))
+    matt = np.exp(-((_gloss(views, seen - lit, trusted) / GLOSS) ** 2))
     return (matt * rise * rise * (3 - 2 * rise)).astype(np.float32)
 
 
@@ -75,6 +79,6 @@ def with_detail(
     return (np.maximum(albedo, 0) * np.exp(share * firm)).astype(np.float32)
 
 
-def _gloss(views: StackedViews, quotient: np.ndarray) -> np.ndarray:
+def _gloss(views: StackedViews, quotient: np.ndarray, trusted: np.ndarray) -> np.ndarray:
     """How much views disagree about the log quotient I/S around every pixel, (N,)."""
-    return patch_means(views, np.abs(excess_over_linked(views, quotient)))
+    return patch_means(views, np.abs(excess_over_linked(views, quotient, trusted)))

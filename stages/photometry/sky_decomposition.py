@@ -128,7 +128,7 @@ def decompose_by_sky(
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
     matt = image / of_pixel
     if not light_of_view.any():  # one light: matt surface looks the same in all views
-        matt = without_highlights(views, matt)
+        matt = without_highlights(views, matt, trusted)
     lights = [sky_light(scene, views, matt, trusted, light_of_view, settings.light, step) for scene in scenes]
     disagreements = [light.disagreement for light in lights]
     best = explained_best(disagreements)
@@ -137,7 +137,7 @@ def decompose_by_sky(
     trusted = lit if lit.any() else trusted
     matt *= of_pixel
     shown, white = (in_white_light(one, light.shading) for one in (image, matt))
-    textured = texture_of(views, shown, light.shading, settings.edges)
+    textured = texture_of(views, shown, light.shading, trusted, settings.edges)
     by_edge = smoothness_of_edges(views, white, light.shading, textured, settings.edges)
     channels = list(np.ascontiguousarray(matt.T))
     smooth, detailed = (
