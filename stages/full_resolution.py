@@ -77,7 +77,7 @@ def run(job: Job) -> None:
 
 
 def write_view(view: View) -> str:
-    """Write one view's albedo as EXR (half) and PNG; returns its size, as in 3072x2048."""
+    """Write one view's albedo as EXR and PNG; returns its size, as in 3072x2048."""
     from stages.geometry.pinhole_photos import pinhole_photo
     from stages.photometry.full_resolution import at_full_resolution
     from stages.scene.exr import read_exr, write_exr
@@ -85,9 +85,10 @@ def write_view(view: View) -> str:
 
     finer = max(1.0, view.photo.focal_px / view.camera.focal_px)
     camera = view.camera.scaled(round(view.camera.width * finer), round(view.camera.height * finer))
-    linear, _, _ = pinhole_photo(view.photo, camera)
-    albedo, _ = at_full_resolution(read_exr(view.albedo), read_mask(view.mask), linear, view.most_contrast)
-    write_exr(view.maps, albedo, half=True)
+    linear, kept, _ = pinhole_photo(view.photo, camera)
+    known = read_exr(view.albedo), read_mask(view.mask)
+    albedo, _ = at_full_resolution(*known, linear, kept, view.most_contrast)
+    write_exr(view.maps, albedo)
     write_png_srgb16(view.pictures, albedo / view.white)
     return f"{camera.width}x{camera.height}"
 
@@ -101,10 +102,10 @@ FULL_RESOLUTION = Stage(
     gives=(
         Artefact(
             "albedo_full",
-            "the albedo at the photos' own size: EXR (linear, half), PNG (16-bit sRGB)",
+            "the albedo at the photos' own size: EXR (linear), PNG (16-bit sRGB)",
             output="albedo_full",
         ),
     ),
     run=run,
-    tools=("pycolmap", "numpy", "scipy"),
+    tools=("pycolmap", "numpy", "scipy", "opencv-python-headless"),
 )

@@ -72,5 +72,5 @@ RELIGHT = Stage(
     takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer", "light"),
     gives=(Artefact("relit", "the views under another light, EXR (linear) and PNG", output="relit"),),
     run=run,
-    tools=("numpy", "scipy", "numba"),
+    tools=("numpy", "scipy", "numba", "opencv-python-headless"),
 )

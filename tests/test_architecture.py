@@ -141,5 +141,5 @@ def test_every_dataflow_is_sound():
             check_flow(stages.dataflow(given, mode), stages.SOURCES)
     for given in ([], ["object"], ["environment"], ["object", "environment"]):
         for mode in ("paper", "transfer"):
-            flow = stages.experiment(given, mode)
+            flow = stages.with_full_resolution(stages.with_relighting(stages.experiment(given, mode)))
             check_flow(flow, stages.kinds_of_sources(flow))

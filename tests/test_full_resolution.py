@@ -26,7 +26,7 @@ def painted(rows: int = 60, columns: int = 84) -> tuple[np.ndarray, np.ndarray]:
 def test_nothing_changes_where_the_sizes_are_equal():
     albedo, shading = painted()
     mask = RNG.random(albedo.shape[:2]) < 0.8
-    fine, known = at_full_resolution(albedo, mask, albedo * shading, 4.0)
+    fine, known = at_full_resolution(albedo, mask, albedo * shading, photographed(albedo), 4.0)
     assert np.array_equal(known, mask)
     assert np.array_equal(fine, np.where(mask[..., None], albedo, 0))
 
@@ -35,7 +35,7 @@ def test_edges_of_paint_are_as_sharp_as_in_the_photo():
     truth, shading = painted()
     coarse = reduce_by_area(truth, (20, 28))
     everywhere = np.ones(coarse.shape[:2], bool)
-    fine, known = at_full_resolution(coarse, everywhere, truth * shading, 4.0)
+    fine, known = at_full_resolution(coarse, everywhere, truth * shading, photographed(truth), 4.0)
     assert known.all()
     blurred = cv2.resize(coarse, truth.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     assert np.abs(fine - truth).mean() < 0.15 * np.abs(blurred - truth).mean()
@@ -47,14 +47,28 @@ def test_what_is_not_known_stays_so_and_does_not_bleed_in():
     mask = np.ones(coarse.shape[:2], bool)
     mask[:, 14:] = False
     poisoned = np.where(mask[..., None], coarse, 1e6).astype(np.float32)
-    fine, known = at_full_resolution(poisoned, mask, truth * shading, 4.0)
-    assert known[:, :41].all()
-    assert not known[:, 43:].any()
-    assert np.all(fine[~known] == 0)
-    assert fine.max() < 4
-    nothing, none = at_full_resolution(coarse, np.zeros_like(mask), truth * shading, 4.0)
+    results = []
+    for background in (0.0, 10.0):
+        photo = truth * shading
+        photo[:, 42:] = background
+        fine, known = at_full_resolution(poisoned, mask, photo, photographed(truth), 4.0)
+        assert known[:, :41].all()
+        assert not known[:, 43:].any()
+        assert np.all(fine[~known] == 0)
+        results.append(fine[:, :41])
+    assert np.array_equal(*results)
+    assert np.abs(results[0] - truth[:, :41]).mean() < 0.02
+    nothing, none = at_full_resolution(coarse, np.zeros_like(mask), photo, photographed(truth), 4.0)
     assert not none.any()
     assert not nothing.any()
+    beyond = photographed(truth)
+    beyond[:5] = False
+    _, known = at_full_resolution(coarse, mask, photo, beyond, 4.0)
+    assert not known[:5].any()
+
+
+def photographed(image: np.ndarray) -> np.ndarray:
+    return np.ones(image.shape[:2], bool)
 
 
 def test_dark_pixels_and_outliers_are_held_back():
@@ -63,7 +77,7 @@ def test_dark_pixels_and_outliers_are_held_back():
     photo[30, 40] = 100.0
     photo[10, 10] = 0.0
     coarse = reduce_by_area(truth, (20, 28))
-    fine, _ = at_full_resolution(coarse, np.ones(coarse.shape[:2], bool), photo, 4.0)
+    fine, _ = at_full_resolution(coarse, photographed(coarse), photo, photographed(truth), 4.0)
     assert np.isfinite(fine).all()
     assert fine.max() <= 4 * coarse.max()
 
@@ -89,4 +103,7 @@ def test_the_command_writes_the_photos_own_size(tmp_path, capsys):
         assert (tmp_path / f"w/output/albedo_full/{name}.png").is_file()
     code, said, _ = unshade(capsys, "plan", config, "--full-resolution")
     assert code == 0
-    assert "run" not in [line.split()[1] for line in said.splitlines() if line.startswith("full_resolution")]
+    assert [line.split()[1] for line in said.splitlines() if line.startswith("full_resolution")] == ["reuse"]
+    code, _, said = unshade(capsys, "plan", config, "--full-resolution", "--to", "raycast")
+    assert code == 2
+    assert "--to raycast" in said

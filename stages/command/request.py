@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import stages
@@ -35,10 +34,11 @@ def request_of(command: Run) -> Request:
     """
     selection = Selection(command.only, command.first, command.last, command.force)
     config = config_of(command)
-    request = _request(command, config, sources_of(command, config), selection)
-    if not command.full_resolution:
-        return request
-    return replace(request, flow=stages.with_full_resolution(request.flow))
+    if command.full_resolution and command.last is not None:
+        raise UserError(
+            f"--full-resolution and --to {command.last} were given: what is finest comes last. Leave out one."
+        )
+    return _request(command, config, sources_of(command, config), selection, command.full_resolution)
 
 
 def relighting_of(command: Relight) -> Request:
@@ -59,13 +59,21 @@ def relighting_of(command: Relight) -> Request:
     return _request(command, config, sources, Selection())
 
 
-def _request(command: Given, config: Config, sources: dict[str, Path], selection: Selection) -> Request:
+def _request(
+    command: Given,
+    config: Config,
+    sources: dict[str, Path],
+    selection: Selection,
+    full_resolution: bool = False,
+) -> Request:
     given = override(config.settings, command.assignments)
     settings = check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given)
     flow_of = stages.experiment if "render" in given else stages.dataflow
     flow = flow_of(sources, stages.mode_of(settings))
     if "light" in sources:
         flow = stages.with_relighting(flow)
+    if full_resolution:
+        flow = stages.with_full_resolution(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     return Request(

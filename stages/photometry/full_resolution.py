@@ -12,7 +12,7 @@ DARK = 0.02  # of the photo's mean: in darker pixels, detail is noise
 
 
 def at_full_resolution(
-    albedo: np.ndarray, mask: np.ndarray, photo: np.ndarray, most_contrast: float
+    albedo: np.ndarray, mask: np.ndarray, photo: np.ndarray, kept: np.ndarray, most_contrast: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Carry an albedo map to a larger image of the same camera.
 
@@ -23,6 +23,8 @@ def at_full_resolution(
         Where the albedo is known.
     photo : ndarray, shape (H, W, 3), float32
         Linear; H ≥ h, W ≥ w.
+    kept : ndarray, shape (H, W), bool
+        Where there is a photo.
     most_contrast : float
         By how much a pixel may differ from its surroundings of a working pixel's size, as a factor.
 
@@ -35,18 +37,21 @@ def at_full_resolution(
     -----
     ``ρ↑ · I / (I↓)↑``: ↓ the mean over a working pixel, ↑ bilinear. Light hardly changes within a working
     pixel, so whatever the photo shows there is paint; and an edge of paint, which ρ↑ and (I↓)↑ blur alike, is
-    as sharp as in the photo. The map itself where the sizes are equal.
+    as sharp as in the photo. Outside the mask both go on as at the nearest pixel that lies wholly inside, so
+    that no background mixes in. The map itself where the sizes are equal.
     """
     rows, columns = photo.shape[:2]
     if not mask.any():
         return np.zeros_like(photo), np.zeros((rows, columns), bool)
     if mask.shape == (rows, columns):
-        return np.where(mask[..., None], albedo, 0).astype(np.float32), mask
-    coarse = reduce_by_area(photo, mask.shape)
-    floor = DARK * max(float(coarse[mask].mean()), 1e-12)
-    detail = (np.maximum(photo, 0) + floor) / (np.maximum(_enlarged(coarse, photo), 0) + floor)
-    fine = _enlarged(_filled(albedo, mask), photo) * np.clip(detail, 1 / most_contrast, most_contrast)
-    known = _enlarged(mask.astype(np.float32), photo) >= 0.5
+        return np.where((mask & kept)[..., None], albedo, 0).astype(np.float32), mask & kept
+    coarse, inner = reduce_by_area(photo, mask.shape), cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) > 0
+    inner = inner if inner.any() else mask
+    floor = DARK * max(float(coarse[inner].mean()), 1e-12)
+    blurred = _enlarged(_filled(coarse, inner), photo)
+    detail = (np.maximum(photo, 0) + floor) / (np.maximum(blurred, 0) + floor)
+    fine = _enlarged(_filled(albedo, inner), photo) * np.clip(detail, 1 / most_contrast, most_contrast)
+    known = kept & (_enlarged(mask.astype(np.float32), photo) >= 0.5)
     return np.where(known[..., None], fine, 0).astype(np.float32), known
 
 

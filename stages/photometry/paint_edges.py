@@ -83,6 +83,8 @@ def smoothness_of_edges(
 def in_white_light(image: np.ndarray, shading: np.ndarray) -> np.ndarray:
     """Take the light's colour out of an image, (N, 3), and leave its brightness in: I · mean(S) / S, float32.
 
+    S counts as no less than a tenth of its mean; where there is no light at all the result is next to black.
+
     What light does to colours from place to place (red that a mouth throws on itself, blue of the sky in the
     shadows) is then not taken for paint.
     """

@@ -18,7 +18,7 @@ def light_of_picture(picture: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Mean light, (M, 3), around each of some even directions, (M, 3), of a picture of all directions.
 
     Every pixel belongs to the direction nearest to it, and counts by the solid angle that it covers. Pictures
-    with more rows are reduced first, which changes nothing at that many directions.
+    with more rows are reduced first, which hardly changes the light of some thousand directions.
     """
     if picture.shape[0] > ROWS:
         picture = cv2.resize(picture, (2 * ROWS, ROWS), interpolation=cv2.INTER_AREA)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 BEST_ON_FIG_3 = {"paper": (40.0, 1.0), "fast": (12.0, 0.2)}  # λ, μ by solver (docs/paper)
 PAPER_SIDE = 720.0  # px: of 540 × 960, were it a square
 OWN_SIDE = 180.0  # px: of the views that λ of `mode: transfer` is stated for
-OWN_WEIGHTS = (3.0, 1.0)  # λ, μ of `mode: transfer`
+OWN_LAMBDA, OWN_MU = 3.0, 1.0  # of `mode: transfer`
 
 
 def weights_at(settings: DecompositionSettings, side: float, links_per_pixel: float) -> EnergyWeights:
@@ -27,9 +27,7 @@ def weights_at(settings: DecompositionSettings, side: float, links_per_pixel: fl
     from stages.photometry.energy import EnergyWeights
 
     if settings.mode == "transfer":
-        smoothness, consistency = (
-            given_or(*both) for both in zip((settings.lambda_, settings.mu), OWN_WEIGHTS, strict=True)
-        )
+        smoothness, consistency = given_or(settings.lambda_, OWN_LAMBDA), given_or(settings.mu, OWN_MU)
         consistency = consistency / links_per_pixel if links_per_pixel else 0.0
         return EnergyWeights(smoothness * side / OWN_SIDE, consistency, settings.delta)
     smoothness, consistency = BEST_ON_FIG_3[settings.solver or "paper"]
