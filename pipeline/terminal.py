@@ -55,7 +55,7 @@ class Terminal:
     def deciding(self, decision: Decision) -> None:
         """One line: what happens to a stage, and why."""
         colour, verb = COLOURS[decision.action], decision.action.value
-        name = f"[bold]{decision.stage.name:<14}[/bold]"
+        name = f"[bold]{decision.stage.name:<15}[/bold]"
         self._console.print(f"{name} [{colour}]{verb:<6}[/{colour}] {escape(decision.reason)}")
 
     def finished(self, decision: Decision, record: Record) -> None:
@@ -64,11 +64,11 @@ class Terminal:
             cost = (
                 f"{record.seconds:.1f} s, {record.cpu_seconds:.1f} CPU-s, peak {megabytes(record.peak_bytes)}"
             )
-            self._console.print(f"{'':<14} [dim]done in {cost}[/dim]")
+            self._console.print(f"{'':<15} [dim]done in {cost}[/dim]")
 
     def say(self, sentence: str) -> None:
         """Something the user should know."""
-        self._console.print(f"{'':<14} [magenta]{escape(sentence)}[/magenta]")
+        self._console.print(f"{'':<15} [magenta]{escape(sentence)}[/magenta]")
 
     def fail(self, sentence: str) -> None:
         """Why the command ends here."""

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stages.photometry.neighbourhoods import PATCHES
 from stages.photometry.stack import StackedViews
 
 DARK = 0.02  # of the scaled image: ratios of darker values are noise
 FEWEST = 50  # links of a pair of views that a median is trusted of
-PATCHES = 15  # along the side of a view
 FEWEST_IN_PATCH = 5  # links
 TO_DEVIATION = 1.4826  # median absolute to standard deviation, were the errors Gaussian
 
