@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from pipeline import Artefact, Job, Settings, Stage, setting
 
 if TYPE_CHECKING:
-    from stages.geometry.pinhole_photos import Photo
+    from stages.geometry.lenses import Lens
     from stages.scene.cameras import Camera
 
 
@@ -30,7 +30,8 @@ class FullResolutionSettings(Settings):
 class View:
     """One view's work: the photo, its camera at working size, what is known there, where the results go."""
 
-    photo: Photo
+    photo: Path
+    lens: Lens
     camera: Camera
     albedo: Path
     mask: Path
@@ -42,22 +43,24 @@ class View:
 
 def run(job: Job) -> None:
     """Hand the views to workers. Memory per worker: some 70 B per pixel of a photo."""
-    from stages.geometry.pinhole_photos import Photo, lens_of
+    from stages.geometry.lenses import lens_of
     from stages.scene.camera_file import read_cameras
     from stages.scene.cameras import view_name
     from stages.scene.colmap_model import read_model, registered
 
     model = read_model(job.inputs["model"])
     photos = {
-        view_name(image.name): Photo(
-            job.inputs["images"] / image.name, None, lens_of(model.cameras[image.camera_id])
+        view_name(image.name): (
+            job.inputs["images"] / image.name,
+            lens_of(model.cameras[image.camera_id]),
         )
         for image in registered(model)
     }
     white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
     views = [
         View(
-            photo=photos[camera.name],
+            photo=photos[camera.name][0],
+            lens=photos[camera.name][1],
             camera=camera,
             albedo=job.inputs["albedo"] / f"{camera.name}.exr",
             mask=job.inputs["mask"] / f"{camera.name}.png",
@@ -78,14 +81,16 @@ def run(job: Job) -> None:
 
 def write_view(view: View) -> str:
     """Write one view's albedo as EXR and PNG; returns its size, as in 3072x2048."""
-    from stages.geometry.pinhole_photos import pinhole_photo
+    from stages.geometry.lenses import focal_px_of, through_pinhole
     from stages.photometry.full_resolution import at_full_resolution
     from stages.scene.exr import read_exr, write_exr
+    from stages.scene.masked_photos import read_masked_photo
     from stages.scene.photos import read_mask, write_png_srgb16
 
-    finer = max(1.0, view.photo.focal_px / view.camera.focal_px)
+    finer = max(1.0, focal_px_of(view.lens) / view.camera.focal_px)
     camera = view.camera.scaled(round(view.camera.width * finer), round(view.camera.height * finer))
-    linear, kept, _ = pinhole_photo(view.photo, camera)
+    photo = read_masked_photo(view.photo, None, (view.lens["width"], view.lens["height"]))
+    linear, kept, _ = through_pinhole(*photo, view.lens, camera)
     known = read_exr(view.albedo), read_mask(view.mask)
     albedo, _ = at_full_resolution(*known, linear, kept, view.most_contrast)
     write_exr(view.maps, albedo)

@@ -12,7 +12,7 @@ from stages.scene.wording import listed
 if TYPE_CHECKING:
     import pycolmap
 
-    from stages.geometry.pinhole_photos import Photo
+    from stages.geometry.lenses import Lens
     from stages.scene.cameras import Camera
 
 
@@ -36,9 +36,11 @@ class UndistortSettings(Settings):
 
 @dataclass(frozen=True)
 class View:
-    """One view's work: the photo, the pinhole camera wanted, and where the results go."""
+    """One view's work: photo, mask and lens, the pinhole camera wanted, and where the results go."""
 
-    photo: Photo
+    photo: Path
+    mask: Path | None
+    lens: Lens
     camera: Camera
     image: Path
     linear: Path
@@ -47,7 +49,7 @@ class View:
 
 def run(job: Job) -> None:
     """Choose the pinhole cameras, resample view by view, write the workspace."""
-    from stages.geometry.pinhole_photos import Photo, lens_of
+    from stages.geometry.lenses import lens_of
     from stages.scene.colmap_model import pinhole_model, read_model, registered
     from stages.scene.dense_workspace import write_stereo_settings
 
@@ -58,11 +60,9 @@ def run(job: Job) -> None:
     masks = _find_masks(job, [image.name for image in images])
     views = [
         View(
-            photo=Photo(
-                job.inputs["images"] / image.name,
-                masks.get(image.name),
-                lens_of(model.cameras[image.camera_id]),
-            ),
+            photo=job.inputs["images"] / image.name,
+            mask=masks.get(image.name),
+            lens=lens_of(model.cameras[image.camera_id]),
             camera=camera,
             image=workspace / "images" / f"{camera.name}.png",
             linear=job.outputs["linear"] / f"{camera.name}.exr",
@@ -88,14 +88,16 @@ def run(job: Job) -> None:
 
 def undistort_view(view: View) -> bool:
     """Write one view's linear image, 8-bit image and mask; whether it had to be resampled."""
-    from stages.geometry.pinhole_photos import pinhole_photo
+    from stages.geometry.lenses import through_pinhole
     from stages.scene.exr import write_exr
+    from stages.scene.masked_photos import read_masked_photo
     from stages.scene.photos import write_mask, write_png_srgb8
 
-    linear, kept, touched = pinhole_photo(view.photo, view.camera)
+    photo = read_masked_photo(view.photo, view.mask, (view.lens["width"], view.lens["height"]))
+    linear, kept, touched = through_pinhole(*photo, view.lens, view.camera)
     write_exr(view.linear, linear)
     write_png_srgb8(view.image, linear)
-    if view.photo.mask is not None or not kept.all():
+    if view.mask is not None or not kept.all():
         write_mask(view.kept, kept)
     return touched
 

@@ -1,0 +1,82 @@
+"""From a photo through its lens to what a pinhole camera at the same place would have seen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from stages.geometry.undistortion import oversampling, resample
+from stages.scene.cameras import Camera
+from stages.scene.colmap_model import PINHOLES
+
+Lens = dict[str, Any]  # a COLMAP camera as keywords, which a worker can be sent
+
+
+def lens_of(camera: pycolmap.Camera) -> Lens:
+    """A COLMAP camera as keywords."""
+    return {
+        "model": camera.model_name,
+        "width": camera.width,
+        "height": camera.height,
+        "params": list(camera.params),
+    }
+
+
+def focal_px_of(lens: Lens) -> float:
+    """Mean focal length, pixels."""
+    return pycolmap.Camera(**lens).mean_focal_length()
+
+
+def through_pinhole(
+    linear: np.ndarray, kept: np.ndarray, lens: Lens, camera: Camera
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Resample a photo to a pinhole camera.
+
+    Parameters
+    ----------
+    linear : ndarray, shape (H, W, 3), float32
+    kept : ndarray, shape (H, W), bool
+        Pixels that may be used.
+    lens : dict
+        Of the photo.
+    camera : Camera
+        The pinhole camera wanted.
+
+    Returns
+    -------
+    linear : ndarray, shape (h, w, 3), float32
+    kept : ndarray, shape (h, w), bool
+    touched : bool
+        Whether it had to be resampled: not where the photo is that pinhole image already.
+    """
+    given = pycolmap.Camera(**lens)
+    if _same_camera(given, camera):
+        return linear, kept, False
+    linear, kept = resample(
+        linear,
+        kept,
+        (camera.width, camera.height),
+        lambda xy: _source_from_target(given, camera, xy),
+        oversampling(given.mean_focal_length(), camera.focal_px),
+    )
+    return linear, kept, True
+
+
+def _source_from_target(lens: pycolmap.Camera, camera: Camera, xy: np.ndarray) -> np.ndarray:
+    """Pixels (n, 2) of the photo behind pixels of the pinhole image; NaN where the lens sees nothing."""
+    K = camera.intrinsics
+    rays = np.ones((len(xy), 3))
+    rays[:, 0] = (xy[:, 0] - K[0, 2]) / K[0, 0]
+    rays[:, 1] = (xy[:, 1] - K[1, 2]) / K[1, 1]
+    return lens.img_from_cam(rays)
+
+
+def _same_camera(lens: pycolmap.Camera, camera: Camera) -> bool:
+    """Whether the photo is the pinhole image already, to the bit."""
+    return (
+        lens.model_name in PINHOLES
+        and (lens.width, lens.height) == (camera.width, camera.height)
+        and np.array_equal(lens.calibration_matrix(), camera.intrinsics)
+    )
