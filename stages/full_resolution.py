@@ -49,18 +49,12 @@ def run(job: Job) -> None:
     from stages.scene.colmap_model import read_model, registered
 
     model = read_model(job.inputs["model"])
-    photos = {
-        view_name(image.name): (
-            job.inputs["images"] / image.name,
-            lens_of(model.cameras[image.camera_id]),
-        )
-        for image in registered(model)
-    }
+    images = {view_name(image.name): image for image in registered(model)}
     white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
     views = [
         View(
-            photo=photos[camera.name][0],
-            lens=photos[camera.name][1],
+            photo=job.inputs["images"] / images[camera.name].name,
+            lens=lens_of(model.cameras[images[camera.name].camera_id]),
             camera=camera,
             albedo=job.inputs["albedo"] / f"{camera.name}.exr",
             mask=job.inputs["mask"] / f"{camera.name}.png",

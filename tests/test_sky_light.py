@@ -26,6 +26,13 @@ from tests.sphere_scene import SphereScene, sphere_scene
 
 DIRECTIONS = 128
 FEW = SkySettings(samples=3000, bounces=0)
+HOW = SkyDecomposition(
+    light=FEW,
+    lighting="auto",
+    moving=0.15,
+    edges=PaintEdges(coarse=2.0),
+    descent=FastSettings(EnergyWeights(0.7, 0.3, 1e-4), max_rounds=20),
+)
 
 
 def normals_of(scene: SphereScene) -> np.ndarray:
@@ -45,6 +52,11 @@ def open_scene(normals: np.ndarray) -> SkyScene:
         DIRECTIONS,
         None,
     )
+
+
+def photo_of(albedo: np.ndarray, shading: np.ndarray) -> np.ndarray:
+    """Scaled as the stage does it."""
+    return (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -234,20 +246,13 @@ def test_a_nearer_light_is_believed_only_if_it_explains_clearly_more():
 
 def test_everything_together_on_the_sphere(lit):
     views, sky, albedo, shading, _ = lit
-    image = (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
+    image = photo_of(albedo, shading)
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
-    how = SkyDecomposition(
-        light=FEW,
-        lighting="auto",
-        moving=0.15,
-        edges=PaintEdges(coarse=2.0),
-        descent=FastSettings(EnergyWeights(0.7, 0.3, 1e-4), max_rounds=20),
-    )
-    found = decompose_by_sky(views, images, [sky], np.ones(len(albedo), bool), how, 1, lambda: None)
+    found = decompose_by_sky(views, images, [sky], np.ones(len(albedo), bool), HOW, 1, lambda: None)
     assert found.light_of_view.max() == 0
     assert np.allclose(found.light.shading.mean(axis=0), 1, atol=1e-3)
     assert error(found.albedo, albedo) < 0.25 * error(image, albedo)
-    apart = replace(how, lighting="per-view")
+    apart = replace(HOW, lighting="per-view")
     per_view = decompose_by_sky(views, images, [sky], np.ones(len(albedo), bool), apart, 1, lambda: None)
     assert per_view.light.radiance.shape == (3, DIRECTIONS, 3)
     assert error(per_view.albedo, albedo) < 0.5 * error(image, albedo)
@@ -280,14 +285,8 @@ def test_texture_is_told_from_relief_and_its_detail_comes_back():
 
 def test_where_nothing_is_trusted_everything_is(lit):
     views, sky, albedo, shading, _ = lit
-    image = (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
-    how = SkyDecomposition(
-        light=FEW,
-        lighting="shared",
-        moving=0.15,
-        edges=PaintEdges(coarse=2.0),
-        descent=FastSettings(EnergyWeights(0.7, 0.3, 1e-4), max_rounds=5),
-    )
+    image = photo_of(albedo, shading)
+    how = replace(HOW, lighting="shared", descent=replace(HOW.descent, max_rounds=5))
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
     found = decompose_by_sky(views, images, [sky], np.zeros(len(albedo), bool), how, 1, lambda: None)
     assert found.trusted.any()
@@ -310,7 +309,7 @@ def test_clipped_pixels_have_no_say_about_the_light(lit):
 
 def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
     views, _, albedo, shading, normals = lit
-    image = (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
+    image = photo_of(albedo, shading)
     rng, linked = np.random.default_rng(1), linked_to_others(views)
     first = np.arange(len(image)) < views.starts[1]
     middle = normals[first & linked].mean(axis=0)
@@ -331,7 +330,7 @@ def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
 
 def test_clipped_pixels_do_not_drag_down_those_that_see_better(lit):
     views, _, albedo, shading, _ = lit
-    image = (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
+    image = photo_of(albedo, shading)
     first = np.arange(len(image)) < views.starts[1]
     clipped = image.copy()
     clipped[first] = np.minimum(image[first], 0.4)

@@ -109,6 +109,7 @@ def in_another_light(row: Row, size: Size, light: Path, workspace: Path) -> Reli
 
 def relit(paths: Mapping[str, Path], albedo: Path, light: Path, names: Sequence[str]) -> Maps:
     """What the `relight` stage makes of some albedo maps."""
+    terminal = Terminal()
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
         job = Job(
             settings=RelightSettings(),
@@ -117,8 +118,8 @@ def relit(paths: Mapping[str, Path], albedo: Path, light: Path, names: Sequence[
             scratch=Path(folder),
             threads=len(os.sched_getaffinity(0)),
             executor=executor,
-            shown=Terminal(),
-            say=Terminal().say,
+            shown=terminal,
+            say=terminal.say,
         )
         RELIGHT.run(job)
         return maps_in(Path(folder), tuple(names))

@@ -43,7 +43,7 @@ def laboratory_of(row: Row, size: Size, workspace: Path) -> Laboratory:
 
 
 def paper_rows(size: Size = QUARTER) -> tuple[tuple[Row, Size], ...]:
-    """The paper's, at a quarter of its size."""
+    """The paper's, at one size."""
     return tuple((row, size) for row in ROWS)
 
 

@@ -194,7 +194,7 @@ class DecompositionSettings(Settings):
         return Stopping(
             tolerance=given_or(self.fast_tolerance, usual.tolerance),
             gap=given_or(self.fast_gap, usual.gap),
-            rounds=usual.rounds if self.fast_max_rounds is None else self.fast_max_rounds,
+            rounds=int(given_or(self.fast_max_rounds, usual.rounds)),
         )
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 
 from stages.photometry.neighbourhoods import means_around, patch_means
 from stages.photometry.paint_edges import DARK
-from stages.photometry.stack import StackedViews
+from stages.photometry.stack import Pixels, StackedViews
 
 SIZE_PX = 5  # of the smallest highlight that is told from fine paint
 FEWEST = 0.2  # share of a square that has to be linked for a word about it
@@ -35,39 +38,71 @@ def without_highlights(views: StackedViews, image: np.ndarray, trusted: np.ndarr
     Notes
     -----
     Matt surface looks the same from everywhere, and gloss only adds. Per channel, with ``l = log(I + d)``:
-    ``l ← l − max(0, m − s − 0.02)``, m from `excess_over_linked`, s the root mean square of what is negative
+    ``l ← l − max(0, m − s − 0.02)``, m from `Linked.excess`, s the root mean square of what is negative
     among m around (less where hardly anything is). Views that see each other's fine paint half a pixel off
     differ in both directions alike, and keep what they have. Highlights of a few pixels are cut by half.
     """
-    matt = np.empty_like(image)
+    linked, matt = Linked.of(views, trusted), np.empty_like(image)
     for c, seen in enumerate(image.T):
         before = np.log(np.maximum(seen, 0) + DARK)
         after = before
         for _ in range(ROUNDS):
-            excess = excess_over_linked(views, after, trusted)
+            excess = linked.excess(after)
             after = after - np.maximum(0, excess - _misfit(views, excess) - TOLERANCE)
         gloss = (np.maximum(seen, 0) + DARK) * (1 - np.exp(after - before))
         matt[:, c] = np.where(trusted, np.maximum(seen - gloss, np.minimum(seen, 0)), seen)
     return matt
 
 
-def excess_over_linked(views: StackedViews, values: np.ndarray, trusted: np.ndarray) -> np.ndarray:
-    """Mean of ``v_p − v_q`` over all links of the pixels p in small squares to pixels q elsewhere, (N,).
+@dataclass(frozen=True, eq=False)
+class Linked:
+    """What pixels can be compared with, counted once.
 
-    Fine paint, half a pixel off, comes to nothing there, a highlight does not. Only links between `trusted`
-    pixels, (N,), bool, count; 0 where less than a fifth of a square has some. The cost grows with the links.
+    Attributes
+    ----------
+    views : StackedViews
+    trusted : ndarray, shape (N,), bool
+        Only links between such pixels count.
+    links : ndarray, shape (N,)
+        Mean number of links in a small square around every pixel.
+    enough : ndarray, shape (N,), bool
+        Whether a fifth of that square has some.
     """
-    excess, links = np.zeros(len(values)), np.zeros(len(values))
+
+    views: StackedViews
+    trusted: np.ndarray
+    links: np.ndarray
+    enough: np.ndarray
+
+    @classmethod
+    def of(cls, views: StackedViews, trusted: np.ndarray) -> Linked:
+        """Count the links of all pixels."""
+        count = np.zeros(len(trusted))
+        for ends in _trusted_links(views, trusted):
+            for end in ends:
+                np.add.at(count, end, 1)
+        enough = means_around(views, count > 0, SIZE_PX) >= FEWEST
+        return cls(views, trusted, means_around(views, count, SIZE_PX), enough)
+
+    def excess(self, values: np.ndarray) -> np.ndarray:
+        """Mean of ``v_p − v_q`` over all links of the pixels p in small squares to pixels q elsewhere, (N,).
+
+        Fine paint, half a pixel off, comes to nothing there, a highlight does not. 0 where there are not
+        `enough` links. The cost grows with the links.
+        """
+        total = np.zeros(len(values))
+        for one, other in _trusted_links(self.views, self.trusted):
+            difference = values[one] - values[other]
+            np.add.at(total, one, difference)
+            np.add.at(total, other, -difference)
+        mean = means_around(self.views, total, SIZE_PX) / np.maximum(self.links, 1e-6)
+        return np.where(self.enough, mean, 0)
+
+
+def _trusted_links(views: StackedViews, trusted: np.ndarray) -> Iterator[Pixels]:
     for one, other in views.linked_pixels():
         both = trusted[one] & trusted[other]
-        one, other = one[both], other[both]
-        difference = values[one] - values[other]
-        for end, signed in ((one, difference), (other, -difference)):
-            np.add.at(excess, end, signed)
-            np.add.at(links, end, 1)
-    enough = means_around(views, links > 0, SIZE_PX) >= FEWEST
-    excess, links = (means_around(views, each, SIZE_PX) for each in (excess, links))
-    return np.where(enough, excess / np.maximum(links, 1e-6), 0)
+        yield one[both], other[both]
 
 
 def _misfit(views: StackedViews, excess: np.ndarray) -> np.ndarray:

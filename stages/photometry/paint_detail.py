@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.photometry.highlights import excess_over_linked
+from stages.photometry.highlights import Linked
 from stages.photometry.neighbourhoods import patch_means
 from stages.photometry.paint_edges import DARK, PaintEdges, colour_change
 from stages.photometry.stack import StackedViews
@@ -81,4 +81,4 @@ def with_detail(
 
 def _gloss(views: StackedViews, quotient: np.ndarray, trusted: np.ndarray) -> np.ndarray:
     """How much views disagree about the log quotient I/S around every pixel, (N,)."""
-    return patch_means(views, np.abs(excess_over_linked(views, quotient, trusted)))
+    return patch_means(views, np.abs(Linked.of(views, trusted).excess(quotient)))
