@@ -1,10 +1,23 @@
 """Normals of orthographic height maps against known ones; one real object where the data is there."""
 
+import cv2
 import numpy as np
 import pytest
 
-from benchmarks.mit_berkeley_objects import FOLDER, LAMPS, normals_from_height, objects_folder, read_object
+from benchmarks.mit_berkeley.objects import (
+    FOLDER,
+    LAMPS,
+    LampObject,
+    normals_from_height,
+    objects_folder,
+    read_object,
+)
+from benchmarks.mit_berkeley.sources import write_sources
 from pipeline import UserError
+from stages.geometry.rays import RayCaster
+from stages.scene.colmap_model import cameras_of, read_model
+from stages.scene.meshes import read_mesh
+from stages.scene.photos import find_photos, read_photo
 
 
 def test_a_plane_has_its_one_normal_up_to_its_rim_and_around_holes():
@@ -37,6 +50,29 @@ def test_a_pixel_without_neighbours_faces_the_viewer():
     assert normals_from_height(np.full((3, 3), 7.0), valid)[1, 1].tolist() == [0, 0, -1]
 
 
+def test_an_object_is_brought_as_cameras_and_a_mesh_that_show_it_as_it_is(tmp_path):
+    """A bowl with a hole in it: every pixel of the mask is hit, no other, at its height, with its normal."""
+    y, x = np.mgrid[-12:13, -15:16].astype(float)
+    mask = (x**2 + y**2 < 120) & (np.hypot(x - 4, y) > 3)
+    height = np.where(mask, (x**2 + 2 * y**2) / 60 + 0.2 * x, 0)
+    photos = np.random.default_rng(0).random((LAMPS, *mask.shape, 3)).astype(np.float32)
+    normals = normals_from_height(height, mask)
+    subject = LampObject("bowl", mask, photos, mask.astype(np.float32), normals, height)
+    sources = write_sources(subject, tmp_path)
+    assert len(find_photos(sources["images"])) == LAMPS
+    assert np.array_equal(read_photo(sources["images"] / "lamp03.exr"), photos[2])
+    cameras = cameras_of(read_model(sources["colmap"]))
+    assert [camera.name for camera in cameras] == [f"lamp{k:02d}" for k in range(1, LAMPS + 1)]
+    seen = RayCaster(read_mesh(sources["mesh_file"])).see(cameras[-1])
+    assert np.array_equal(seen.mask, mask)
+    inside = cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) > 0
+    off = (seen.depth + height)[inside]
+    assert np.ptp(off) < 0.01  # pixels
+    cosine = (seen.normals * normals).sum(axis=-1)[mask]
+    assert np.median(cosine) > np.cos(np.radians(2))
+    assert cosine.min() > np.cos(np.radians(25))  # at the rim
+
+
 def test_without_data_the_folder_to_fill_is_named(monkeypatch, tmp_path):
     monkeypatch.setenv("UNSHADE_DATA", str(tmp_path))
     with pytest.raises(UserError, match="MIT-Berkeley-Laboratory"):
@@ -50,7 +86,7 @@ def test_the_box_under_ten_lamps(data_folder):
     """Eq. 2 whole on a real object, small: ten albedos nearer to the measured one than the photos are."""
     if not (data_folder / FOLDER).is_dir():
         pytest.skip("the MIT-Berkeley objects are not there")
-    from benchmarks.mit_berkeley import Problem, images_themselves
+    from benchmarks.mit_berkeley.methods import Problem, images_themselves
 
     subject = read_object(data_folder / FOLDER / "box", 8)
     assert subject.lamps.shape == (LAMPS, *subject.mask.shape)

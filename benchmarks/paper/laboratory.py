@@ -83,6 +83,17 @@ class Results:
         return json.loads(self.paths["energy"].read_text(encoding="utf-8"))
 
 
+def results_of(request: Request, listener: Listener) -> Results:
+    """Run what was asked for, and find what came of it."""
+    store, paths, facts = Store(request.workspace), {}, {}
+    for done in run(request, listener):
+        record, stage = done.record, done.decision.stage
+        folder = store.entry(record.stage, record.key)
+        paths |= {artefact.name: folder / artefact.path for artefact in stage.gives}
+        facts[stage.name] = record.facts
+    return Results(paths, facts)
+
+
 @dataclass(frozen=True)
 class Laboratory:
     """A workspace, a size, and someone to tell."""
@@ -129,10 +140,4 @@ class Laboratory:
             threads=self.threads,
             selection=Selection(last=last),
         )
-        store, paths, facts = Store(self.workspace), {}, {}
-        for done in run(request, self.listener):
-            record, stage = done.record, done.decision.stage
-            folder = store.entry(record.stage, record.key)
-            paths |= {artefact.name: folder / artefact.path for artefact in stage.gives}
-            facts[stage.name] = record.facts
-        return Results(paths, facts)
+        return results_of(request, self.listener)

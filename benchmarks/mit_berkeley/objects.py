@@ -1,8 +1,8 @@
 """Objects of the MIT intrinsic images as Barron and Malik extended them, read by path and never copied.
 
-Photos and measured reflectance are in colour. Both enter as **gray** values, the mean of the three channels
-in linear light, as in the data set's own program (Grosse et al., ICCV 2009) where it estimates from several
-lamps.
+Photos and measured reflectance are in colour. Eq. 2 gets them as **gray** values, the mean of the three
+channels in linear light, as in the data set's own program (Grosse et al., ICCV 2009) where it estimates from
+several lamps; and all are judged as gray values.
 """
 
 from __future__ import annotations
@@ -32,19 +32,27 @@ class LampObject:
     name : str
     mask : ndarray, shape (h, w), bool
         Pixels of the object whose depth is known.
-    lamps : ndarray, shape (10, h, w), float32
-        Linear gray photos; as they are outside the mask.
+    photos : ndarray, shape (10, h, w, 3), float32
+        Linear; as they are outside the mask.
     reflectance : ndarray, shape (h, w), float32
         Measured, gray; its scale is arbitrary.
     normals : ndarray, shape (h, w, 3), float64
         In camera axes (x right, y down, z forward), which are the world's here; 0 outside the mask.
+    height : ndarray, shape (h, w), float32
+        Towards the viewer, in pixels of this size; 0 outside the mask.
     """
 
     name: str
     mask: np.ndarray
-    lamps: np.ndarray
+    photos: np.ndarray
     reflectance: np.ndarray
     normals: np.ndarray
+    height: np.ndarray
+
+    @property
+    def lamps(self) -> np.ndarray:
+        """The photos in gray, shape (10, h, w), float32."""
+        return self.photos.mean(axis=-1)
 
 
 def objects_folder() -> Path:
@@ -73,20 +81,23 @@ def read_object(folder: Path, reduction: int) -> LampObject:
     again.
     """
     valid = (_gray(folder / "mask.png") > 0) & (_gray(folder / "depth_valid.png") > 0)
-    height = loadmat(folder / "Z.mat")["depth"]
-    normals = normals_from_height(np.where(valid, height, 0.0), valid)
-    photos = [_gray(folder / f"light{k:02d}.png") for k in range(1, LAMPS + 1)]
-    maps = np.stack([valid.astype(np.float32), _gray(folder / "reflectance.png"), *photos], axis=-1)
-    small = _reduced(np.concatenate([maps, normals.astype(np.float32)], axis=-1), valid, reduction)
+    height = np.where(valid, loadmat(folder / "Z.mat")["depth"], 0.0)
+    photos = [_colour(folder / f"light{k:02d}.png") for k in range(1, LAMPS + 1)]
+    planes = [valid, height / reduction, _gray(folder / "reflectance.png")]
+    planes = [plane[..., None].astype(np.float32) for plane in planes]
+    maps = [*planes, normals_from_height(height, valid).astype(np.float32), *photos]
+    small = _reduced(np.concatenate(maps, axis=-1), valid, reduction)
     mask = small[..., 0] == 1
-    normals = np.where(mask[..., None], small[..., -3:].astype(np.float64), 0)
+    normals = np.where(mask[..., None], small[..., 3:6].astype(np.float64), 0)
     lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
+    colours = small[..., 6:].reshape(*mask.shape, LAMPS, 3)
     return LampObject(
         name=folder.name,
         mask=mask,
-        lamps=np.ascontiguousarray(np.moveaxis(small[..., 2:-3], -1, 0)),
-        reflectance=small[..., 1],
+        photos=np.ascontiguousarray(np.moveaxis(colours, 2, 0)),
+        reflectance=small[..., 2],
         normals=normals / np.where(lengths > 0, lengths, 1),
+        height=np.where(mask, small[..., 1], np.float32(0)),
     )
 
 
@@ -123,13 +134,16 @@ def _slope(height: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 
 def _gray(file: Path) -> np.ndarray:
-    """Mean of the channels, float32, of the largest value that the file can hold."""
-    image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    """Mean of the channels, (h, w), float32, of the largest value that the file can hold."""
+    return _colour(file).mean(axis=-1)
+
+
+def _colour(file: Path) -> np.ndarray:
+    """Red, green and blue, (h, w, 3), float32, of the largest value that the file can hold."""
+    image = cv2.imread(str(file), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
     if image is None:
         raise UserError(f"{file} cannot be read; expected a PNG of the MIT-Berkeley intrinsic images.")
-    largest = np.iinfo(image.dtype).max
-    values = image.astype(np.float32) / largest
-    return values if values.ndim == 2 else values.mean(axis=-1)
+    return image[..., ::-1].astype(np.float32) / np.iinfo(image.dtype).max
 
 
 def _reduced(maps: np.ndarray, mask: np.ndarray, reduction: int) -> np.ndarray:
