@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
+from os.path import commonpath
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +20,7 @@ class Output:
     """Keeps `output/` equal to the newest results, copying only what changed.
 
     Copies, not links: whoever edits a file there must not damage the cache. What was put there is
-    remembered per artefact; other files in `output/` are never touched.
+    remembered per artefact, with the result that it is of; other files in `output/` are never touched.
     """
 
     def __init__(self, workspace: Path, store: Store) -> None:
@@ -26,13 +29,36 @@ class Output:
         self._ledger = store.root / "output.json"
 
     def show(self, stage: Stage, record: Record) -> None:
-        """Bring the stage's artefacts into `output/`."""
+        """Bring the stage's artefacts into `output/`, and take away what it gave once and gives no more."""
         shown = self._shown()
-        for artefact in stage.gives:
-            if artefact.output is not None:
-                self._show_artefact(artefact, record, shown)
+        given = {artefact.name: artefact for artefact in stage.gives if artefact.output is not None}
+        for artefact in given.values():
+            self._show_artefact(artefact, record, shown)
+        for name in [name for name, one in shown.items() if one["stage"] == stage.name and name not in given]:
+            self._take_away(shown.pop(name)["files"])
         if shown != self._shown():
             replace_text(self._ledger, json.dumps(shown, indent=1) + "\n")
+
+    def outdated(self, available: Mapping[str, Mapping[str, str]]) -> list[str]:
+        """Sentences on what is shown there and was made from something else than what there is now.
+
+        Parameters
+        ----------
+        available : mapping of str to mapping of str to str
+            Digests of the files of each source and artefact of the run that has just ended.
+        """
+        places: dict[tuple[str, str], list[str]] = {}
+        for one in self._shown().values():
+            record = self._store.record(one["stage"], one["key"])
+            taken = sorted(record.inputs.keys() & available.keys()) if record and one["files"] else []
+            other = [name for name in taken if record.inputs[name] != available[name]]
+            if other:
+                reason = " and ".join(f"another {name}" for name in other)
+                places.setdefault((one["stage"], reason), []).append(_place(one["files"]))
+        return [
+            f"Of an earlier run, in output: {', '.join(sorted(shown))} ({stage} made it from {reason})."
+            for (stage, reason), shown in places.items()
+        ]
 
     def _show_artefact(self, artefact: Artefact, record: Record, shown: dict[str, Any]) -> None:
         source = self._store.entry(record.stage, record.key) / artefact.path
@@ -40,25 +66,42 @@ class Output:
             self._target(artefact, name): (source if artefact.file else source / name, digest)
             for name, digest in record.outputs[artefact.name].items()
         }
-        before = shown.get(artefact.name, {})
+        before = shown.get(artefact.name, {"files": {}})["files"]
         for target, (file, digest) in wanted.items():
             if before.get(target) != [digest, _stamp(self.root / target)]:
                 _copy(file, self.root / target)
-        for target in before.keys() - wanted.keys():
-            (self.root / target).unlink(missing_ok=True)
-        shown[artefact.name] = {
-            target: [digest, _stamp(self.root / target)] for target, (_, digest) in wanted.items()
-        }
+        self._take_away(before.keys() - wanted.keys())
+        files = {target: [digest, _stamp(self.root / target)] for target, (_, digest) in wanted.items()}
+        shown[artefact.name] = {"stage": record.stage, "key": record.key, "files": files}
+
+    def _take_away(self, targets: Iterable[str]) -> None:
+        """Remove files, and folders that are empty then."""
+        for target in targets:
+            file = self.root / target
+            file.unlink(missing_ok=True)
+            for folder in file.relative_to(self.root).parents[:-1]:
+                with suppress(OSError):  # something else lies in it
+                    (self.root / folder).rmdir()
 
     def _target(self, artefact: Artefact, name: str) -> str:
         """Path below `output/`; a single file takes the artefact's output as its own name."""
         return str(artefact.output) if artefact.file else f"{artefact.output}/{name}"
 
     def _shown(self) -> dict[str, Any]:
+        """By artefact: stage, key, and its files with their digests and stamps."""
         try:
-            return json.loads(self._ledger.read_text(encoding="utf-8"))
+            ledger = json.loads(self._ledger.read_text(encoding="utf-8"))
+            return {name: one for name, one in ledger.items() if "key" in one}
         except (OSError, ValueError):
             return {}
+
+
+def _place(targets: Collection[str]) -> str:
+    """A file, or in short the files of one kind in a folder."""
+    if len(targets) == 1:
+        return next(iter(targets))
+    kinds = {Path(target).suffix for target in targets}
+    return f"{commonpath(targets)}/*{kinds.pop() if len(kinds) == 1 else ''}"
 
 
 def _stamp(path: Path) -> list[int] | None:

@@ -94,6 +94,8 @@ def _run_in_order(request: Request, store: Store, listener: Listener) -> list[Do
             available |= record.outputs
             listener.finished(decision, record)
             done.append(Done(decision, record))
+    for sentence in output.outdated(available):
+        listener.say(sentence)
     return done
 
 

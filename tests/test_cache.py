@@ -176,7 +176,10 @@ def test_force_runs_the_selected_stages_and_a_different_twin_is_said_aloud(root)
 
     witness = run_toy(root, flow=(replace(JOIN, run=moody), COUNT, REPORT), force=True, last="join")
     assert witness.ran == ["join"]
-    assert witness.said == ["join: text came out different from the same ingredients."]
+    assert witness.said == [
+        "join: text came out different from the same ingredients.",
+        "Of an earlier run, in output: numbers/length.txt (count made it from another text).",
+    ]
 
 
 def test_from_and_to_choose_a_range(root):
@@ -239,6 +242,29 @@ def test_an_output_file_that_is_no_longer_made_disappears(root):
     assert (root / "workspace/output/numbers/extra.txt").exists()
     run_toy(root)
     assert not (root / "workspace/output/numbers/extra.txt").exists()
+
+
+def test_what_is_shown_of_an_earlier_run_is_named_and_stays(root):
+    assert run_toy(root).said == []
+    witness = run_toy(root, settings={"count": {"times": 3}}, last="count")
+    assert witness.said == ["Of an earlier run, in output: page.txt (report made it from another numbers)."]
+    assert page(root) == "<11>"
+    assert run_toy(root, settings={"count": {"times": 3}}).said == []
+
+
+def test_an_artefact_that_a_stage_gives_no_more_leaves_the_output(root):
+    def with_words(job):
+        toy_flow.count(job)
+        (job.outputs["letters"] / "a.txt").write_text("a")
+
+    letters = Artefact("letters", "letters", output="by/letters")
+    generous = replace(COUNT, run=with_words, gives=(*COUNT.gives, letters), version=2)
+    run_toy(root, flow=(JOIN, generous, REPORT))
+    assert (root / "workspace/output/by/letters/a.txt").exists()
+    run_toy(root)
+    assert not (root / "workspace/output/by").exists()
+    run_toy(root, flow=(JOIN, generous, REPORT))
+    assert (root / "workspace/output/by/letters/a.txt").exists()
 
 
 SLEEPER = """
