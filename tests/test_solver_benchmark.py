@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from benchmarks.solver.corrugated_plane import VIEWS, corrugated_plane
 from benchmarks.solver.growth import slope
 from benchmarks.solver.inner_solvers import INNER_SOLVERS
 from benchmarks.solver.ours import endless, timed
+from benchmarks.solver.starts import STARTS, apart, distances, energy, rows, solve_from
 from stages.photometry.albedo_step import albedo_system
 from stages.photometry.saddle import graph_of
 
@@ -129,3 +131,14 @@ def test_held_time_does_not_count():
 def test_slopes():
     assert slope([1, 10, 100], [3, 30, 300]) == pytest.approx(1)
     assert slope([1, 10, 100], [7, 7, 7]) == pytest.approx(0)
+
+
+def test_three_starts_end_at_one_energy_and_one_albedo():
+    problem = corrugated_plane(3000)
+    found = {name: solve_from(name, problem, threads=1) for name in STARTS}
+    energies = [energy(problem, descent) for descent in found.values()]
+    assert max(energies) < 1.003 * min(energies)
+    for one, other in combinations(found.values(), 2):
+        assert max(distances(one.albedo, other.albedo)) < 0.01
+    assert len(list(rows(problem, found))) == len(STARTS)
+    assert apart(found).count(";") == 2
