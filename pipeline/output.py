@@ -53,7 +53,8 @@ class Output:
             taken = sorted(record.inputs.keys() & available.keys()) if record and one["files"] else []
             other = [name for name in taken if record.inputs[name] != available[name]]
             if other:
-                reason = " and ".join(f"another {name}" for name in other)
+                reason = " and ".join(f"another {name}" for name in other[:2])
+                reason += f", and {len(other) - 2} more that differ" * (len(other) > 2)
                 places.setdefault((one["stage"], reason), []).append(_place(one["files"]))
         return [
             f"Of an earlier run, in output: {', '.join(sorted(shown))} ({stage} made it from {reason})."

@@ -10,12 +10,20 @@ import scipy.sparse as sp
 
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.alike_pairs import Pairs, alike_pairs, sample_of
+from stages.photometry.appearance import appearance_of
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
 from stages.photometry.highlights import without_highlights
 from stages.photometry.light_from_pairs import PairWeights, Sample, _Objective
-from stages.photometry.paint_detail import texture_of, with_detail
-from stages.photometry.paint_edges import PaintEdges, colour_change, in_white_light, smoothness_of_edges
+from stages.photometry.paint_detail import with_detail
+from stages.photometry.paint_edges import (
+    PaintEdges,
+    agreement_of_links,
+    colour_change,
+    in_white_light,
+    smoothness_of_edges,
+)
+from stages.photometry.saddle import ALIKE, EdgeWeights, graph_of
 from stages.photometry.sky import even_directions
 from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky, explained_best
 from stages.photometry.sky_light import SkyScene, SkySettings, sky_light
@@ -180,17 +188,17 @@ def test_views_without_links_have_no_gains():
     assert found.spread == 0
 
 
-def solved(views: StackedViews, image, shading, trusted, smoothness, weights) -> np.ndarray:
+def solved(views: StackedViews, image, shading, trusted, weights, edges=ALIKE) -> np.ndarray:
     how = FastSettings(weights, tolerance=1e-4, gap_tolerance=1e-2, max_rounds=60, fewest_pixels=30)
     images = [np.ascontiguousarray(image[:, c], np.float32) for c in range(3)]
-    return albedo_under_light(views, images, shading, trusted, smoothness, how, 1, lambda: None).albedo
+    return albedo_under_light(views, images, shading, trusted, edges, how, 1, lambda: None).albedo
 
 
 def test_under_the_true_light_the_true_albedo_comes_back(lit):
     views, _, albedo, shading, _ = lit
     everywhere = np.ones(len(albedo), bool)
     weights = EnergyWeights(0.02, 0.0, 1e-4)
-    assert error(solved(views, albedo * shading, shading, everywhere, None, weights), albedo) < 0.01
+    assert error(solved(views, albedo * shading, shading, everywhere, weights), albedo) < 0.01
 
 
 def test_pixels_that_are_not_trusted_take_their_albedo_from_their_neighbours(lit):
@@ -198,7 +206,7 @@ def test_pixels_that_are_not_trusted_take_their_albedo_from_their_neighbours(lit
     image, trusted = albedo * shading, np.ones(len(albedo), bool)
     trusted[::7] = False
     image[~trusted] = 5.0
-    found = solved(views, image, shading, trusted, None, EnergyWeights(0.1, 0.1, 1e-4))
+    found = solved(views, image, shading, trusted, EnergyWeights(0.1, 0.1, 1e-4))
     assert error(found, albedo) < 0.1
 
 
@@ -267,8 +275,8 @@ def test_texture_is_told_from_relief_and_its_detail_comes_back():
     shading = np.exp(0.2 * np.sin(across))[:, None] * np.ones(3)
     grain = np.exp(np.clip(rng.normal(0, 0.5, (count, 1)), -0.9, 0.9)) * np.array([0.5, 0.4, 0.3])
     edges, trusted = PaintEdges(coarse=10.0), np.ones(count, bool)
-    textured = texture_of(views, grain * shading, shading, trusted, edges)
-    plain = texture_of(views, 0.4 * shading, shading, trusted, edges)
+    textured = appearance_of(views, grain * shading, shading, trusted, edges).textured
+    plain = appearance_of(views, 0.4 * shading, shading, trusted, edges).textured
     assert np.mean(textured) > 0.9
     assert np.max(plain) == 0
     smooth = np.tile(np.median(grain, axis=0), (count, 1))
@@ -281,6 +289,43 @@ def test_texture_is_told_from_relief_and_its_detail_comes_back():
     assert np.array_equal(
         with_detail(smooth, grain * shading, shading, nowhere, textured), smooth.astype(np.float32)
     )
+
+
+def test_surface_that_one_view_sees_brighter_is_disputed_and_fine_paint_half_a_pixel_off_is_not(lit):
+    views, _, albedo, shading, _ = lit
+    everywhere, edges = np.ones(len(albedo), bool), PaintEdges(coarse=10.0)
+    image = albedo * shading
+    assert np.quantile(appearance_of(views, image, shading, everywhere, edges).disputed, 0.9) < 0.1
+    glossy = image.copy()
+    glossy[views.view(0)] *= 1.5
+    told = appearance_of(views, glossy, shading, everywhere, edges)
+    linked = np.unique(np.concatenate([np.concatenate(ends) for ends in views.linked_pixels()]))
+    assert np.median(told.disputed[linked]) > 0.8
+    grain = np.exp(np.random.default_rng(6).uniform(-0.9, 0.9, (len(albedo), 1)))
+    assert np.median(appearance_of(views, grain * image, shading, everywhere, edges).disputed) < 0.1
+
+
+def test_disputed_pixels_believe_the_other_views(lit):
+    """Each link has its own μ: uniform weights change nothing, and more of them outvote a view's photo."""
+    views, _, albedo, shading, _ = lit
+    weights, everywhere = EnergyWeights(0.02, 0.1, 1e-4), np.ones(len(albedo), bool)
+    plain = agreement_of_links(views, 0.1, np.zeros(len(albedo)))
+    firm = agreement_of_links(views, 0.1, np.ones(len(albedo)))
+    assert np.allclose(plain, 0.1)
+    assert np.allclose(firm, 0.5)
+    one, other = (graph_of(views, weights, edges) for edges in (ALIKE, EdgeWeights(agreement=plain)))
+    assert all(np.array_equal(a, b) for a, b in zip(vars(one).values(), vars(other).values(), strict=True))
+    image = albedo * shading
+    linked = np.concatenate([ends[0] for ends in views.linked_pixels()])
+    bright = np.intersect1d(np.arange(views.view(0).start, views.view(0).stop, 5), linked)
+    image[bright] *= 2
+    left = [
+        np.median(solved(views, image, shading, everywhere, weights, EdgeWeights(agreement=mu))[bright])
+        / np.median(albedo[bright])
+        for mu in (plain, firm)
+    ]
+    assert left[0] > 1.5
+    assert left[1] < 1.1
 
 
 def test_where_nothing_is_trusted_everything_is(lit):

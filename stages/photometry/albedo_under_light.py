@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from stages.photometry.fast_alternation import FastDescent, FastSettings, finish, from_coarse_to_fine
-from stages.photometry.saddle import finest_level
+from stages.photometry.saddle import EdgeWeights, finest_level
 from stages.photometry.stack import StackedViews
 
 
@@ -17,12 +17,12 @@ def albedo_under_light(
     images: list[np.ndarray],
     shading: np.ndarray,
     trusted: np.ndarray,
-    smoothness: np.ndarray | None,
+    edges: EdgeWeights,
     settings: FastSettings,
     threads: int,
     step: Callable[[], None],
 ) -> FastDescent:
-    """Minimise ``Σ_p |I − ρ S| + Σ λ_pq |ρ_p − ρ_q| + μ Σ |ρ^i − ρ^j|`` over ρ.
+    """Minimise ``Σ_p |I − ρ S| + Σ λ_pq |ρ_p − ρ_q| + Σ μ_pq |ρ_p^i − ρ_q^j|`` over ρ.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ def albedo_under_light(
         S.
     trusted : ndarray, shape (N,), bool
         Pixels whose data count. The others take their albedo from their neighbours, here and in other views.
-    smoothness : ndarray, shape (E,), or None
-        λ of every edge, in the order of `StackedViews.neighbours`; None: the settings' own for all.
+    edges : EdgeWeights
+        λ_pq and μ_pq, where they are not the settings' own for all.
     settings : FastSettings
     threads : int
         Never changes the result.
@@ -53,7 +53,7 @@ def albedo_under_light(
     images = [np.where(trusted, image, 0).astype(np.float32) for image in images]
     views = replace(views, basis=basis)
     light = np.ones((views.view_count, 3, 1))
-    finest = finest_level(views, images, settings.weights, smoothness)
+    finest = finest_level(views, images, settings.weights, edges)
     descent = from_coarse_to_fine(finest, settings, threads, light)
     del finest
     return finish(views, images, descent, settings, step)

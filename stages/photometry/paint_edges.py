@@ -1,4 +1,4 @@
-"""How much a change of albedo between two neighbours costs: little where the photo says that it is paint."""
+"""How much a change of albedo costs, between neighbours and between views, by what the photos say of it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from stages.photometry.stack import StackedViews
 DARK = 0.02  # of the scaled image: below, chromaticity is noise
 NEAR_BLACK = 1e-6
 NO_SHADING = 1e-3
+FIRM = 4.0  # times μ, how much more a link counts where views contradict each other
 NOISE = 0.05  # of the logarithm: what the photo of textured surface may differ by without a reason
 DOUBT = 0.1  # and that of other surface, where the light is the likelier reason
 
@@ -54,7 +55,7 @@ def smoothness_of_edges(
     shading : ndarray, shape (N, 3)
         As the light is known by now.
     textured : ndarray, shape (N,)
-        0 to 1; see `texture_of`.
+        0 to 1; see `Appearance`.
     edges : PaintEdges
 
     Notes
@@ -90,6 +91,18 @@ def in_white_light(image: np.ndarray, shading: np.ndarray) -> np.ndarray:
     """
     mean = shading.mean(axis=1, keepdims=True)
     return (image * (mean / np.maximum(shading, np.maximum(0.1 * mean, NO_SHADING)))).astype(np.float32)
+
+
+def agreement_of_links(views: StackedViews, consistency: float, disputed: np.ndarray) -> np.ndarray:
+    """μ of all links in the order of `StackedViews.linked_pixels`, (L,), float32.
+
+    Where views contradict each other, (N,), 0 to 1, a pixel's own photo is the doubtful witness, and what the
+    other views say counts more: ``μ (1 + 4 (d_p + d_q) / 2)``. Where they do not, links blur fine paint by
+    their half a pixel, and gain nothing.
+    """
+    ends = [disputed[one] + disputed[other] for one, other in views.linked_pixels()]
+    doubt = np.concatenate(ends) / 2 if ends else np.empty(0)
+    return (consistency * (1 + FIRM * doubt)).astype(np.float32)
 
 
 def colour_change(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,35 +16,50 @@ from stages.solvers.primal_dual_graph import Problem
 from stages.solvers.sliced_graph import sliced_graph, slices_of
 
 
+@dataclass(frozen=True, eq=False)
+class EdgeWeights:
+    """λ and μ where they differ from edge to edge; None: those of the energy for all.
+
+    Attributes
+    ----------
+    smoothness : ndarray, shape (E,), or None
+        λ, in the order of `StackedViews.neighbours`.
+    agreement : ndarray, shape (L,), or None
+        μ, in the order of `StackedViews.linked_pixels`.
+    """
+
+    smoothness: np.ndarray | None = None
+    agreement: np.ndarray | None = None
+
+
+ALIKE = EdgeWeights()
+
+
 def finest_level(
-    views: StackedViews,
-    images: list[np.ndarray],
-    weights: EnergyWeights,
-    smoothness: np.ndarray | None = None,
+    views: StackedViews, images: list[np.ndarray], weights: EnergyWeights, edges: EdgeWeights = ALIKE
 ) -> Level:
-    """The pixels themselves; images are 3 scaled channels of (N,). For `smoothness` see `graph_of`."""
+    """The pixels themselves; images are 3 scaled channels of (N,)."""
     return Level(
         starts=views.starts,
         positions=views.positions(),
         basis=views.basis.reshape(*views.basis.shape[:2], -1),
         image=np.stack(images, axis=1).astype(np.float32),
         share=np.ones(len(images[0]), np.float32),
-        graph=graph_of(views, weights, smoothness),
+        graph=graph_of(views, weights, edges),
         gauge_of_view=_linked_views(views),
     )
 
 
-def graph_of(views: StackedViews, weights: EnergyWeights, smoothness: np.ndarray | None = None) -> HalfEdges:
-    """λ times Eq. 4 plus μ times Eq. 5, as a graph of the pixels.
-
-    λ may differ from edge to edge: `smoothness`, (E,), in the order of `StackedViews.neighbours`.
-    """
+def graph_of(views: StackedViews, weights: EnergyWeights, edges: EdgeWeights = ALIKE) -> HalfEdges:
+    """λ times Eq. 4 plus μ times Eq. 5, as a graph of the pixels."""
     touching, linked = list(views.neighbours()), list(views.linked_pixels())
     tails, heads = zip(*touching, *linked, strict=True)
     counts = sum(p.size for p, _ in touching), sum(p.size for p, _ in linked)
     weight = np.repeat(np.array([weights.smoothness, weights.consistency], np.float32), counts)
-    if smoothness is not None:
-        weight[: counts[0]] = smoothness
+    if edges.smoothness is not None:
+        weight[: counts[0]] = edges.smoothness
+    if edges.agreement is not None:
+        weight[counts[0] :] = edges.agreement
     return from_edges(int(views.starts[-1]), np.concatenate(tails), np.concatenate(heads), weight)
 
 

@@ -9,10 +9,17 @@ from typing import Literal
 import numpy as np
 
 from stages.photometry.albedo_under_light import albedo_under_light
+from stages.photometry.appearance import appearance_of
 from stages.photometry.fast_alternation import FastDescent, FastSettings
 from stages.photometry.highlights import without_highlights
-from stages.photometry.paint_detail import texture_of, with_detail
-from stages.photometry.paint_edges import PaintEdges, in_white_light, smoothness_of_edges
+from stages.photometry.paint_detail import with_detail
+from stages.photometry.paint_edges import (
+    PaintEdges,
+    agreement_of_links,
+    in_white_light,
+    smoothness_of_edges,
+)
+from stages.photometry.saddle import ALIKE, EdgeWeights
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, sky_light
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_gains import ViewGains, view_gains
@@ -137,14 +144,17 @@ def decompose_by_sky(
     trusted = lit if lit.any() else trusted
     matt *= of_pixel
     shown, white = (in_white_light(one, light.shading) for one in (image, matt))
-    textured = texture_of(views, shown, light.shading, trusted, settings.edges)
-    by_edge = smoothness_of_edges(views, white, light.shading, textured, settings.edges)
+    look = appearance_of(views, shown, light.shading, trusted, settings.edges)
+    by_edge = EdgeWeights(
+        smoothness_of_edges(views, white, light.shading, look.textured, settings.edges),
+        agreement_of_links(views, settings.descent.weights.consistency, look.disputed),
+    )
     channels = list(np.ascontiguousarray(matt.T))
     smooth, detailed = (
         albedo_under_light(views, channels, light.shading, trusted, each, settings.descent, threads, step)
-        for each in (None, by_edge)
+        for each in (ALIKE, by_edge)
     )
-    albedo = with_detail(detailed.albedo, matt, light.shading, trusted, textured)
+    albedo = with_detail(detailed.albedo, matt, light.shading, trusted, look.textured)
     towards = scenes[best].pixels.directions
     light_found = (light, best, disagreements, gains, light_of_view)
     return SkySolution(*light_found, trusted, smooth, detailed, albedo, towards)

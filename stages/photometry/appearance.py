@@ -1,0 +1,83 @@
+"""What surface looks like to all views together: textured, disputed between them, or neither."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.photometry.highlights import Linked
+from stages.photometry.neighbourhoods import patch_means
+from stages.photometry.paint_edges import DARK, PaintEdges, colour_change
+from stages.photometry.stack import StackedViews
+
+UNEXPLAINED = 0.06  # of the logarithm: a change that the shading leaves over, beyond as much as it explains
+TEXTURED = (0.44, 0.56)  # share of the edges that are paint: from no texture to nothing else
+DISPUTED = 0.05  # of the logarithm: views that disagree by more see gloss, or are wrong about the light
+
+
+@dataclass(frozen=True, eq=False)
+class Appearance:
+    """Of every pixel's neighbourhood, 0 to 1, (N,), float32.
+
+    Attributes
+    ----------
+    textured : ndarray
+        Most changes are paint's, and the views agree about them.
+    disputed : ndarray
+        Few are, and the views contradict each other all the same.
+    """
+
+    textured: np.ndarray
+    disputed: np.ndarray
+
+
+def appearance_of(
+    views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, edges: PaintEdges
+) -> Appearance:
+    """Tell surface by what the shading leaves over, and by what its views make of that.
+
+    Parameters
+    ----------
+    views : StackedViews
+    image : ndarray, shape (N, 3)
+        Scaled, in white light; highlights and all.
+    shading : ndarray, shape (N, 3)
+    trusted : ndarray, shape (N,), bool
+        Pixels by which views are compared.
+    edges : PaintEdges
+        Its step of chroma.
+
+    Notes
+    -----
+    An edge is paint's where the photo changes by more than the shading explains,
+    ``1 − exp(−(|Δ log I − Δ log S| / (|Δ log S| + 0.06))²)``, or in colour; the weight rises with the share
+    of such edges in a neighbourhood. In surface of one paint there are few of them, whatever its relief: at
+    the rims of shadows and at parts' borders, lines. So texture is told from errors of the light.
+    Highlights are told from it by the views: they disagree about them. Fine paint that they see half a pixel
+    off makes them disagree as well: of texture that is no sign.
+    """
+    lit = np.log(np.maximum(shading.mean(axis=1), 1e-3))
+    seen = np.log(np.maximum(image.mean(axis=1), 0) + DARK)
+    paint, degree = np.zeros(len(image)), np.zeros(len(image))
+    for one, other in views.neighbours():
+        explained = lit[one] - lit[other]
+        left = np.abs(seen[one] - seen[other] - explained) / (np.abs(explained) + UNEXPLAINED)
+        coloured = colour_change(image[one], image[other]) / edges.chroma_step**2
+        share = 1 - np.exp(-(left**2) - coloured)
+        for end in (one, other):
+            np.add.at(paint, end, share)
+            np.add.at(degree, end, 1)
+    low, high = TEXTURED
+    rise = np.clip((patch_means(views, paint / np.maximum(degree, 1)) - low) / (high - low), 0, 1)
+    textured = rise * rise * (3 - 2 * rise)
+    agreed = np.exp(-((_disagreement(views, seen - lit, trusted) / DISPUTED) ** 2))
+    return Appearance(
+        textured=(agreed * textured).astype(np.float32),
+        disputed=((1 - agreed) * (1 - textured)).astype(np.float32),
+    )
+
+
+def _disagreement(views: StackedViews, quotient: np.ndarray, trusted: np.ndarray) -> np.ndarray:
+    """How much views disagree about the log quotient I/S around every pixel, (N,)."""
+    return patch_means(views, np.abs(Linked.of(views, trusted).excess(quotient)))
