@@ -6,14 +6,16 @@ import json
 import shutil
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
-from os.path import commonpath
 from pathlib import Path
+from posixpath import commonpath
 from typing import Any
 
 from pipeline.digest import replace_text
 from pipeline.record import Record
 from pipeline.stage import Artefact, Stage
 from pipeline.store import Store
+
+Digests = Mapping[str, Mapping[str, str]]  # by artefact or source, then by file
 
 
 class Output:
@@ -32,26 +34,32 @@ class Output:
         """Bring the stage's artefacts into `output/`, and take away what it gave once and gives no more."""
         shown = self._shown()
         given = {artefact.name: artefact for artefact in stage.gives if artefact.output is not None}
-        for artefact in given.values():
-            self._show_artefact(artefact, record, shown)
         for name in [name for name, one in shown.items() if one["stage"] == stage.name and name not in given]:
             self._take_away(shown.pop(name)["files"])
+        for artefact in given.values():
+            self._show_artefact(artefact, record, shown)
         if shown != self._shown():
             replace_text(self._ledger, json.dumps(shown, indent=1) + "\n")
 
-    def outdated(self, available: Mapping[str, Mapping[str, str]]) -> list[str]:
+    def outdated(self, later: Iterable[Stage], available: Digests) -> list[str]:
         """Sentences on what is shown there and was made from something else than what there is now.
 
         Parameters
         ----------
+        later : iterable of Stage
+            In order, those of the dataflow that the run did not come to.
         available : mapping of str to mapping of str to str
             Digests of the files of each source and artefact of the run that has just ended.
         """
+        stale: set[str] = set()
+        for stage in later:
+            record = self._store.current(stage.name)
+            if record and _outgrown(record, available, stale):
+                stale |= {artefact.name for artefact in stage.gives}
         places: dict[tuple[str, str], list[str]] = {}
         for one in self._shown().values():
             record = self._store.record(one["stage"], one["key"])
-            taken = sorted(record.inputs.keys() & available.keys()) if record and one["files"] else []
-            other = [name for name in taken if record.inputs[name] != available[name]]
+            other = _outgrown(record, available, stale) if record and one["files"] else []
             if other:
                 reason = " and ".join(f"another {name}" for name in other[:2])
                 reason += f", and {len(other) - 2} more that differ" * (len(other) > 2)
@@ -92,9 +100,23 @@ class Output:
         """By artefact: stage, key, and its files with their digests and stamps."""
         try:
             ledger = json.loads(self._ledger.read_text(encoding="utf-8"))
-            return {name: one for name, one in ledger.items() if "key" in one}
         except (OSError, ValueError):
             return {}
+        return {name: one if "key" in one else _of_unknown_origin(one) for name, one in ledger.items()}
+
+
+def _outgrown(record: Record, available: Digests, stale: Collection[str]) -> list[str]:
+    """Inputs of a result that are others by now, or are themselves made from such."""
+    return sorted(
+        name
+        for name, files in record.inputs.items()
+        if name in stale or (name in available and available[name] != files)
+    )
+
+
+def _of_unknown_origin(files: Mapping[str, Any]) -> dict[str, Any]:
+    """A ledger's entry as it was written before it knew of which result it is."""
+    return {"stage": "", "key": "", "files": files}
 
 
 def _place(targets: Collection[str]) -> str:

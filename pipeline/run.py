@@ -94,7 +94,7 @@ def _run_in_order(request: Request, store: Store, listener: Listener) -> list[Do
             available |= record.outputs
             listener.finished(decision, record)
             done.append(Done(decision, record))
-    for sentence in output.outdated(available):
+    for sentence in output.outdated(request.flow[request.last_index() + 1 :], available):
         listener.say(sentence)
     return done
 

@@ -263,7 +263,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=16,  # its own: what it learns makes no result of the paper's mode void
+    version=DECOMPOSITION.version + 1,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -179,6 +180,7 @@ def test_force_runs_the_selected_stages_and_a_different_twin_is_said_aloud(root)
     assert witness.said == [
         "join: text came out different from the same ingredients.",
         "Of an earlier run, in output: numbers/length.txt (count made it from another text).",
+        "Of an earlier run, in output: page.txt (report made it from another numbers).",
     ]
 
 
@@ -265,6 +267,27 @@ def test_an_artefact_that_a_stage_gives_no_more_leaves_the_output(root):
     assert not (root / "workspace/output/by").exists()
     run_toy(root, flow=(JOIN, generous, REPORT))
     assert (root / "workspace/output/by/letters/a.txt").exists()
+
+
+def test_an_artefact_that_takes_the_place_of_another_is_not_taken_away_with_it(root):
+    def renamed(job):
+        (job.outputs["sizes"] / "length.txt").write_text("7")
+
+    run_toy(root)
+    sizes = replace(COUNT, run=renamed, gives=(Artefact("sizes", "sizes", output="numbers"),), version=2)
+    run_toy(root, flow=(JOIN, sizes), last="count")
+    assert (root / "workspace/output/numbers/length.txt").read_text() == "7"
+
+
+def test_an_output_of_a_program_that_kept_no_origins_is_brought_up_to_date(root):
+    run_toy(root)
+    ledger = root / "workspace/cache/output.json"
+    entries = json.loads(ledger.read_text())
+    ledger.write_text(json.dumps({name: one["files"] for name, one in entries.items()}))
+    witness = run_toy(root, settings={"count": {"times": 2}})
+    assert witness.said == []
+    assert page(root) == "<22>"
+    assert json.loads(ledger.read_text())["page"]["stage"] == "report"
 
 
 SLEEPER = """

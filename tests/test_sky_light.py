@@ -291,18 +291,23 @@ def test_texture_is_told_from_relief_and_its_detail_comes_back():
     )
 
 
-def test_surface_that_one_view_sees_brighter_is_disputed_and_fine_paint_half_a_pixel_off_is_not(lit):
+def test_what_views_contradict_each_other_about_is_disputed_and_nothing_else(lit):
     views, _, albedo, shading, _ = lit
     everywhere, edges = np.ones(len(albedo), bool), PaintEdges(coarse=10.0)
-    image = albedo * shading
-    assert np.quantile(appearance_of(views, image, shading, everywhere, edges).disputed, 0.9) < 0.1
+    linked = np.unique(np.concatenate([np.concatenate(ends) for ends in views.linked_pixels()]))
+
+    def disputed(image, light=shading):
+        return appearance_of(views, image, light, everywhere, edges).disputed[linked]
+
+    image, dim = albedo * shading, np.ones((len(albedo), 1))
+    dim[views.view(1)] = 0.3
+    assert np.quantile(disputed(image), 0.95) < 0.1
+    assert np.quantile(disputed(dim * image, dim * shading), 0.95) < 0.1  # less light, and known to be
     glossy = image.copy()
     glossy[views.view(0)] *= 1.5
-    told = appearance_of(views, glossy, shading, everywhere, edges)
-    linked = np.unique(np.concatenate([np.concatenate(ends) for ends in views.linked_pixels()]))
-    assert np.median(told.disputed[linked]) > 0.8
+    assert np.median(disputed(glossy)) > 0.8
     grain = np.exp(np.random.default_rng(6).uniform(-0.9, 0.9, (len(albedo), 1)))
-    assert np.median(appearance_of(views, grain * image, shading, everywhere, edges).disputed) < 0.1
+    assert np.median(disputed(grain * image)) < 0.1  # fine paint that no two views see alike
 
 
 def test_disputed_pixels_believe_the_other_views(lit):

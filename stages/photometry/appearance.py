@@ -8,7 +8,7 @@ import numpy as np
 
 from stages.photometry.highlights import Linked
 from stages.photometry.neighbourhoods import patch_means
-from stages.photometry.paint_edges import DARK, PaintEdges, colour_change
+from stages.photometry.paint_edges import DARK, NO_SHADING, PaintEdges, colour_change
 from stages.photometry.stack import StackedViews
 
 UNEXPLAINED = 0.06  # of the logarithm: a change that the shading leaves over, beyond as much as it explains
@@ -23,9 +23,9 @@ class Appearance:
     Attributes
     ----------
     textured : ndarray
-        Most changes are paint's, and the views agree about them.
+        Most changes are paint's, and the views agree about the surface.
     disputed : ndarray
-        Few are, and the views contradict each other all the same.
+        Few changes are, and the views contradict each other all the same.
     """
 
     textured: np.ndarray
@@ -54,11 +54,13 @@ def appearance_of(
     ``1 − exp(−(|Δ log I − Δ log S| / (|Δ log S| + 0.06))²)``, or in colour; the weight rises with the share
     of such edges in a neighbourhood. In surface of one paint there are few of them, whatever its relief: at
     the rims of shadows and at parts' borders, lines. So texture is told from errors of the light.
-    Highlights are told from it by the views: they disagree about them. Fine paint that they see half a pixel
-    off makes them disagree as well: of texture that is no sign.
+    Highlights are told from it by the views: they disagree about the quotient I/S there. Fine paint that they
+    see half a pixel off makes them disagree as well: of texture that is no sign. With g the smoothed share
+    of paint and a the agreement, ``exp(−(d / 0.05)²)`` for views that differ by d (of the logarithm), surface
+    is textured by ``a g`` and disputed by ``(1 − a) (1 − g)``.
     """
-    lit = np.log(np.maximum(shading.mean(axis=1), 1e-3))
-    seen = np.log(np.maximum(image.mean(axis=1), 0) + DARK)
+    brightness, light = (np.maximum(each.mean(axis=1), 0) for each in (image, shading))
+    lit, seen = np.log(np.maximum(light, NO_SHADING)), np.log(brightness + DARK)
     paint, degree = np.zeros(len(image)), np.zeros(len(image))
     for one, other in views.neighbours():
         explained = lit[one] - lit[other]
@@ -70,11 +72,12 @@ def appearance_of(
             np.add.at(degree, end, 1)
     low, high = TEXTURED
     rise = np.clip((patch_means(views, paint / np.maximum(degree, 1)) - low) / (high - low), 0, 1)
-    textured = rise * rise * (3 - 2 * rise)
-    agreed = np.exp(-((_disagreement(views, seen - lit, trusted) / DISPUTED) ** 2))
+    grained = rise * rise * (3 - 2 * rise)
+    quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # the same in any amount of light
+    agreed = np.exp(-((_disagreement(views, quotient, trusted) / DISPUTED) ** 2))
     return Appearance(
-        textured=(agreed * textured).astype(np.float32),
-        disputed=((1 - agreed) * (1 - textured)).astype(np.float32),
+        textured=(agreed * grained).astype(np.float32),
+        disputed=((1 - agreed) * (1 - grained)).astype(np.float32),
     )
 
 

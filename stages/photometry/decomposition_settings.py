@@ -108,7 +108,8 @@ class DecompositionSettings(Settings):
     mu: float | None = setting(
         None,
         "Weight of the agreement between views (μ of Eq. 2). none, in `mode: paper`: 1, or 0.2 with `solver: "
-        "fast`, chosen as `lambda` is. In `mode: transfer` μ is shared among the links of a pixel; none: 1.",
+        "fast`, chosen as `lambda` is. In `mode: transfer` μ is shared among the links of a pixel; none: 1; "
+        "in `albedo` up to five times as much where views contradict each other.",
         ge=0,
         le=1e6,
     )

@@ -43,7 +43,7 @@ class SkyDecomposition:
     edges : PaintEdges
         Of `albedo`.
     descent : FastSettings
-        Of the albedo; λ is that of `albedo_tv`, μ of both.
+        Of the albedo; λ and μ are those of `albedo_tv`, μ is the least that links have in `albedo`.
     """
 
     light: SkySettings
