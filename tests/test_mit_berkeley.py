@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.mit_berkeley.methods import Problem, by_transfer, images_themselves
 from benchmarks.mit_berkeley.objects import (
     FOLDER,
     LAMPS,
@@ -14,6 +15,7 @@ from benchmarks.mit_berkeley.objects import (
 )
 from benchmarks.mit_berkeley.sources import write_sources
 from pipeline import UserError
+from pipeline.terminal import Terminal
 from stages.geometry.rays import RayCaster
 from stages.scene.colmap_model import cameras_of, read_model
 from stages.scene.meshes import read_mesh
@@ -50,27 +52,43 @@ def test_a_pixel_without_neighbours_faces_the_viewer():
     assert normals_from_height(np.full((3, 3), 7.0), valid)[1, 1].tolist() == [0, 0, -1]
 
 
-def test_an_object_is_brought_as_cameras_and_a_mesh_that_show_it_as_it_is(tmp_path):
-    """A bowl with a hole in it: every pixel of the mask is hit, no other, at its height, with its normal."""
+def bowl() -> LampObject:
+    """A bowl with a hole in it, striped across its slopes, under ten far lamps."""
     y, x = np.mgrid[-12:13, -15:16].astype(float)
     mask = (x**2 + y**2 < 120) & (np.hypot(x - 4, y) > 3)
     height = np.where(mask, (x**2 + 2 * y**2) / 60 + 0.2 * x, 0)
-    photos = np.random.default_rng(0).random((LAMPS, *mask.shape, 3)).astype(np.float32)
     normals = normals_from_height(height, mask)
-    subject = LampObject("bowl", mask, photos, mask.astype(np.float32), normals, height)
+    reflectance = np.where(mask, np.where((x + y) % 12 < 6, 0.9, 0.4), 0).astype(np.float32)
+    angles = np.arange(LAMPS) * 2 * np.pi / LAMPS
+    towards = np.stack([0.6 * np.cos(angles), 0.6 * np.sin(angles), np.full(LAMPS, -0.8)], axis=1)
+    lit = np.maximum(np.einsum("hwc,lc->lhw", normals, towards), 0) * reflectance
+    photos = (lit[..., None] * [1, 0.8, 0.6]).astype(np.float32)
+    return LampObject("bowl", mask, photos, reflectance, normals, height)
+
+
+def test_an_object_is_brought_as_cameras_and_a_mesh_that_show_it_as_it_is(tmp_path):
+    """Every pixel of the mask is hit, no other, at its height, with its normal."""
+    subject = bowl()
     sources = write_sources(subject, tmp_path)
     assert len(find_photos(sources["images"])) == LAMPS
-    assert np.array_equal(read_photo(sources["images"] / "lamp03.exr"), photos[2])
+    assert np.array_equal(read_photo(sources["images"] / "lamp03.exr"), subject.photos[2])
     cameras = cameras_of(read_model(sources["colmap"]))
     assert [camera.name for camera in cameras] == [f"lamp{k:02d}" for k in range(1, LAMPS + 1)]
     seen = RayCaster(read_mesh(sources["mesh_file"])).see(cameras[-1])
-    assert np.array_equal(seen.mask, mask)
-    inside = cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) > 0
-    off = (seen.depth + height)[inside]
+    assert np.array_equal(seen.mask, subject.mask)
+    inside = cv2.erode(subject.mask.astype(np.uint8), np.ones((3, 3))) > 0
+    off = (seen.depth + subject.height)[inside]
     assert np.ptp(off) < 0.01  # pixels
-    cosine = (seen.normals * normals).sum(axis=-1)[mask]
+    cosine = (seen.normals * subject.normals).sum(axis=-1)[subject.mask]
     assert np.median(cosine) > np.cos(np.radians(2))
     assert cosine.min() > np.cos(np.radians(25))  # at the rim
+
+
+def test_the_program_itself_takes_the_lamps_light_off(tmp_path):
+    problem = Problem.of(bowl())
+    ours = by_transfer(problem, tmp_path, 1, Terminal())
+    photos = next(row for row in images_themselves(problem) if row.method == "the photos, all ten")
+    assert ours.si_rmse < 0.5 * photos.si_rmse
 
 
 def test_without_data_the_folder_to_fill_is_named(monkeypatch, tmp_path):
@@ -86,8 +104,6 @@ def test_the_box_under_ten_lamps(data_folder):
     """Eq. 2 whole on a real object, small: ten albedos nearer to the measured one than the photos are."""
     if not (data_folder / FOLDER).is_dir():
         pytest.skip("the MIT-Berkeley objects are not there")
-    from benchmarks.mit_berkeley.methods import Problem, images_themselves
-
     subject = read_object(data_folder / FOLDER / "box", 8)
     assert subject.lamps.shape == (LAMPS, *subject.mask.shape)
     assert np.allclose(np.linalg.norm(subject.normals[subject.mask], axis=-1), 1)

@@ -152,7 +152,10 @@ def paper_sweep(problem: Problem, pairs: Sequence[tuple[float, float]], executor
 
 
 def by_transfer(problem: Problem, workspace: Path, threads: int, listener: Listener) -> Row:
-    """`mode: transfer` with its defaults, by the program itself, from colour photos, cameras and a mesh."""
+    """`mode: transfer` with its defaults, by the program itself, from colour photos, cameras and a mesh.
+
+    Judged is the mean of the three channels of its albedo, as bright against each other as they come.
+    """
     sources = write_sources(problem.subject, workspace)
     flow = stages.dataflow(sources)
     request = Request(
