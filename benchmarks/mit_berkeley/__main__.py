@@ -112,7 +112,7 @@ def _short(value: object) -> str:
 def main(arguments: Sequence[str]) -> int:
     """Print the sweeps and the table; 2 where there is no data."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mit_berkeley", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="smaller images and grids: about two minutes")
+    parser.add_argument("--quick", action="store_true", help="smaller images and grids")
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all rows there too")
     parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "mit-berkeley")

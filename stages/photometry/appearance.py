@@ -8,6 +8,7 @@ import numpy as np
 
 from stages.photometry.highlights import Linked
 from stages.photometry.neighbourhoods import patch_means
+from stages.photometry.paint_detail import DIM
 from stages.photometry.paint_edges import DARK, NO_SHADING, PaintEdges, colour_change
 from stages.photometry.stack import StackedViews
 
@@ -54,10 +55,10 @@ def appearance_of(
     ``1 − exp(−(|Δ log I − Δ log S| / (|Δ log S| + 0.06))²)``, or in colour; the weight rises with the share
     of such edges in a neighbourhood. In surface of one paint there are few of them, whatever its relief: at
     the rims of shadows and at parts' borders, lines. So texture is told from errors of the light.
-    Highlights are told from it by the views: they disagree about the quotient I/S there. Fine paint that they
-    see half a pixel off makes them disagree as well: of texture that is no sign. With g the smoothed share
-    of paint and a the agreement, ``exp(−(d / 0.05)²)`` for views that differ by d (of the logarithm), surface
-    is textured by ``a g`` and disputed by ``(1 − a) (1 − g)``.
+    Views are compared by the quotient I/S, where there is light enough, in small squares. Highlights are told
+    from texture by how much they differ, ``d = mean |excess|``: ``textured = g exp(−(d / 0.05)²)``, g the
+    share of paint. They contradict each other where all around they differ one way, ``e = |mean excess|``;
+    fine paint half a pixel off makes them differ both ways: ``disputed = (1 − g) (1 − exp(−(e / 0.05)²))``.
     """
     brightness, light = (np.maximum(each.mean(axis=1), 0) for each in (image, shading))
     lit, seen = np.log(np.maximum(light, NO_SHADING)), np.log(brightness + DARK)
@@ -72,15 +73,16 @@ def appearance_of(
             np.add.at(degree, end, 1)
     low, high = TEXTURED
     rise = np.clip((patch_means(views, paint / np.maximum(degree, 1)) - low) / (high - low), 0, 1)
-    grained = rise * rise * (3 - 2 * rise)
+    grained = (rise * rise * (3 - 2 * rise)).astype(np.float32)
+    sure = trusted & (light > DIM * np.median(light))
     quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # the same in any amount of light
-    agreed = np.exp(-((_disagreement(views, quotient, trusted) / DISPUTED) ** 2))
+    excess = Linked.of(views, sure).excess(quotient)
     return Appearance(
-        textured=(agreed * grained).astype(np.float32),
-        disputed=((1 - agreed) * (1 - grained)).astype(np.float32),
+        textured=grained * _near(patch_means(views, np.abs(excess))),
+        disputed=(1 - grained) * (1 - _near(patch_means(views, excess))),
     )
 
 
-def _disagreement(views: StackedViews, quotient: np.ndarray, trusted: np.ndarray) -> np.ndarray:
-    """How much views disagree about the log quotient I/S around every pixel, (N,)."""
-    return patch_means(views, np.abs(Linked.of(views, trusted).excess(quotient)))
+def _near(difference: np.ndarray) -> np.ndarray:
+    """1 where views agree, 0 where they differ by far more than `DISPUTED`."""
+    return np.exp(-((difference / DISPUTED) ** 2)).astype(np.float32)
