@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from posixpath import commonpath
@@ -58,16 +58,14 @@ class Output:
                 stale |= {artefact.name for artefact in stage.gives}
         places: dict[tuple[str, str], list[str]] = {}
         for one in self._shown().values():
-            record = self._store.record(one["stage"], one["key"])
-            other = _outgrown(record, available, stale) if record and one["files"] else []
-            if other:
-                reason = " and ".join(f"another {name}" for name in other[:2])
-                reason += f", and {len(other) - 2} more that differ" * (len(other) > 2)
-                places.setdefault((one["stage"], reason), []).append(_place(one["files"]))
-        return [
-            f"Of an earlier run, in output: {', '.join(sorted(shown))} ({stage} made it from {reason})."
-            for (stage, reason), shown in places.items()
-        ]
+            if one["files"]:
+                places.setdefault((one["stage"], one["key"]), []).append(_place(one["files"]))
+        sentences = []
+        for (name, key), shown in places.items():
+            record = self._store.record(name, key)
+            if other := _outgrown(record, available, stale) if record else []:
+                sentences.append(_of_an_earlier_run(name, sorted(shown), other))
+        return sentences
 
     def _show_artefact(self, artefact: Artefact, record: Record, shown: dict[str, Any]) -> None:
         source = self._store.entry(record.stage, record.key) / artefact.path
@@ -112,6 +110,14 @@ def _outgrown(record: Record, available: Digests, stale: Collection[str]) -> lis
         for name, files in record.inputs.items()
         if name in stale or (name in available and available[name] != files)
     )
+
+
+def _of_an_earlier_run(stage: str, places: Sequence[str], other: Sequence[str]) -> str:
+    """What is shown of a result, and why it is not of now; two inputs are named, more are counted."""
+    reason = " and ".join(f"another {name}" for name in other[:2])
+    if len(other) > 2:
+        reason += f", and {len(other) - 2} more that differ"
+    return f"Of an earlier run, in output: {', '.join(places)} ({stage} made it from {reason})."
 
 
 def _of_unknown_origin(files: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,8 +16,6 @@ from benchmarks.mit_berkeley.objects import LAMPS, LampObject
 from benchmarks.mit_berkeley.sources import write_sources
 from benchmarks.paper.judging import maps_in
 from benchmarks.paper.laboratory import results_of
-from pipeline.config import check_settings
-from pipeline.request import Request, Selection
 from pipeline.run import Listener
 from stages.decomposition import DecompositionSettings
 from stages.evaluation.judged_views import judge_view
@@ -158,16 +156,8 @@ def by_transfer(problem: Problem, workspace: Path, threads: int, listener: Liste
     """
     sources = write_sources(problem.subject, workspace)
     flow = stages.dataflow(sources)
-    request = Request(
-        flow=flow,
-        settings=check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, {}),
-        sources=sources,
-        kinds=stages.kinds_of_sources(flow),
-        workspace=workspace,
-        threads=threads,
-        selection=Selection(last="decomposition"),
-    )
-    albedo = results_of(request, listener).paths["albedo"]
+    done = results_of(flow, sources, {}, workspace, "decomposition", threads, listener)
+    albedo = done.paths["albedo"]
     maps = maps_in(albedo, tuple(path.stem for path in sorted(albedo.glob("*.exr"))))
     return problem.score("mode: transfer", [image.mean(axis=-1) for image in maps.values()])
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import stages
 from benchmarks.paper.rows import Row
+from pipeline import Stage
 from pipeline.config import check_settings
 from pipeline.request import Request, Selection
 from pipeline.run import Listener, run
@@ -83,9 +85,26 @@ class Results:
         return json.loads(self.paths["energy"].read_text(encoding="utf-8"))
 
 
-def results_of(request: Request, listener: Listener) -> Results:
-    """Run what was asked for, and find what came of it."""
-    store, paths, facts = Store(request.workspace), {}, {}
+def results_of(
+    flow: tuple[Stage, ...],
+    sources: Mapping[str, Path],
+    given: Mapping[str, Mapping[str, Any]],
+    workspace: Path,
+    last: str,
+    threads: int,
+    listener: Listener,
+) -> Results:
+    """Run a dataflow with what is given of its settings, up to a stage, and find what came of it."""
+    request = Request(
+        flow=flow,
+        settings=check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given),
+        sources=sources,
+        kinds=stages.kinds_of_sources(flow),
+        workspace=workspace,
+        threads=threads,
+        selection=Selection(last=last),
+    )
+    store, paths, facts = Store(workspace), {}, {}
     for done in run(request, listener):
         record, stage = done.record, done.decision.stage
         folder = store.entry(record.stage, record.key)
@@ -131,13 +150,4 @@ class Laboratory:
             "decomposition": decomposition,
         }
         flow = stages.experiment(row.sources, decomposition.get("mode", "paper"))
-        request = Request(
-            flow=flow,
-            settings=check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given),
-            sources=row.sources,
-            kinds=stages.kinds_of_sources(flow),
-            workspace=self.workspace,
-            threads=self.threads,
-            selection=Selection(last=last),
-        )
-        return results_of(request, self.listener)
+        return results_of(flow, row.sources, given, self.workspace, last, self.threads, self.listener)
