@@ -84,12 +84,13 @@ def test_the_albedo_it_ends_with_is_optimal_for_the_light_it_ends_with(on_sphere
 
 @pytest.mark.parametrize(("rounds", "tolerance"), [(1, 0.0), (7, 0.0), (40, 1e-3)])
 def test_rounds_hold_the_energy_and_the_last_one_that_of_the_solution(on_sphere, rounds, tolerance):
-    """However it ended; no round lies below the solution."""
+    """However it ended; no round lies below the solution, by more than the tolerance where that ended it."""
     views, images, _ = on_sphere
     found = solution(views, images, replace(FAST, max_rounds=rounds, tolerance=tolerance))
     assert tuple(terms_of(views, images, found)) == found.terms
     assert sum(found.rounds[-1].energy) == pytest.approx(total(found.terms), rel=1e-5)
-    assert sum(found.rounds[-1].energy) == min(sum(one.energy) for one in found.rounds)
+    least = min(sum(one.energy) for one in found.rounds)
+    assert least <= sum(found.rounds[-1].energy) <= (1 + tolerance) * least
     assert len(found.rounds) <= rounds + 2
 
 
@@ -97,7 +98,7 @@ def test_the_outcome_says_whether_the_rounds_sufficed(on_sphere):
     views, images, descent = on_sphere
     few = solution(views, images, replace(FAST, max_rounds=2, tolerance=1e-9))
     assert few.outcome is Outcome.LIMIT_REACHED
-    assert [one.iterations for one in few.rounds] == [0, 60, 120]
+    assert [one.iterations for one in few.rounds] == [0, 80, 160]
     assert (
         solution(views, images, replace(FAST, tolerance=0.9, gap_tolerance=9.0)).outcome is Outcome.CONVERGED
     )
@@ -196,14 +197,14 @@ def test_odd_problems_end_in_numbers_and_in_the_gauge(change):
 
 
 def test_where_the_energy_rises_again_the_best_round_is_kept_and_comes_last():
-    """A constant image: the first rounds, still swinging, rise."""
+    """A constant image: the first round, still swinging, rises."""
     scene = sphere_scene(3, 24, 20)
     constant(scene)
     views, images = scene.stacked(), scene.channels()
-    descent = solution(views, images, replace(FAST, max_rounds=2, tolerance=0.0))
+    descent = solution(views, images, replace(FAST, max_rounds=1, tolerance=0.0))
     energies = [sum(one.energy) for one in descent.rounds]
-    assert energies[0] < energies[1] and energies[0] < energies[2]
-    assert descent.rounds[3:] == descent.rounds[:1]
+    assert energies[0] < energies[1]
+    assert descent.rounds[2:] == descent.rounds[:1]
     assert tuple(terms_of(views, images, descent)) == descent.terms
 
 

@@ -60,7 +60,7 @@ def kernel_speed(problem: RaceProblem, threads: int, seconds: float) -> KernelSp
     return KernelSpeed(
         threads=threads,
         pixels=problem.pixels,
-        iteration_s=_iteration_s(descent, settings.steps.refresh, seconds / REPEATS),
+        iteration_s=_iteration_s(descent, 2 * settings.steps.epoch, seconds / REPEATS),
         iteration_bytes=compulsory_bytes(descent),
         copied_bytes_per_s=_copied_bytes_per_s(),
     )
@@ -81,11 +81,14 @@ def compulsory_bytes(descent: PrimalDual) -> int:
         descent._ahead,
     ]
     written = [descent._ahead_next]
-    return sum(2 * a.nbytes for a in written_back) + sum(a.nbytes for a in (*read, *written))
+    anchor = (
+        descent.edge_dual.size + descent._data_dual.size + descent.albedo.nbytes
+    )  # read in every other epoch
+    return sum(2 * a.nbytes for a in written_back) + sum(a.nbytes for a in (*read, *written)) + anchor // 2
 
 
 def _iteration_s(descent: PrimalDual, at_once: int, seconds: float) -> float:
-    """Per iteration; as many at once as lie between two looks at the light, whose cost is thus included."""
+    """Per iteration; as many at once as two epochs are, one of either kind."""
 
     def once() -> None:
         descent.iterate(at_once)

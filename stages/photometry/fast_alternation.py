@@ -49,7 +49,7 @@ class FastSettings:
     tolerance: float = 1e-3
     gap_tolerance: float = 0.03
     max_rounds: int = 100
-    round_iterations: int = 60
+    round_iterations: int = 80
     coarse_iterations: int = 120
     steps: Steps = Steps()
     fewest_pixels: int = 40

@@ -10,7 +10,10 @@ import numpy as np
 from stages.photometry.alternation import Outcome
 
 FEWEST = 4  # rounds before anything is concluded
-WASTE = 0.25  # of the tolerance: where less than that is left, an open gap is not going to close soon
+WASTE = 0.25  # of the tolerance: where less than that is left, it is only the gap that is waited for
+STUCK = (
+    0.9  # where the last doubling of all rounds left more than that of the gap, it is not going to close soon
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ def verdict(rounds: Sequence[Round], tolerance: float, gap_tolerance: float) -> 
     left = left_to_gain(rounds)
     if left <= tolerance and rounds[-1].gap <= gap_tolerance:
         return Outcome.CONVERGED
-    return Outcome.STALLED if left <= WASTE * tolerance else None
+    stuck = rounds[-1].gap > STUCK * rounds[len(rounds) // 2].gap
+    return Outcome.STALLED if left <= WASTE * tolerance and stuck else None
 
 
 def left_to_gain(rounds: Sequence[Round]) -> float:

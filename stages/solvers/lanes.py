@@ -19,7 +19,7 @@ _WIDE = {
     types.float32: ir.VectorType(ir.FloatType(), COUNT),
     types.float64: ir.VectorType(ir.DoubleType(), COUNT),
 }
-_INT16 = ir.VectorType(ir.IntType(16), COUNT)
+_NARROW = {bits: ir.VectorType(ir.IntType(bits), COUNT) for bits in (8, 16)}
 _INT32 = ir.VectorType(ir.IntType(32), COUNT)
 _QUAD = ir.VectorType(ir.FloatType(), 4)
 _WIDTH = ir.IntType(64)
@@ -51,13 +51,13 @@ _THREE = types.UniTuple(Lanes(types.float32), 3)
 
 @intrinsic
 def load(typingctx, array, place):
-    """The eight numbers of a flat array, float32, float64 or int16 (as float32), from a place on."""
-    narrow = array.dtype == types.int16
+    """The eight numbers of a flat array, float32, float64, int8 or int16 (as float32), from a place on."""
+    narrow = array.dtype in (types.int8, types.int16)
     lanes = Lanes(types.float32 if narrow else array.dtype)
 
     def emit(context, builder, signature, arguments):
         at = _pointer(context, builder, signature, arguments)
-        held = _INT16 if narrow else _WIDE[lanes.dtype]
+        held = _NARROW[array.dtype.bitwidth] if narrow else _WIDE[lanes.dtype]
         values = builder.load(builder.bitcast(at, held.as_pointer()), align=array.dtype.bitwidth // 8)
         return builder.sitofp(values, _WIDE[lanes.dtype]) if narrow else values
 
@@ -73,7 +73,7 @@ def store(typingctx, array, place, lanes):
         at, values = _pointer(context, builder, signature, arguments), arguments[2]
         if narrow:
             shifted = builder.fadd(values, ir.Constant(values.type, [ROUNDING] * COUNT))
-            values = builder.trunc(builder.bitcast(shifted, _INT32), _INT16)
+            values = builder.trunc(builder.bitcast(shifted, _INT32), _NARROW[16])
         builder.store(values, builder.bitcast(at, values.type.as_pointer()), align=array.dtype.bitwidth // 8)
         return context.get_dummy_value()
 

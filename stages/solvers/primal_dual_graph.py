@@ -8,6 +8,7 @@ import numpy as np
 
 from stages.solvers.gram_matrices import gram_matrices
 from stages.solvers.lanes import COUNT
+from stages.solvers.primal_dual_anchor import NOWHERE, Anchor
 from stages.solvers.primal_dual_bounds import Bounds, bounds
 from stages.solvers.primal_dual_loops import (
     inherit_edges,
@@ -22,6 +23,7 @@ from stages.solvers.sliced_graph import SlicedGraph
 from stages.solvers.slices import Slices
 
 NOTHING = 1e-30  # instead of a division by 0
+TWICE_AS_FAR = 2.0  # what is drawn back may go as far as a reflection
 UNSEEN = 1e-7  # directions of the light that the pixels see less than this (relative) stay as they are
 
 
@@ -32,19 +34,21 @@ class Steps:
     Attributes
     ----------
     scale : float
-        r, in units of the albedo. Small moves slowly and surely.
+        r, in units of the albedo: how far the albedo goes, and how little the duals.
     data_share : float
         κ: how much faster the data's duals move than the edges', and how much slower the light.
     relaxation : float
-        θ, 1 (none) to below 2: every iteration goes θ times as far as the plain scheme.
-    refresh : int
-        Iterations between two looks at how strongly the pixels see the light, and at the gauge.
+        θ of plain iterations, 1 (none) to below 2: each goes θ times as far as the scheme without it.
+    epoch : int
+        Iterations of one kind, before as many of the other: plain, or gone twice as far and drawn back to
+        where the epoch began. Between them the gauge is restored, and it is looked at how strongly the pixels
+        see the light.
     """
 
-    scale: float = 0.04
-    data_share: float = 5.0
+    scale: float = 0.05
+    data_share: float = 2.0
     relaxation: float = 1.4
-    refresh: int = 20
+    epoch: int = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +118,7 @@ class PrimalDual:
     Notes
     -----
     Chambolle and Pock 2011, algorithm 1, for a saddle that is linear in the albedo and in the light, each
-    (Valkonen 2014), with diagonal steps (Pock and Chambolle 2011) and over-relaxation (Condat 2013).
+    (Valkonen 2014), with diagonal steps (Pock and Chambolle 2011).
     With duals ``y_pq = w_pq z_pq`` of the edges and ``x_p`` of the data, all within ±1, an iteration is
 
     | ``z ← z + (ρ̄_p − ρ̄_q) / (2 r)``, clipped to ±1;
@@ -127,6 +131,11 @@ class PrimalDual:
     second sum is divided by Σ|ρ|, gains per unit of albedo; where S is smaller, S takes its place, lest the
     darkest pixels, which cost nothing, bear all the albedo. Light and albedo move together, so that no pixel
     that fits already holds the light where it is, as it does where the two alternate.
+
+    Every step is taken in two ways by turns, an epoch each: twice as far, but drawn back to where the epoch
+    began, the k-th time by 1/(k + 2) (Halpern 1967; Lu and Yang 2024, "Restarted Halpern PDHG for linear
+    programming"), and θ times as far (Condat 2013). The first averages away what circles around the goal, the
+    second gets along where nothing circles.
 
     Both ends of an edge keep their own copy of its dual; the two are negatives of one another to the last
     bit, since rounding is symmetric. So a pixel writes only what is its own: one pass per iteration, no two
@@ -194,15 +203,20 @@ class PrimalDual:
         self.problem = replace(self.problem, basis=self.problem.slices.spread_basis(basis))
 
     def iterate(self, count: int) -> None:
-        """Do `count` iterations."""
-        for k in range(count):
-            if self._free and k % self._steps.refresh == 0:
+        """Do `count` iterations, in epochs."""
+        goal, epoch = self.iterations + count, self._steps.epoch
+        while self.iterations < goal:
+            if self._free:
                 self._restore_gauge()
                 self._look_at_the_light()
-            self._iterate_once()
+            length = min(epoch - self.iterations % epoch, goal - self.iterations)
+            if self.iterations // epoch % 2 == 0:
+                self._go_drawn_back(length)
+            else:
+                self._go_plainly(length)
+            self.iterations += length
         if self._free:
             self._restore_gauge()
-        self.iterations += count
 
     def bounds(self) -> Bounds:
         """Energy of the albedo under the light as it is, and what no albedo of its range can go below."""
@@ -231,7 +245,16 @@ class PrimalDual:
         interleave(self.albedo.ravel(), self._ahead_next.ravel())
         return self._ahead_next
 
-    def _iterate_once(self) -> None:
+    def _go_drawn_back(self, count: int) -> None:
+        anchor = Anchor.at(self.edge_dual, self._data_dual, self.albedo, self.light)
+        for k in range(count):
+            self._iterate_once(anchor, TWICE_AS_FAR, (k + 1) / (k + 2))
+
+    def _go_plainly(self, count: int) -> None:
+        for _ in range(count):
+            self._iterate_once(NOWHERE, self._steps.relaxation, 1.0)
+
+    def _iterate_once(self, anchor: Anchor, relaxation: float, counted: float) -> None:
         problem, blocks, steps = self.problem, self.problem.slices.blocks, self._steps
         both = np.concatenate([self.light, self._light_ahead], axis=1)
         lights = np.ascontiguousarray(both.swapaxes(1, 2), np.float32)
@@ -241,23 +264,24 @@ class PrimalDual:
             (problem.graph.first, problem.graph.neighbour, problem.graph.weight, problem.graph.total),
             (self.edge_dual, self._data_dual.ravel()),
             (self.albedo.ravel(), self._ahead.ravel(), self._ahead_next.ravel()),
+            (anchor.edge_dual, anchor.data_dual, anchor.albedo),
             (problem.image.ravel(), problem.basis.ravel(), problem.share.ravel()),
             lights,
             self._multiplier[problem.gauge_of_view].astype(np.float32),
-            (np.float32(steps.scale), np.float32(steps.data_share), np.float32(steps.relaxation)),
+            tuple(map(np.float32, (steps.scale, steps.data_share, relaxation, counted))),
             slopes,
             pulls,
         )
         self._ahead, self._ahead_next = self._ahead_next, self._ahead
         if self._free:
-            self._move_light(blocks.by_view(slopes))
+            self._move_light(blocks.by_view(slopes), anchor.light, relaxation, counted)
             pulled = problem.by_gauge(blocks.by_view(pulls))
             self._multiplier = np.maximum(pulled, 0) / np.maximum(problem.wanted, NOTHING)
 
-    def _move_light(self, slope: np.ndarray) -> None:
+    def _move_light(self, slope: np.ndarray, anchor: np.ndarray, relaxation: float, counted: float) -> None:
         now = self.light - np.einsum("vckl,vcl->vck", self._mobility, slope)
         self._light_ahead = 2 * now - self.light
-        self.light = self.light + self._steps.relaxation * (now - self.light)
+        self.light = counted * (self.light + relaxation * (now - self.light)) + (1 - counted) * anchor
 
     def _look_at_the_light(self) -> None:
         gram = gram_matrices(self.problem.slices.blocks, self.problem.basis, self.albedo)

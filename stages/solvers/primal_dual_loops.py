@@ -18,11 +18,13 @@ from stages.solvers.lanes import (
     store,
     store_channels,
 )
+from stages.solvers.primal_dual_anchor import DATA_NOTCH, EDGE_NOTCH
 from stages.solvers.primal_dual_bounds import UNIT
 from stages.solvers.slices import EIGHT, ONE, QUADS, SIXTEEN, SLICE, THREE, ZERO
 
 CHUNK = np.uint64(32)  # slices whose pulls stay in the nearest cache
 FORESIGHT = np.uint64(16)  # rows of half-edges: neighbours in other views come from afar
+WHOLE = np.float32(1)  # of a step: nothing is drawn back
 TWICE = np.float32(2) * UNIT  # what 16 bits hold
 
 
@@ -76,10 +78,11 @@ def interleave(sliced, interleaved):
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def sweep(blocks, graph, duals, albedos, givens, lights, multiplier, steps, slopes, pulls):
+def sweep(blocks, graph, duals, albedos, anchors, givens, lights, multiplier, steps, slopes, pulls):
     """One iteration, in place but for the albedo ahead, which neighbours still read.
 
-    `lights` is (n, K, 6): per harmonic the light of three channels, then the light ahead.
+    `lights` is (n, K, 6): per harmonic the light of three channels, then the light ahead. `steps` are r, κ, θ
+    and how much of an iteration counts beside the `anchors`: duals of edges and of data, in notches; albedo.
     """
     views, begins, ends = blocks
     first, neighbour, weight, total_weight = graph
@@ -97,12 +100,15 @@ def sweep(blocks, graph, duals, albedos, givens, lights, multiplier, steps, slop
         )
         for begin in range(np.uint64(begins[block]), end, CHUNK):
             stop = min(begin + CHUNK, end)
-            _move_edge_duals(begin, stop, first, neighbour, weight, edge_dual, ahead, steps, pull)
+            _move_edge_duals(
+                begin, stop, (first, neighbour, weight), (edge_dual, anchors[0]), ahead, steps, pull
+            )
             _shade_both(begin, stop, basis, layout, lights[view], shading)
             _move_pixels(
                 begin,
                 stop,
                 (albedo, ahead, ahead_next),
+                anchors,
                 (data_dual, image, total_weight, share),
                 (pull, shading),
                 multiplier[view],
@@ -117,9 +123,11 @@ def sweep(blocks, graph, duals, albedos, givens, lights, multiplier, steps, slop
 
 
 @numba.njit(nogil=True)
-def _move_edge_duals(begin, stop, first, neighbour, weight, edge_dual, ahead, steps, pull):
+def _move_edge_duals(begin, stop, graph, duals, ahead, steps, pull):
     """Step all edge duals of a chunk; what they pull its pixels by, ``Kᵀy``, goes to `pull`."""
-    gain, theta = spread(np.float32(0.5) * UNIT / steps[0]), spread(steps[2])
+    (first, neighbour, weight), (edge_dual, anchor) = graph, duals
+    gain, theta, part = spread(np.float32(0.5) * UNIT / steps[0]), spread(steps[2]), steps[3]
+    notch = spread(EDGE_NOTCH)
     last = first[first.size - ONE] - ONE
     unit, twice, whole = spread(UNIT), spread(TWICE), spread(np.float32(1) / UNIT)
     for s in range(begin, stop):
@@ -133,6 +141,11 @@ def _move_edge_duals(begin, stop, first, neighbour, weight, edge_dual, ahead, st
             z_red = _moved(z_red, own_red - red, gain, theta, unit, twice)
             z_green = _moved(z_green, own_green - green, gain, theta, unit, twice)
             z_blue = _moved(z_blue, own_blue - blue, gain, theta, unit, twice)
+            if part < WHOLE:
+                red, green, blue = _channels(anchor, held)
+                z_red = _drawn_back(z_red, notch * red, part)
+                z_green = _drawn_back(z_green, notch * green, part)
+                z_blue = _drawn_back(z_blue, notch * blue, part)
             _store_channels(edge_dual, held, z_red, z_green, z_blue)
             pull_red, pull_green, pull_blue = (
                 pull_red + w * z_red,
@@ -160,14 +173,15 @@ def _shade_both(begin, stop, basis, layout, light, shading):
 
 
 @numba.njit(nogil=True, error_model="numpy")
-def _move_pixels(begin, stop, albedos, givens, made, multiplier, steps, pulled):
+def _move_pixels(begin, stop, albedos, anchors, givens, made, multiplier, steps, pulled):
     """Step data duals and albedos of a chunk; `pull` then holds ``x ρ``, what the light is pulled by."""
     albedo, ahead, ahead_next = albedos
     data_dual, image, total_weight, share = givens
     pull, shadings = made
-    scale, data_share, relaxation = steps
+    scale, data_share, relaxation, part = steps
     gain, kappa = spread(np.float32(0.5) * data_share / scale), spread(data_share)
-    r, theta, one, two = spread(scale), spread(relaxation), spread(np.float32(1)), spread(np.float32(2))
+    r, theta = spread(scale), spread(relaxation)
+    one, two = spread(np.float32(1)), spread(np.float32(2))
     for s in range(begin, stop):
         weights, counts = load(total_weight, s * EIGHT), load(share, s * EIGHT)
         here = load_channels(ahead, s * QUADS)
@@ -179,11 +193,16 @@ def _move_pixels(begin, stop, albedos, givens, made, multiplier, steps, pulled):
             shading_ahead = load(shadings, local + (s - begin + ONE) * SLICE)
             misfit = (own_ahead - before) * shading + before * shading_ahead - load(image, at)
             x = _moved(load(data_dual, at), misfit, gain, theta, one, two)
+            if part < WHOLE:
+                x = _drawn_back(x, spread(DATA_NOTCH) * load(anchors[1], at), part)
             store(data_dual, at, x)
             store(pulled, c * EIGHT, load(pulled, c * EIGHT) + before * force)
             held = counts * clipped(spread(multiplier[c]), magnitude(shading))
             now = before - r * (force + shading * x - held) / (weights + kappa * shading * shading)
-            store(albedo, at, before + theta * (now - before))
+            moved = before + theta * (now - before)
+            if part < WHOLE:
+                moved = _drawn_back(moved, load(anchors[2], at), part)
+            store(albedo, at, moved)
             store(pull, local, x * before)
             store(shadings, local + (s - begin) * SLICE, two * now - before)
         red, green, blue = _channels(shadings, (s - begin) * SLICE * np.uint64(2))
@@ -240,6 +259,11 @@ def _moved(dual, difference, gain, theta, unit, twice):
     """A dual's step, relaxed; clipped once more to what 16 bits hold."""
     there = clipped(dual + gain * difference, unit)
     return clipped(dual + theta * (there - dual), twice)
+
+
+@numba.njit(inline="always")
+def _drawn_back(value, anchor, part):
+    return spread(part) * value + spread(np.float32(1) - part) * anchor
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
