@@ -198,9 +198,8 @@ def test_a_heavy_edge_makes_its_two_pixels_equal():
     image = np.array([[0.2], [0.8 * 0.5]], np.float32).repeat(3, axis=1)
     shading = np.array([[1.0], [0.5]], np.float32).repeat(3, axis=1)
     heavy, light = (from_edges(2, np.array([0]), np.array([1]), np.array([w])) for w in (5.0, 0.3))
-    assert np.allclose(
-        solved(heavy, image, shading), 0.2, atol=3e-5
-    )  # what is drawn back is, to 8 bits of the dual
+    drawn_back = 3e-5  # to 8 bits of a dual
+    assert np.allclose(solved(heavy, image, shading), 0.2, atol=drawn_back)
     assert np.allclose(solved(light, image, shading)[:, 0], [0.2, 0.8], atol=1e-6)
 
 

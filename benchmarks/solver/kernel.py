@@ -81,10 +81,10 @@ def compulsory_bytes(descent: PrimalDual) -> int:
         descent._ahead,
     ]
     written = [descent._ahead_next]
-    anchor = (
-        descent.edge_dual.size + descent._data_dual.size + descent.albedo.nbytes
-    )  # read in every other epoch
-    return sum(2 * a.nbytes for a in written_back) + sum(a.nbytes for a in (*read, *written)) + anchor // 2
+    anchor = descent.edge_dual.size + descent._data_dual.size + descent.albedo.nbytes
+    every_other_epoch = anchor // 2
+    all_others = sum(2 * a.nbytes for a in written_back) + sum(a.nbytes for a in (*read, *written))
+    return all_others + every_other_epoch
 
 
 def _iteration_s(descent: PrimalDual, at_once: int, seconds: float) -> float:

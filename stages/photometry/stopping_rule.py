@@ -11,9 +11,7 @@ from stages.photometry.alternation import Outcome
 
 FEWEST = 4  # rounds before anything is concluded
 WASTE = 0.25  # of the tolerance: where less than that is left, it is only the gap that is waited for
-STUCK = (
-    0.9  # where the last doubling of all rounds left more than that of the gap, it is not going to close soon
-)
+STUCK = 0.9  # where more than that of the gap is left since half-way, it is not going to close soon
 
 
 @dataclass(frozen=True)

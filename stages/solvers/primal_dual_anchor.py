@@ -40,9 +40,8 @@ class Anchor:
         return cls(*duals, albedo.ravel().copy(), light)
 
 
-NOWHERE = Anchor(
-    *2 * (np.empty(0, np.int8),), np.empty(0, np.float32), np.zeros(1)
-)  # for who does not read it
+# For iterations that are not drawn back, and do not read it.
+NOWHERE = Anchor(np.empty(0, np.int8), np.empty(0, np.int8), np.empty(0, np.float32), np.zeros(1))
 
 
 def in_notches(values: np.ndarray, notch: np.float32) -> np.ndarray:

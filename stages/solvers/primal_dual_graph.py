@@ -10,9 +10,8 @@ from stages.solvers.gram_matrices import gram_matrices
 from stages.solvers.lanes import COUNT
 from stages.solvers.primal_dual_anchor import NOWHERE, Anchor
 from stages.solvers.primal_dual_bounds import Bounds, bounds
+from stages.solvers.primal_dual_inheritance import inherit_edges, inherit_pixels
 from stages.solvers.primal_dual_loops import (
-    inherit_edges,
-    inherit_pixels,
     interleave,
     rescale,
     shade,
@@ -140,7 +139,7 @@ class PrimalDual:
     Both ends of an edge keep their own copy of its dual; the two are negatives of one another to the last
     bit, since rounding is symmetric. So a pixel writes only what is its own: one pass per iteration, no two
     threads meet, and the result does not depend on how many there are. z is kept in 16 bits: a step below
-    3e-5 of its range is lost, which is a difference of albedo of 3e-6 at r = 0.04.
+    3e-5 of its range is lost, which is a difference of albedo of 3e-6 at r = 0.05.
     """
 
     def __init__(
