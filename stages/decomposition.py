@@ -246,7 +246,7 @@ def _write_history(job: Job, solved: Solved) -> None:
 
 DECOMPOSITION = Stage(
     name="decomposition",
-    version=17,
+    version=18,
     about="Albedo, shading and light of each view, from all views together.",
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),

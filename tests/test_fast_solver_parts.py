@@ -16,7 +16,8 @@ from stages.photometry.saddle import graph_of, problem_of
 from stages.photometry.stack import StackedViews, stack_views
 from stages.solvers.gram_matrices import gram_matrices
 from stages.solvers.half_edges import aggregated, from_edges
-from stages.solvers.primal_dual_graph import PrimalDual, Steps
+from stages.solvers.primal_dual_graph import PrimalDual
+from stages.solvers.primal_dual_problem import Steps
 from stages.solvers.sliced_graph import WINDOW, sliced_graph, slices_of
 from stages.solvers.slices import BLOCK, Slices
 from stages.solvers.threading_layer import use_threads
@@ -393,6 +394,43 @@ def test_a_finer_level_inherits_the_duals_of_its_groups():
     sums = np.stack([np.bincount(coarse.group, each) for each in _pulls(two).T], axis=1)
     assert np.abs(pull).max() > 0.1
     assert np.allclose(sums / 4, pull, atol=1e-3)
+
+
+def test_a_finer_level_pulls_no_group_apart():
+    """Where no edge within a group is at its bound, what pulls at its pixels goes by the weights of these."""
+    views = sphere_scene(3, 24, 20).stacked()
+    fine = level_of(views, np.random.default_rng(5).uniform(0.2, 1, (int(views.starts[-1]), 3)))
+    coarse = coarser(fine)
+    light = np.full((3, 3, 9), 0.3)
+    light[:, :, 0] = 3.5
+    one = _held(coarse, coarse.image / coarse.share[:, None], light)
+    one.iterate(30)
+    two = PrimalDual.inheriting(one.legacy(), problem_of(fine), coarse.group)
+    slices = two.problem.slices
+    within, bound = _edges_within(fine, coarse.group, two)
+    force = _pulls(two) + slices.collect(two.shading() * two.legacy().data_dual)
+    groups = coarse.image.shape[0]
+    easy = np.bincount(coarse.group, bound, groups)[coarse.group] == 0
+    total = np.bincount(coarse.group, within, groups)[coarse.group]
+    assert np.mean(easy) > 0.5
+    for channel in force.T:
+        shared = within / np.maximum(total, 1) * np.bincount(coarse.group, channel, groups)[coarse.group]
+        assert np.abs(shared)[easy].max() > 0.05
+        assert np.allclose(channel[easy & (within > 0)], shared[easy & (within > 0)], atol=1e-3)
+
+
+def _edges_within(level: Level, group: np.ndarray, solver: PrimalDual) -> tuple[np.ndarray, np.ndarray]:
+    """Every pixel's weight within its group, and how many duals of such edges are at their bound, (N,) each."""
+    graph, slices = solver.problem.graph, solver.problem.slices
+    owner = np.repeat(np.arange(slices.count), np.diff(graph.first.astype(np.int64)))
+    own = (8 * owner[:, None] + np.arange(8)).ravel()
+    groups = np.full(8 * slices.count, -1)
+    groups[slices.places] = group
+    inside = (graph.weight > 0) & (groups[own] == groups[graph.neighbour])
+    clipped = (np.abs(solver.edge_dual.reshape(-1, 3, 8)) >= 16383).any(axis=1).ravel()
+    weight = np.bincount(own, graph.weight * inside, 8 * slices.count)
+    bound = np.bincount(own, clipped & inside, 8 * slices.count)
+    return weight[slices.places], bound[slices.places]
 
 
 def _held(level: Level, albedo: np.ndarray, light: np.ndarray) -> PrimalDual:

@@ -27,7 +27,8 @@ from stages.photometry.fast_alternation import (  # noqa: E402
     threads_for,
 )
 from stages.photometry.saddle import finest_level  # noqa: E402
-from stages.solvers.primal_dual_graph import PrimalDual, Steps  # noqa: E402
+from stages.solvers.primal_dual_graph import PrimalDual  # noqa: E402
+from stages.solvers.primal_dual_problem import Steps  # noqa: E402
 from stages.solvers.threading_layer import use_threads  # noqa: E402
 
 STARTS = ("coarse to fine", "ρ = I", "constant")

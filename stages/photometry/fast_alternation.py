@@ -14,7 +14,8 @@ from stages.photometry.saddle import finest_level, problem_of
 from stages.photometry.stack import StackedViews
 from stages.photometry.stopping_rule import Round, verdict
 from stages.solvers.free_memory import give_back_free_memory
-from stages.solvers.primal_dual_graph import PrimalDual, Steps
+from stages.solvers.primal_dual_graph import PrimalDual
+from stages.solvers.primal_dual_problem import Steps
 from stages.solvers.threading_layer import use_threads
 
 PIXELS_PER_THREAD = 20_000

@@ -12,7 +12,7 @@ from stages.photometry.energy import EnergyWeights
 from stages.photometry.pyramid import Level
 from stages.photometry.stack import StackedViews
 from stages.solvers.half_edges import HalfEdges, from_edges
-from stages.solvers.primal_dual_graph import Problem
+from stages.solvers.primal_dual_problem import Problem
 from stages.solvers.sliced_graph import sliced_graph, slices_of
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from stages.solvers.gram_matrices import gram_matrices
 from stages.solvers.lanes import COUNT
 from stages.solvers.primal_dual_anchor import NOWHERE, Anchor
 from stages.solvers.primal_dual_bounds import Bounds, bounds
-from stages.solvers.primal_dual_inheritance import inherit_edges, inherit_pixels
+from stages.solvers.primal_dual_filling import fill_in
+from stages.solvers.primal_dual_inheritance import Legacy, inherit_edges, inherit_pixels
 from stages.solvers.primal_dual_loops import (
     interleave,
     rescale,
@@ -18,86 +19,11 @@ from stages.solvers.primal_dual_loops import (
     sweep,
     weigh,
 )
-from stages.solvers.sliced_graph import SlicedGraph
-from stages.solvers.slices import Slices
+from stages.solvers.primal_dual_problem import Problem, Steps
 
 NOTHING = 1e-30  # instead of a division by 0
 TWICE_AS_FAR = 2.0  # what is drawn back may go as far as a reflection
 UNSEEN = 1e-7  # directions of the light that the pixels see less than this (relative) stay as they are
-
-
-@dataclass(frozen=True)
-class Steps:
-    """How far an iteration goes.
-
-    Attributes
-    ----------
-    scale : float
-        r, in units of the albedo: how far the albedo goes, and how little the duals.
-    data_share : float
-        κ: how much faster the data's duals move than the edges', and how much slower the light.
-    relaxation : float
-        θ of plain iterations, 1 (none) to below 2: each goes θ times as far as the scheme without it.
-    epoch : int
-        Iterations of one kind, before as many of the other: plain, or gone twice as far and drawn back to
-        where the epoch began. Between them the gauge is restored, and it is looked at how strongly the pixels
-        see the light.
-    """
-
-    scale: float = 0.05
-    data_share: float = 2.0
-    relaxation: float = 1.4
-    epoch: int = 40
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """``min Σ_p |I_p − ρ_p σ·ν_p| + Σ_{pq} w_pq |ρ_p − ρ_q|`` in every channel, in the gauge.
-
-    Attributes
-    ----------
-    slices : Slices
-    graph : SlicedGraph
-    image : ndarray, shape (S, 3, 8), float32
-        I.
-    basis : ndarray, shape (S, K, 1 or 3, 8), float32
-        ν, shared by the channels or of each.
-    share : ndarray, shape (S, 1, 8), float32
-        What a pixel counts in the gauge: 1, or a group's fullness; 0 where no pixel is.
-    gauge_of_view : ndarray, shape (n,), int64
-        Views that no link joins have each a scale of their own, and a gauge each: which one.
-    wanted : ndarray, shape (G, 3), float64
-        What ``Σ share |ρ|`` is to be in every gauge.
-    """
-
-    slices: Slices
-    graph: SlicedGraph
-    image: np.ndarray
-    basis: np.ndarray
-    share: np.ndarray
-    gauge_of_view: np.ndarray
-    wanted: np.ndarray
-
-    def by_gauge(self, of_views: np.ndarray) -> np.ndarray:
-        """Values of every view, (n, …), added up for every gauge, (G, …)."""
-        sums = np.zeros((len(self.wanted), *of_views.shape[1:]))
-        np.add.at(sums, self.gauge_of_view, of_views)
-        return sums
-
-
-@dataclass(frozen=True, eq=False)
-class Legacy:
-    """What `PrimalDual` leaves to the next finer level; arrays are shared, not copied."""
-
-    slices: Slices
-    graph: SlicedGraph
-    albedo: np.ndarray
-    light: np.ndarray
-    edge_dual: np.ndarray
-    data_dual: np.ndarray
-    multiplier: np.ndarray
-    steps: Steps
-    free_light: bool
 
 
 class PrimalDual:
@@ -181,6 +107,15 @@ class PrimalDual:
         )
         interleave(finer.albedo.ravel(), finer._ahead.ravel())
         finer._multiplier = legacy.multiplier
+        fill_in(
+            problem.slices.blocks,
+            places,
+            own,
+            (finer.edge_dual, finer._data_dual),
+            problem.share,
+            finer._multiplier[problem.gauge_of_view].astype(np.float32),
+            finer.shading(),
+        )
         return finer
 
     def legacy(self) -> Legacy:

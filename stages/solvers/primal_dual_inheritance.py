@@ -2,10 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numba
 import numpy as np
 
 import stages.solvers.threading_layer  # noqa: F401
+from stages.solvers.primal_dual_problem import Steps
+from stages.solvers.sliced_graph import SlicedGraph
+from stages.solvers.slices import Slices, held_at
+
+
+@dataclass(frozen=True, eq=False)
+class Legacy:
+    """What `PrimalDual` leaves to the next finer level; arrays are shared, not copied."""
+
+    slices: Slices
+    graph: SlicedGraph
+    albedo: np.ndarray
+    light: np.ndarray
+    edge_dual: np.ndarray
+    data_dual: np.ndarray
+    multiplier: np.ndarray
+    steps: Steps
+    free_light: bool
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
@@ -15,7 +35,7 @@ def inherit_pixels(group, coarse, fine):
         own, other = np.int64(share), np.int64(group[share])
         if other >= 0:
             for c in range(3):
-                fine[_held(own, c)] = coarse[_held(other, c)]
+                fine[held_at(own, c)] = coarse[held_at(other, c)]
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
@@ -33,11 +53,5 @@ def inherit_edges(group, coarse, fine):
                 at_c = row * 8 + own % 8
                 if weight_c[at_c] > 0 and np.int64(neighbour_c[at_c]) == other:
                     for c in range(3):
-                        dual[_held(at, c)] = dual_c[_held(at_c, c)]
+                        dual[held_at(at, c)] = dual_c[held_at(at_c, c)]
                     break
-
-
-@numba.njit(inline="always")
-def _held(at, channel):
-    """Where a channel of a place lies in rows of three channels of eight."""
-    return at // 8 * 24 + at % 8 + 8 * channel

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba
 import numpy as np
 import scipy.sparse as sp
 
@@ -117,3 +118,9 @@ class Blocks:
     def by_view(self, sums: np.ndarray) -> np.ndarray:
         """Sums of every block, (B, …), added up for every view, (n, …)."""
         return (self._membership @ sums.reshape(len(sums), -1)).reshape(self.view_count, *sums.shape[1:])
+
+
+@numba.njit(inline="always")
+def held_at(place, channel):
+    """Where a channel of a place lies in rows of three channels of eight, flat."""
+    return place // 8 * 24 + place % 8 + 8 * channel
