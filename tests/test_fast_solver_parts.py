@@ -406,6 +406,7 @@ def test_a_finer_level_pulls_no_group_apart():
     one = _held(coarse, coarse.image / coarse.share[:, None], light)
     one.iterate(30)
     two = PrimalDual.inheriting(one.legacy(), problem_of(fine), coarse.group)
+    two.fill_in(coarse.group)
     slices = two.problem.slices
     within, bound = _edges_within(fine, coarse.group, two)
     force = _pulls(two) + slices.collect(two.shading() * two.legacy().data_dual)
@@ -420,7 +421,7 @@ def test_a_finer_level_pulls_no_group_apart():
 
 
 def _edges_within(level: Level, group: np.ndarray, solver: PrimalDual) -> tuple[np.ndarray, np.ndarray]:
-    """Every pixel's weight within its group, and how many duals of such edges are at their bound, (N,) each."""
+    """Every pixel's weight within its group, and how many such edges are at their bound, (N,) each."""
     graph, slices = solver.problem.graph, solver.problem.slices
     owner = np.repeat(np.arange(slices.count), np.diff(graph.first.astype(np.int64)))
     own = (8 * owner[:, None] + np.arange(8)).ravel()

@@ -122,8 +122,9 @@ def from_coarse_to_fine(
         problem = problem_of(levels.pop(0))
         give_back_free_memory()
         descent = PrimalDual.inheriting(legacy, problem, group)
+        del legacy  # makes room for what follows
+        descent.fill_in(group)
         group = finer_group
-        del legacy
     use_threads(threads_for(descent.problem.slices.pixels, threads))
     return descent
 

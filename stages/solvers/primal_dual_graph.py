@@ -84,7 +84,7 @@ class PrimalDual:
 
     @classmethod
     def inheriting(cls, legacy: Legacy, problem: Problem, group: np.ndarray) -> PrimalDual:
-        """Start a level where the one above it stands: albedo, light and duals.
+        """Start a level where the one above it stands: albedo, light and duals; see also `fill_in`.
 
         Parameters
         ----------
@@ -96,8 +96,7 @@ class PrimalDual:
         """
         finer = cls(problem, np.zeros_like(problem.image), legacy.light, legacy.steps, legacy.free_light)
         own, other = problem.graph, legacy.graph
-        places = np.full(COUNT * problem.slices.count, -1, np.int32)
-        places[problem.slices.places] = legacy.slices.places[group]
+        places = problem.slices.spread_numbers(legacy.slices.places[group])
         inherit_pixels(places, legacy.albedo.ravel(), finer.albedo.ravel())
         inherit_pixels(places, legacy.data_dual.ravel(), finer._data_dual.ravel())
         inherit_edges(
@@ -107,16 +106,20 @@ class PrimalDual:
         )
         interleave(finer.albedo.ravel(), finer._ahead.ravel())
         finer._multiplier = legacy.multiplier
+        return finer
+
+    def fill_in(self, group: np.ndarray) -> None:
+        """Give edges within groups, (N,) as before, duals: after `inheriting`, once the legacy is let go."""
+        problem = self.problem
         fill_in(
             problem.slices.blocks,
-            places,
-            own,
-            (finer.edge_dual, finer._data_dual),
+            problem.slices.spread_numbers(group),
+            problem.graph,
+            (self.edge_dual, self._data_dual),
             problem.share,
-            finer._multiplier[problem.gauge_of_view].astype(np.float32),
-            finer.shading(),
+            self._multiplier[problem.gauge_of_view].astype(np.float32),
+            self.shading(),
         )
-        return finer
 
     def legacy(self) -> Legacy:
         """What a finer level takes over; whoever does not keep the rest makes room for it."""

@@ -70,6 +70,12 @@ class Slices:
             sliced[:, kind] = padded.reshape(-1, COUNT)
         return sliced
 
+    def spread_numbers(self, numbers: np.ndarray) -> np.ndarray:
+        """Numbers (N,) of pixels as (S · 8,), int32; −1 where no pixel is."""
+        spread = np.full(COUNT * self.count, -1, np.int32)
+        spread[self.places] = numbers
+        return spread
+
     def spread_basis(self, basis: np.ndarray) -> np.ndarray:
         """ν, (N, K) or (N, K, 1 or 3), as (S, K, 1 or 3, 8)."""
         kinds = int(np.prod(basis.shape[2:]))
