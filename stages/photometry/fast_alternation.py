@@ -124,6 +124,7 @@ def from_coarse_to_fine(
         descent = PrimalDual.inheriting(legacy, problem, group)
         del legacy  # makes room for what follows
         descent.fill_in(group)
+        give_back_free_memory()
         group = finer_group
     use_threads(threads_for(descent.problem.slices.pixels, threads))
     return descent
