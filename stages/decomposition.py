@@ -119,6 +119,7 @@ def _by_transfer(
             disagreement=dict(zip(map(str, stored.radii.tolist()), solved.sky.disagreements, strict=True)),
             lights=int(solved.sky.light_of_view.max()) + 1,
             spread_between_views=round(solved.sky.gains.spread, 4),
+            brightening_between_views=round(solved.sky.brightening, 3),
         )
         trusted = solved.sky.trusted
     job.note(untrusted_pixels=int(np.count_nonzero(~trusted)))
@@ -263,7 +264,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 1,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 2,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

@@ -13,7 +13,7 @@ from stages.photometry.alike_pairs import Pairs, alike_pairs, sample_of
 from stages.photometry.appearance import appearance_of
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
-from stages.photometry.highlights import without_highlights
+from stages.photometry.highlights import brightening, without_highlights
 from stages.photometry.light_from_pairs import PairWeights, Sample, _Objective
 from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
@@ -376,6 +376,25 @@ def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
     assert np.mean(np.abs(matt / (image * noise) - 1) < 1e-6) > 0.9
     alone = replace(views, links={pair: block for pair, block in views.links.items() if 0 not in pair})
     assert np.array_equal(without_highlights(alone, glossy, everything)[first], glossy[first])
+
+
+def test_gloss_is_told_from_light_that_moves(lit):
+    """Both make views differ; gloss only brightens, and few of the views of a place."""
+    views, _, albedo, shading, normals = lit
+    sheen = photo_of(albedo, shading)
+    for view in range(views.view_count):
+        own = views.view(view)
+        towards = normals[own].mean(axis=0)
+        sheen[own] += 2 * np.maximum(normals[own] @ (towards / np.linalg.norm(towards)), 0)[:, None] ** 12
+    everything = np.ones(len(sheen), bool)
+    assert view_gains(views, sheen, everything).spread > 0.15
+    assert brightening(views, sheen, everything) > 1.1
+    turning = sphere_scene(view_count=3, turn_deg=90.0)
+    image = np.concatenate([i[m] for i, m in zip(turning.images, turning.masks, strict=True)])
+    everything = np.ones(len(image), bool)
+    assert brightening(turning.stacked(), image / np.percentile(image, 99), everything) < 1
+    alone = replace(views, links={})
+    assert brightening(alone, sheen, np.ones(len(sheen), bool)) == 1
 
 
 def test_clipped_pixels_do_not_drag_down_those_that_see_better(lit):

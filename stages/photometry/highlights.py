@@ -54,6 +54,20 @@ def without_highlights(views: StackedViews, image: np.ndarray, trusted: np.ndarr
     return matt
 
 
+def brightening(views: StackedViews, image: np.ndarray, trusted: np.ndarray) -> float:
+    """How much further views rise above one another than they fall below.
+
+    Parameters are those of `without_highlights`. Of the brightness' logarithm, root mean squares of
+    `Linked.excess` where it is positive and where it is negative, one over the other; 1 where views see
+    nothing of one another. Gloss only adds, and to few of the views of a place: the ratio is above 1.
+    Light that moves casts shadows as well: below.
+    """
+    seen = np.log(np.maximum(image, 0).mean(axis=1) + DARK)
+    excess = Linked.of(views, trusted).excess(seen)
+    above, below = (np.sqrt(np.mean(np.maximum(side, 0) ** 2)) for side in (excess, -excess))
+    return float(above / below) if below > 0 else 1.0
+
+
 @dataclass(frozen=True, eq=False)
 class Linked:
     """What pixels can be compared with, counted once.

@@ -11,7 +11,7 @@ import numpy as np
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.appearance import appearance_of
 from stages.photometry.fast_alternation import FastDescent, FastSettings
-from stages.photometry.highlights import without_highlights
+from stages.photometry.highlights import brightening, without_highlights
 from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
     PaintEdges,
@@ -26,6 +26,9 @@ from stages.photometry.view_gains import ViewGains, view_gains
 from stages.solvers.threading_layer import use_threads
 
 NEARER = 0.02  # by how much less disagreement light from nearby must leave to be believed in
+GLOSSY = (
+    1.05  # views that differ rise so much further than they fall where it is gloss that makes them differ
+)
 UNLIT = 0.02  # of the median shading: a quotient by less says nothing
 
 
@@ -39,7 +42,8 @@ class SkyDecomposition:
     lighting : str
         One light for all views, or one for each; auto: by `moving`.
     moving : float
-        Spread of the views (see `ViewGains`) above which the light is taken to differ between them.
+        Spread of the views (see `ViewGains`) above which the light is taken to differ between them, unless
+        they differ as gloss makes them (see `brightening`).
     edges : PaintEdges
         Of `albedo`.
     descent : FastSettings
@@ -74,6 +78,8 @@ class SkySolution:
     disagreements : list of float
         Of all scenes.
     gains : ViewGains
+    brightening : float
+        Of the views, after these.
     light_of_view : ndarray, shape (n,), int64
     trusted : ndarray, shape (N,), bool
         Pixels whose data counted.
@@ -91,6 +97,7 @@ class SkySolution:
     scene: int
     disagreements: list[float]
     gains: ViewGains
+    brightening: float
     light_of_view: np.ndarray
     trusted: np.ndarray
     smooth: FastDescent
@@ -131,9 +138,10 @@ def decompose_by_sky(
     if not trusted.any():
         trusted = np.ones_like(trusted)
     gains = view_gains(views, image, trusted)
-    light_of_view = _lights(settings, gains, views.view_count)
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
     matt = image / of_pixel
+    rise = brightening(views, matt, trusted)
+    light_of_view = _lights(settings, gains.spread, rise, views.view_count)
     if not light_of_view.any():  # one light: matt surface looks the same in all views
         matt = without_highlights(views, matt, trusted)
     lights = [sky_light(scene, views, matt, trusted, light_of_view, settings.light, step) for scene in scenes]
@@ -156,7 +164,7 @@ def decompose_by_sky(
     )
     albedo = with_detail(detailed.albedo, matt, light.shading, trusted, look.textured)
     towards = scenes[best].pixels.directions
-    light_found = (light, best, disagreements, gains, light_of_view)
+    light_found = (light, best, disagreements, gains, rise, light_of_view)
     return SkySolution(*light_found, trusted, smooth, detailed, albedo, towards)
 
 
@@ -166,10 +174,10 @@ def explained_best(disagreements: Sequence[float]) -> int:
     return best if disagreements[best] < (1 - NEARER) * disagreements[0] else 0
 
 
-def _lights(settings: SkyDecomposition, gains: ViewGains, count: int) -> np.ndarray:
+def _lights(settings: SkyDecomposition, spread: float, rise: float, count: int) -> np.ndarray:
     apart = settings.lighting == "per-view"
     if settings.lighting == "auto":
-        apart = gains.spread > settings.moving
+        apart = spread > settings.moving and rise < GLOSSY
     return np.arange(count) if apart else np.zeros(count, np.int64)
 
 
