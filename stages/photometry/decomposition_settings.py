@@ -46,8 +46,8 @@ class DecompositionSettings(Settings):
     moving_light: float = setting(
         0.15,
         "`lighting: auto`: where the same surface point differs more than this from view to view, after "
-        "gains, each view has its own light, unless views rise further above one another than they fall below: "
-        "that is gloss, which only adds. Noise stays below.",
+        "gains, each view has its own light, unless views rise further above one another than they fall "
+        "below: that is gloss, which only adds. Noise stays below.",
         unit="typical difference of the logarithms",
         gt=0,
     )
