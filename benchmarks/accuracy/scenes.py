@@ -32,6 +32,15 @@ COMBINATIONS: tuple[tuple[str, str, dict[str, Any], dict[str, Any]], ...] = (
     ("skull", "studio", {}, {}),
     ("skull", "venice", {"paint": "texture"}, SMOOTHED),
     ("skull", "workshop", STRIPES, {}),
+    ("gutenberg", "one_lamp", STRIPES | GLOSSY, {}),
+    ("gutenberg", "studio", {"paint": "texture"}, {}),
+    ("gutenberg", "venice", {}, SMOOTHED),
+    ("plato", "four_lamps", GLOSSY, {}),
+    ("plato", "dome", {"paint": "texture"}, {}),
+    ("plato", "workshop", STRIPES, {}),
+    ("skull", "one_lamp", {}, {}),
+    ("skull", "four_lamps", {"paint": "texture"}, {}),
+    ("skull", "apartment", STRIPES, SMOOTHED),
 )
 LIGHTS_OF_OUR_OWN = ("dome", "four_lamps", "one_lamp")
 
