@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from stages.photometry import sky_decomposition
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.alike_pairs import Pairs, alike_pairs, sample_of
 from stages.photometry.appearance import appearance_of
@@ -378,14 +379,20 @@ def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
     assert np.array_equal(without_highlights(alone, glossy, everything)[first], glossy[first])
 
 
-def test_gloss_is_told_from_light_that_moves(lit):
-    """Both make views differ; gloss only brightens, and few of the views of a place."""
+def with_sheen(lit) -> np.ndarray:
+    """The photos with a broad highlight in the middle of every view."""
     views, _, albedo, shading, normals = lit
     sheen = photo_of(albedo, shading)
     for view in range(views.view_count):
         own = views.view(view)
         towards = normals[own].mean(axis=0)
         sheen[own] += 2 * np.maximum(normals[own] @ (towards / np.linalg.norm(towards)), 0)[:, None] ** 12
+    return sheen
+
+
+def test_gloss_is_told_from_light_that_moves(lit):
+    """Both make views differ; gloss only brightens, and few of the views of a place."""
+    views, sheen = lit[0], with_sheen(lit)
     everything = np.ones(len(sheen), bool)
     assert view_gains(views, sheen, everything).spread > 0.15
     assert brightening(views, sheen, everything) > 1.1
@@ -395,6 +402,29 @@ def test_gloss_is_told_from_light_that_moves(lit):
     assert brightening(turning.stacked(), image / np.percentile(image, 99), everything) < 1
     alone = replace(views, links={})
     assert brightening(alone, sheen, np.ones(len(sheen), bool)) == 1
+
+
+def test_glossy_views_have_one_light_and_firm_links(lit, monkeypatch):
+    """What the views dispute is settled by their links: the weights found reach the solver."""
+    views, sky, albedo, _, _ = lit
+    weighed = []
+
+    def solve(*given):
+        weighed.append(given[4])
+        return albedo_under_light(*given)
+
+    monkeypatch.setattr(sky_decomposition, "albedo_under_light", solve)
+    images = list(np.ascontiguousarray(with_sheen(lit).T))
+    found = decompose_by_sky(views, images, [sky], np.ones(len(albedo), bool), HOW, 1, lambda: None)
+    assert found.gains.spread > HOW.moving
+    assert found.light_of_view.max() == 0
+    of_tv, of_albedo = weighed
+    assert of_tv == ALIKE
+    assert of_albedo.smoothness.size == sum(p.size for p, _ in views.neighbours())
+    assert of_albedo.agreement.size == sum(p.size for p, _ in views.linked_pixels())
+    least = HOW.descent.weights.consistency
+    assert of_albedo.agreement.min() >= np.float32(least)
+    assert of_albedo.agreement.max() > 2 * least
 
 
 def test_clipped_pixels_do_not_drag_down_those_that_see_better(lit):
