@@ -11,10 +11,19 @@ import numpy as np
 
 import stages.solvers.threading_layer  # noqa: F401
 from stages.solvers.primal_dual_bounds import UNIT
-from stages.solvers.slices import held_at
+from stages.solvers.sliced_graph import NEARLY_FREE, SlicedGraph
+from stages.solvers.slices import Blocks, held_at
 
 
-def fill_in(blocks, group, graph, duals, share, multiplier, shading):
+def fill_in(
+    blocks: Blocks,
+    group: np.ndarray,
+    graph: SlicedGraph,
+    duals: tuple[np.ndarray, np.ndarray],
+    share: np.ndarray,
+    multiplier: np.ndarray,
+    shading: np.ndarray,
+) -> None:
     """Let the edges within each group carry off what pulls at its pixels otherwise.
 
     Parameters
@@ -65,7 +74,7 @@ def _potentials(runs, group, graph, edge_dual, data_dual, share, multiplier, pot
             for c in range(3):
                 at = held_at(own, c)
                 pull[c] += potential[at] * data_dual[at] - share[own] * min(kept[c], abs(potential[at]))
-                potential[at] = -pull[c] / within if within > 0 else np.float32(0)
+                potential[at] = -pull[c] / max(within, NEARLY_FREE)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
@@ -81,8 +90,7 @@ def _even_out(group, graph, potential, even):
                 for c in range(3):
                     mean[c] += weight[at] * potential[held_at(np.int64(neighbour[at]), c)]
         for c in range(3):
-            half = mean[c] / (2 * within) if within > 0 else np.float32(0)
-            even[held_at(own, c)] = potential[held_at(own, c)] + half
+            even[held_at(own, c)] = potential[held_at(own, c)] + mean[c] / (2 * max(within, NEARLY_FREE))
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
