@@ -305,5 +305,5 @@ RENDER = Stage(
         Artefact("truth", "true albedo, shading, parts and masks per view", output="truth"),
     ),
     run=run,
-    tools=("mitsuba", "scikit-image", "open3d-cpu", "open3d"),
+    tools=("mitsuba", "scikit-image", "opencv-python-headless", "open3d-cpu", "open3d"),
 )

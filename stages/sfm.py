@@ -303,5 +303,5 @@ SFM = Stage(
         Artefact("database", "COLMAP database of features and matches", file="database.db"),
     ),
     run=run,
-    tools=("pycolmap",),
+    tools=("pycolmap", "opencv-python-headless"),
 )

@@ -152,5 +152,5 @@ UNDISTORT = Stage(
         Artefact("kept", "masks of the views that have one, white = keep"),
     ),
     run=run,
-    tools=("pycolmap",),
+    tools=("pycolmap", "opencv-python-headless"),
 )
