@@ -100,5 +100,5 @@ RAYCAST = Stage(
         ),
     ),
     run=run,
-    tools=("open3d-cpu", "open3d"),
+    tools=("open3d-cpu", "open3d", "opencv-python-headless"),
 )

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.pyramid import Level, coarser, pyramid
-from stages.photometry.saddle import graph_of, problem_of
+from stages.photometry.saddle import EdgeWeights, graph_of, problem_of
 from stages.photometry.stack import StackedViews, stack_views
 from stages.solvers.gram_matrices import gram_matrices
 from stages.solvers.half_edges import aggregated, from_edges
@@ -403,13 +403,17 @@ def test_a_finer_level_pulls_no_group_apart():
     coarse = coarser(fine)
     light = np.full((3, 3, 9), 0.3)
     light[:, :, 0] = 3.5
-    one = _held(coarse, coarse.image / coarse.share[:, None], light)
+    problem = problem_of(coarse)
+    one = PrimalDual(problem, problem.slices.spread(coarse.image / coarse.share[:, None]), light, Steps())
     one.iterate(30)
     two = PrimalDual.inheriting(one.legacy(), problem_of(fine), coarse.group)
     two.fill_in(coarse.group)
     slices = two.problem.slices
     within, bound = _edges_within(fine, coarse.group, two)
-    force = _pulls(two) + slices.collect(two.shading() * two.legacy().data_dual)
+    shading, multiplier = slices.collect(two.shading()), two.legacy().multiplier
+    held = np.minimum(multiplier[fine.gauge_of_view[fine.view_of_pixel]], np.abs(shading))
+    force = _pulls(two) + shading * slices.collect(two.legacy().data_dual) - held
+    assert held.min() > 5e-3  # what is asked of the rest is finer
     groups = coarse.image.shape[0]
     easy = np.bincount(coarse.group, bound, groups)[coarse.group] == 0
     total = np.bincount(coarse.group, within, groups)[coarse.group]
@@ -418,6 +422,37 @@ def test_a_finer_level_pulls_no_group_apart():
         shared = within / np.maximum(total, 1) * np.bincount(coarse.group, channel, groups)[coarse.group]
         assert np.abs(shared)[easy].max() > 0.05
         assert np.allclose(channel[easy & (within > 0)], shared[easy & (within > 0)], atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_filling_in_leaves_duals_that_are_opposite_at_both_ends(seed):
+    """Under a light that moves, in the gauge, with edges of any weight, next to nothing included."""
+    views = sphere_scene(3, 24, 20).stacked()
+    rng = np.random.default_rng(seed)
+    fine = level_of(views, rng.uniform(0.2, 1, (int(views.starts[-1]), 3)))
+    count = sum(p.size for p, _ in views.neighbours())
+    uneven = EdgeWeights(smoothness=10.0 ** rng.uniform(-9, 1, count).astype(np.float32))
+    fine = replace(fine, graph=graph_of(views, WEIGHTS, uneven))
+    coarse = coarser(fine)
+    light = np.full((3, 3, 9), 0.3)
+    problem = problem_of(coarse)
+    one = PrimalDual(problem, problem.slices.spread(coarse.image / coarse.share[:, None]), light, Steps())
+    one.iterate(40)
+    two = PrimalDual.inheriting(one.legacy(), problem_of(fine), coarse.group)
+    before = two.edge_dual.copy()
+    two.fill_in(coarse.group)
+    assert np.any(two.edge_dual != before)
+    assert np.all(np.abs(two.edge_dual.astype(int)) <= np.maximum(16383, np.abs(before.astype(int))))
+    ends = _duals_of_ends(two)
+    assert all(np.array_equal(dual, -ends[q, p]) for (p, q), dual in ends.items())
+
+
+def _duals_of_ends(solver: PrimalDual) -> dict[tuple[int, int], np.ndarray]:
+    graph, dual = solver.problem.graph, solver.edge_dual.reshape(-1, 3, 8).astype(int)
+    owner = np.repeat(np.arange(solver.problem.slices.count), np.diff(graph.first.astype(np.int64)))
+    own = (8 * owner[:, None] + np.arange(8)).ravel()
+    held = np.flatnonzero(graph.weight > 0)
+    return {(int(own[at]), int(graph.neighbour[at])): dual[at // 8, :, at % 8] for at in held}
 
 
 def _edges_within(level: Level, group: np.ndarray, solver: PrimalDual) -> tuple[np.ndarray, np.ndarray]:

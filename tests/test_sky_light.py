@@ -14,7 +14,7 @@ from stages.photometry.alike_pairs import Pairs, alike_pairs, sample_of
 from stages.photometry.appearance import appearance_of
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
-from stages.photometry.highlights import brightening, without_highlights
+from stages.photometry.highlights import Linked, brightening, without_highlights
 from stages.photometry.light_from_pairs import PairWeights, Sample, _Objective
 from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
@@ -369,14 +369,14 @@ def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
     noise = 1 + 0.02 * rng.standard_normal(image.shape)
     glossy = (image * noise + highlight).astype(np.float32)
     everything = np.ones(len(image), bool)
-    clean = without_highlights(views, glossy, everything)
+    clean = without_highlights(Linked.of(views, everything), glossy)
     assert np.all(clean <= glossy)
     lobe = linked & (highlight[:, 0] > 0.1)
     assert np.abs(np.mean(clean[lobe] - image[lobe])) < 0.3 * np.mean(highlight[lobe])
-    matt = without_highlights(views, (image * noise).astype(np.float32), everything)
+    matt = without_highlights(Linked.of(views, everything), (image * noise).astype(np.float32))
     assert np.mean(np.abs(matt / (image * noise) - 1) < 1e-6) > 0.9
     alone = replace(views, links={pair: block for pair, block in views.links.items() if 0 not in pair})
-    assert np.array_equal(without_highlights(alone, glossy, everything)[first], glossy[first])
+    assert np.array_equal(without_highlights(Linked.of(alone, everything), glossy)[first], glossy[first])
 
 
 def with_sheen(lit) -> np.ndarray:
@@ -394,14 +394,19 @@ def test_gloss_is_told_from_light_that_moves(lit):
     """Both make views differ; gloss only brightens, and few of the views of a place."""
     views, sheen = lit[0], with_sheen(lit)
     everything = np.ones(len(sheen), bool)
-    assert view_gains(views, sheen, everything).spread > 0.15
-    assert brightening(views, sheen, everything) > 1.1
-    turning = sphere_scene(view_count=3, turn_deg=90.0)
-    image = np.concatenate([i[m] for i, m in zip(turning.images, turning.masks, strict=True)])
-    everything = np.ones(len(image), bool)
-    assert brightening(turning.stacked(), image / np.percentile(image, 99), everything) < 1
+    assert view_gains(views, sheen, everything).spread > HOW.moving
+    assert brightening(Linked.of(views, everything), sheen) > 1.1
     alone = replace(views, links={})
-    assert brightening(alone, sheen, np.ones(len(sheen), bool)) == 1
+    assert brightening(Linked.of(alone, everything), sheen) == 1
+
+
+def test_views_under_a_light_that_moves_have_one_each():
+    scene = sphere_scene(view_count=3, turn_deg=90.0)
+    views, sky = scene.stacked(), open_scene(normals_of(scene))
+    images, everything = scene.channels(), np.ones(int(scene.stacked().starts[-1]), bool)
+    found = decompose_by_sky(views, images, [sky], everything, HOW, 1, lambda: None)
+    assert found.brightening < 1
+    assert found.light_of_view.tolist() == [0, 1, 2]
 
 
 def test_glossy_views_have_one_light_and_firm_links(lit, monkeypatch):
@@ -435,7 +440,7 @@ def test_clipped_pixels_do_not_drag_down_those_that_see_better(lit):
     clipped[first] = np.minimum(image[first], 0.4)
     seen_well = ~(first[:, None] & (clipped == 0.4)).any(axis=1)
     dragged, dragged_by_clipped = (
-        np.mean(without_highlights(views, clipped, trusted)[~first] < 0.95 * image[~first])
+        np.mean(without_highlights(Linked.of(views, trusted), clipped)[~first] < 0.95 * image[~first])
         for trusted in (seen_well, np.ones(len(image), bool))
     )
     assert dragged < 0.03

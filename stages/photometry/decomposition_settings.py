@@ -41,7 +41,8 @@ class DecompositionSettings(Settings):
     lighting: Literal["auto", "shared", "per-view"] = setting(
         "auto",
         "`light: directions`. shared: one light for all views, with a gain per view and channel. per-view: "
-        "a light each, as when lamps are carried about or clouds pass. auto: by `moving_light`.",
+        "a light each, as when lamps are carried about or clouds pass. auto: by `moving_light`; light "
+        "that is brighter in only a few of many views passes for gloss there.",
     )
     moving_light: float = setting(
         0.15,

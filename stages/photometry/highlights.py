@@ -18,17 +18,16 @@ TOLERANCE = 0.02  # of the logarithm: noise
 RARE = 0.05  # share of a patch: fewer negative values than that count for less
 
 
-def without_highlights(views: StackedViews, image: np.ndarray, trusted: np.ndarray) -> np.ndarray:
+def without_highlights(linked: Linked, image: np.ndarray) -> np.ndarray:
     """Take off what a view sees of its surface beyond what the others see of it.
 
     Parameters
     ----------
-    views : StackedViews
-        Their links say what is the same surface.
+    linked : Linked
+        What is the same surface. Only trusted pixels are compared, and looked at: what is clipped is no
+        measure.
     image : ndarray, shape (N, 3), float32
         Scaled, under one light; gains of the views divided out.
-    trusted : ndarray, shape (N,), bool
-        Pixels that others are compared with, and that are looked at: what is clipped is no measure.
 
     Returns
     -------
@@ -42,30 +41,44 @@ def without_highlights(views: StackedViews, image: np.ndarray, trusted: np.ndarr
     among m around (less where hardly anything is). Views that see each other's fine paint half a pixel off
     differ in both directions alike, and keep what they have. Highlights of a few pixels are cut by half.
     """
-    linked, matt = Linked.of(views, trusted), np.empty_like(image)
+    matt = np.empty_like(image)
     for c, seen in enumerate(image.T):
         before = np.log(np.maximum(seen, 0) + DARK)
         after = before
         for _ in range(ROUNDS):
             excess = linked.excess(after)
-            after = after - np.maximum(0, excess - _misfit(views, excess) - TOLERANCE)
+            after = after - np.maximum(0, excess - _misfit(linked.views, excess) - TOLERANCE)
         gloss = (np.maximum(seen, 0) + DARK) * (1 - np.exp(after - before))
-        matt[:, c] = np.where(trusted, np.maximum(seen - gloss, np.minimum(seen, 0)), seen)
+        matt[:, c] = np.where(linked.trusted, np.maximum(seen - gloss, np.minimum(seen, 0)), seen)
     return matt
 
 
-def brightening(views: StackedViews, image: np.ndarray, trusted: np.ndarray) -> float:
+def brightening(linked: Linked, image: np.ndarray) -> float:
     """How much further views rise above one another than they fall below.
 
-    Parameters are those of `without_highlights`. Of the brightness' logarithm, root mean squares of
-    `Linked.excess` where it is positive and where it is negative, one over the other; 1 where views see
-    nothing of one another. Gloss only adds, and to few of the views of a place: the ratio is above 1.
-    Light that moves casts shadows as well: below.
+    Parameters
+    ----------
+    linked : Linked
+        What is the same surface.
+    image : ndarray, shape (N, 3)
+        Scaled; gains of the views divided out.
+
+    Returns
+    -------
+    float
+        Of `Linked.excess` of the brightness' logarithm, over trusted pixels: the root mean square of what is
+        positive over that of what is negative. 1 where views see nothing of one another.
+
+    Notes
+    -----
+    A highlight that one of n views sees of a place makes it about √(n − 1): above 1 for gloss, though two
+    views hardly tell. Lamps that are carried about light most places in most views and leave deep
+    shadows: below 1. Light that is brighter in few of many views passes for gloss.
     """
     seen = np.log(np.maximum(image, 0).mean(axis=1) + DARK)
-    excess = Linked.of(views, trusted).excess(seen)
-    above, below = (np.sqrt(np.mean(np.maximum(side, 0) ** 2)) for side in (excess, -excess))
-    return float(above / below) if below > 0 else 1.0
+    excess = linked.excess(seen)[linked.trusted]
+    above, below = (np.square(np.maximum(side, 0)).sum() for side in (excess, -excess))
+    return float(np.sqrt(above / below)) if below > 0 else 1.0
 
 
 @dataclass(frozen=True, eq=False)

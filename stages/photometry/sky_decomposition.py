@@ -11,7 +11,7 @@ import numpy as np
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.appearance import appearance_of
 from stages.photometry.fast_alternation import FastDescent, FastSettings
-from stages.photometry.highlights import brightening, without_highlights
+from stages.photometry.highlights import Linked, brightening, without_highlights
 from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
     PaintEdges,
@@ -40,7 +40,7 @@ class SkyDecomposition:
     ----------
     light : SkySettings
     lighting : str
-        One light for all views, or one for each; auto: by `moving`.
+        One light for all views, or one for each; auto: by `moving` and `GLOSSY`.
     moving : float
         Spread of the views (see `ViewGains`) above which the light is taken to differ between them, unless
         they differ as gloss makes them (see `brightening`).
@@ -140,10 +140,11 @@ def decompose_by_sky(
     gains = view_gains(views, image, trusted)
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
     matt = image / of_pixel
-    rise = brightening(views, matt, trusted)
+    linked = Linked.of(views, trusted)
+    rise = brightening(linked, matt)
     light_of_view = _lights(settings, gains.spread, rise, views.view_count)
     if not light_of_view.any():  # one light: matt surface looks the same in all views
-        matt = without_highlights(views, matt, trusted)
+        matt = without_highlights(linked, matt)
     lights = [sky_light(scene, views, matt, trusted, light_of_view, settings.light, step) for scene in scenes]
     disagreements = [light.disagreement for light in lights]
     best = explained_best(disagreements)

@@ -25,8 +25,8 @@ class ViewGains:
         Of every view and channel; geometric mean 1. Views without links have 1.
     spread : float
         What is left after the gains: the typical difference of the logarithms of two views' brightness in
-        the same patch of surface. Noise and gloss make it some percent; light that moves, much more. 0
-        without links.
+        the same patch of surface. Noise makes it some percent; light that moves, or gloss all over
+        (see `brightening`), much more. 0 without links.
     """
 
     gains: np.ndarray
