@@ -159,9 +159,8 @@ def random_shading(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarr
     return (size * rng.choice([-1.0, 1.0], shape, p=[0.2, 0.8])).astype(np.float32)
 
 
-FINE = replace(
-    STEPS, scale=0.01, epoch=3000
-)  # duals of 16 bits resolve 1e-6; the second half is not drawn back
+# Duals of 16 bits then resolve 1e-6, and the second half of the iterations is not drawn back.
+FINE = replace(STEPS, scale=0.01, epoch=3000)
 
 
 def solved(graph, image, shading, count=6000, steps=STEPS) -> np.ndarray:
@@ -448,25 +447,32 @@ def test_filling_in_leaves_duals_that_are_opposite_at_both_ends(seed):
 
 
 def _duals_of_ends(solver: PrimalDual) -> dict[tuple[int, int], np.ndarray]:
+    """Duals of the three channels by the two places of an edge, its own first."""
     graph, dual = solver.problem.graph, solver.edge_dual.reshape(-1, 3, 8).astype(int)
-    owner = np.repeat(np.arange(solver.problem.slices.count), np.diff(graph.first.astype(np.int64)))
-    own = (8 * owner[:, None] + np.arange(8)).ravel()
-    held = np.flatnonzero(graph.weight > 0)
+    own, held = _own_places(solver), np.flatnonzero(graph.weight > 0)
     return {(int(own[at]), int(graph.neighbour[at])): dual[at // 8, :, at % 8] for at in held}
 
 
 def _edges_within(level: Level, group: np.ndarray, solver: PrimalDual) -> tuple[np.ndarray, np.ndarray]:
     """Every pixel's weight within its group, and how many such edges are at their bound, (N,) each."""
     graph, slices = solver.problem.graph, solver.problem.slices
-    owner = np.repeat(np.arange(slices.count), np.diff(graph.first.astype(np.int64)))
-    own = (8 * owner[:, None] + np.arange(8)).ravel()
-    groups = np.full(8 * slices.count, -1)
-    groups[slices.places] = group
+    own, groups = _own_places(solver), slices.spread_numbers(group)
     inside = (graph.weight > 0) & (groups[own] == groups[graph.neighbour])
     clipped = (np.abs(solver.edge_dual.reshape(-1, 3, 8)) >= 16383).any(axis=1).ravel()
     weight = np.bincount(own, graph.weight * inside, 8 * slices.count)
     bound = np.bincount(own, clipped & inside, 8 * slices.count)
     return weight[slices.places], bound[slices.places]
+
+
+def _own_places(solver: PrimalDual) -> np.ndarray:
+    """The place that every half-edge belongs to, (R · 8,)."""
+    return (8 * _own_slices(solver)[:, None] + np.arange(8)).ravel()
+
+
+def _own_slices(solver: PrimalDual) -> np.ndarray:
+    """The slice that every row belongs to, (R,)."""
+    rows = np.diff(solver.problem.graph.first.astype(np.int64))
+    return np.repeat(np.arange(solver.problem.slices.count), rows)
 
 
 def _held(level: Level, albedo: np.ndarray, light: np.ndarray) -> PrimalDual:
@@ -479,7 +485,6 @@ def _pulls(solver: PrimalDual) -> np.ndarray:
     graph, slices = solver.problem.graph, solver.problem.slices
     dual = solver.edge_dual.reshape(-1, 3, 8) / 16383
     weighed = dual * graph.weight.reshape(-1, 1, 8)
-    owner = np.repeat(np.arange(slices.count), np.diff(graph.first.astype(np.int64)))
     pulls = np.zeros((slices.count, 3, 8))
-    np.add.at(pulls, owner, weighed)
+    np.add.at(pulls, _own_slices(solver), weighed)
     return slices.collect(pulls)

@@ -403,7 +403,7 @@ def test_gloss_is_told_from_light_that_moves(lit):
 def test_views_under_a_light_that_moves_have_one_each():
     scene = sphere_scene(view_count=3, turn_deg=90.0)
     views, sky = scene.stacked(), open_scene(normals_of(scene))
-    images, everything = scene.channels(), np.ones(int(scene.stacked().starts[-1]), bool)
+    images, everything = scene.channels(), np.ones(int(views.starts[-1]), bool)
     found = decompose_by_sky(views, images, [sky], everything, HOW, 1, lambda: None)
     assert found.brightening < 1
     assert found.light_of_view.tolist() == [0, 1, 2]

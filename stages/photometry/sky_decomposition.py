@@ -26,9 +26,7 @@ from stages.photometry.view_gains import ViewGains, view_gains
 from stages.solvers.threading_layer import use_threads
 
 NEARER = 0.02  # by how much less disagreement light from nearby must leave to be believed in
-GLOSSY = (
-    1.05  # views that differ rise so much further than they fall where it is gloss that makes them differ
-)
+GLOSSY = 1.05  # `brightening` above which it is gloss that makes views differ
 UNLIT = 0.02  # of the median shading: a quotient by less says nothing
 
 
@@ -139,12 +137,7 @@ def decompose_by_sky(
         trusted = np.ones_like(trusted)
     gains = view_gains(views, image, trusted)
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
-    matt = image / of_pixel
-    linked = Linked.of(views, trusted)
-    rise = brightening(linked, matt)
-    light_of_view = _lights(settings, gains.spread, rise, views.view_count)
-    if not light_of_view.any():  # one light: matt surface looks the same in all views
-        matt = without_highlights(linked, matt)
+    light_of_view, rise, matt = _lights_and_gloss(settings, views, image / of_pixel, trusted, gains.spread)
     lights = [sky_light(scene, views, matt, trusted, light_of_view, settings.light, step) for scene in scenes]
     disagreements = [light.disagreement for light in lights]
     best = explained_best(disagreements)
@@ -173,6 +166,17 @@ def explained_best(disagreements: Sequence[float]) -> int:
     """Index of the least; the first, light from far away, unless another is clearly better."""
     best = int(np.argmin(disagreements))
     return best if disagreements[best] < (1 - NEARER) * disagreements[0] else 0
+
+
+def _lights_and_gloss(
+    settings: SkyDecomposition, views: StackedViews, image: np.ndarray, trusted: np.ndarray, spread: float
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """Which light every view stands in, (n,), the views' brightening, the image without its gloss."""
+    linked = Linked.of(views, trusted)
+    rise = brightening(linked, image)
+    light_of_view = _lights(settings, spread, rise, views.view_count)
+    one_light = not light_of_view.any()  # matt surface then looks the same in all views
+    return light_of_view, rise, without_highlights(linked, image) if one_light else image
 
 
 def _lights(settings: SkyDecomposition, spread: float, rise: float, count: int) -> np.ndarray:
