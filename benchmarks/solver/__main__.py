@@ -85,6 +85,7 @@ def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--problems", help=f"comma-separated, of {', '.join(PROBLEMS)} and plane-PIXELS")
     parser.add_argument("--sizes", help="pixels of the growing graphs, comma-separated; empty for none")
     parser.add_argument("--budget", type=float, metavar="SECONDS", help="of every method on every problem")
+    parser.add_argument("--rounds", type=int, default=400, help="of ours at most, however short they are")
     parser.add_argument("--threads", type=int, default=THREADS)
     parser.add_argument("--to", type=Path, default=ROOT / "workspaces" / "solver-benchmark")
     return parser.parse_args(argv)
@@ -104,7 +105,7 @@ def plan_of(given: argparse.Namespace) -> Plan:
         problems = tuple(given.problems.split(","))
     if given.sizes is not None:
         sizes = tuple(int(size) for size in given.sizes.split(",") if size)
-    rules = Rules(given.budget or budget_s, given.threads)
+    rules = Rules(given.budget or budget_s, given.threads, given.rounds)
     return Plan(problems, given.full, sizes, most_rounds, kernel_s, rules, given.to)
 
 

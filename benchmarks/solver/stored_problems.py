@@ -15,6 +15,8 @@ from pipeline import UserError
 from pipeline.record import Record
 from pipeline.run import Listener
 from pipeline.store import Store
+from stages.photometry.decomposition_settings import DecompositionSettings
+from stages.photometry.solver_settings import weights_at
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 BALANCES = (Weights(40.0, 1.0), Weights(4.0, 1.0))  # at a quarter of the size λ = 10 and 1
@@ -49,7 +51,8 @@ def fountain() -> Iterator[RaceProblem]:
     views, images = views_and_images(paths_of(store, records))
     tall, wide = np.max([mask.shape for mask in views.masks], axis=0)
     about = f"fountain-P11, {views.view_count} views within {wide}×{tall}"
-    yield RaceProblem(f"fountain-{wide}x{tall}", about, views, images, weights_of(1.0, 1.0))  # the defaults
+    default = weights_at(DecompositionSettings(mode="paper", solver="fast"), views.side, views.links_per_pixel)
+    yield RaceProblem(f"fountain-{wide}x{tall}", about, views, images, default)
 
 
 def _finest_pair(store: Store) -> tuple[Record, Record]:

@@ -13,7 +13,7 @@ from stages.photometry.pyramid import Level, pyramid
 from stages.photometry.saddle import finest_level, problem_of
 from stages.photometry.stack import StackedViews
 from stages.photometry.stopping_rule import Round, verdict
-from stages.solvers.free_memory import give_back_free_memory
+from stages.solvers.free_memory import give_back_free_memory, keep_large_blocks_apart
 from stages.solvers.primal_dual_graph import PrimalDual
 from stages.solvers.primal_dual_problem import Steps
 from stages.solvers.threading_layer import use_threads
@@ -110,6 +110,7 @@ def from_coarse_to_fine(
 
     A light that is given, (n, 3, K), stays as it is.
     """
+    keep_large_blocks_apart()
     levels = pyramid(finest, settings.fewest_pixels)
     del finest  # a level makes room once it is arranged
     group = levels[0].group

@@ -1,0 +1,53 @@
+"""Memory that is free goes back to the system, where the C library is glibc."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# A block of 30 MiB that is let go raises glibc's limit; one of 16 MiB then comes from its heap, and stays
+# there when it is let go, since a small one lies above it.
+LEFT_BEHIND = """
+import ctypes, sys
+from pathlib import Path
+from stages.solvers.free_memory import give_back_free_memory, keep_large_blocks_apart
+
+def resident_mib():
+    status = Path("/proc/self/status").read_text().splitlines()
+    return int(next(line for line in status if line.startswith("VmRSS")).split()[1]) / 1024
+
+libc = ctypes.CDLL(None)
+libc.malloc.restype, libc.malloc.argtypes = ctypes.c_void_p, [ctypes.c_size_t]
+libc.free.restype, libc.free.argtypes = None, [ctypes.c_void_p]
+if "apart" in sys.argv:
+    keep_large_blocks_apart()
+libc.free(libc.malloc(30 << 20))
+before = resident_mib()
+large = libc.malloc(16 << 20)
+ctypes.memset(large, 1, 16 << 20)
+small = libc.malloc(100_000)
+libc.free(large)
+if "trim" in sys.argv:
+    give_back_free_memory()
+print(resident_mib() - before)
+"""
+
+
+def left_behind_mib(*how: str) -> float:
+    """What is left of 16 MiB that were let go."""
+    command = [sys.executable, "-c", LEFT_BEHIND, *how]
+    return float(subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
+@pytest.mark.parametrize("how", ["apart", "trim"])
+def test_large_blocks_that_are_let_go_go_back_to_the_system(how):
+    """Without it glibc keeps them."""
+    if left_behind_mib() < 15:
+        pytest.skip("this C library keeps nothing")
+    assert left_behind_mib(how) < 2
