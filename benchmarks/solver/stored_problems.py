@@ -51,8 +51,9 @@ def fountain() -> Iterator[RaceProblem]:
     views, images = views_and_images(paths_of(store, records))
     tall, wide = np.max([mask.shape for mask in views.masks], axis=0)
     about = f"fountain-P11, {views.view_count} views within {wide}×{tall}"
-    default = weights_at(DecompositionSettings(mode="paper", solver="fast"), views.side, views.links_per_pixel)
-    yield RaceProblem(f"fountain-{wide}x{tall}", about, views, images, default)
+    asked = DecompositionSettings(mode="paper", solver="fast")
+    weights = weights_at(asked, views.side, views.links_per_pixel)
+    yield RaceProblem(f"fountain-{wide}x{tall}", about, views, images, weights)
 
 
 def _finest_pair(store: Store) -> tuple[Record, Record]:
