@@ -56,6 +56,12 @@ def own_copy(finished, tmp_path) -> Path:
     return Path(shutil.copytree(finished, tmp_path / "workspace"))
 
 
+def test_a_folder_of_photos_in_the_configurations_place_is_told_apart(capsys):
+    code, _, said = unshade(capsys, "run", SAMPLE / "photos")
+    assert code == 2
+    assert f"`--images {SAMPLE / 'photos'}`" in " ".join(said.split())
+
+
 def test_from_photos_to_albedo(finished):
     output = finished / "output"
     names = sorted(path.stem for path in (SAMPLE / "photos").iterdir())

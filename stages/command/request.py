@@ -88,9 +88,20 @@ def _request(
 
 
 def config_of(command: Given) -> Config:
-    """The configuration file's content, or an empty configuration."""
+    """The configuration file's content, or an empty configuration.
+
+    Raises
+    ------
+    UserError
+        There is no such file, or it holds something else.
+    """
     if command.config is None:
         return Config()
+    if command.config.is_dir():
+        raise UserError(
+            f"The configuration {command.config} is a folder; expected a YAML file. A folder of photos is "
+            f"given by `--images {command.config}`, one with a COLMAP model by `--colmap {command.config}`."
+        )
     names = [stage.name for stage in stages.ALL_STAGES]
     return read_config(command.config, [*SOURCE_OF_FLAG, "dataset"], names)
 
