@@ -68,23 +68,15 @@ def kernel_speed(problem: RaceProblem, threads: int, seconds: float) -> KernelSp
 
 def compulsory_bytes(descent: PrimalDual) -> int:
     """Bytes of an iteration of `PrimalDual`, were every cache perfect."""
-    problem = descent.problem
-    written_back = [descent.edge_dual, descent._data_dual, descent.albedo]
-    read = [
-        problem.graph.first,
-        problem.graph.neighbour,
-        problem.graph.weight,
-        problem.graph.total,
-        problem.image,
-        problem.basis,
-        problem.share,
-        descent._ahead,
-    ]
-    written = [descent._ahead_next]
-    anchor = descent.edge_dual.size + descent._data_dual.size + descent.albedo.nbytes
+    problem, graph = descent.problem, descent.problem.graph
+    of_edges, of_pixels = descent.edge_dual.nbytes, descent.albedo.nbytes
+    ahead = of_pixels * 4 // 3  # four numbers per pixel
+    of_graph = graph.first, graph.neighbour, graph.weight, graph.total
+    read = *of_graph, problem.image, problem.basis, problem.share
+    written_back = of_edges + 2 * of_pixels  # duals of edges, albedo and the data's duals
+    anchor = descent.edge_dual.size + descent.albedo.size + of_pixels  # duals in 8 bits, and albedo
     every_other_epoch = anchor // 2
-    all_others = sum(2 * a.nbytes for a in written_back) + sum(a.nbytes for a in (*read, *written))
-    return all_others + every_other_epoch
+    return 2 * written_back + sum(array.nbytes for array in read) + 2 * ahead + every_other_epoch
 
 
 def _iteration_s(descent: PrimalDual, at_once: int, seconds: float) -> float:

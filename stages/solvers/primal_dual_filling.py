@@ -64,9 +64,9 @@ def _potentials(blocks, group, graph, edge_dual, data_dual, share, multiplier, p
     """``−f / W``, in place of S."""
     (views, begins, ends), (first, neighbour, weight) = blocks, graph
     for block in numba.prange(views.size):
-        kept = multiplier[views[block]]
+        kept, pull = multiplier[views[block]], np.empty(3, np.float32)
         for own in range(begins[block] * 8, ends[block] * 8):
-            within, pull = np.float32(0), np.zeros(3, np.float32)
+            within, pull[:] = np.float32(0), 0
             for at in _half_edges(first, own):
                 if group[own] == group[neighbour[at]]:
                     within += weight[at]
