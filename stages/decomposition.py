@@ -29,8 +29,8 @@ SATURATED = 0.98  # of white, linear: the photo shows less than there was
 def run(job: Job) -> None:
     """Open the views, decompose, save albedo, shading, light and history.
 
-    Memory: `solver: fast` in `mode: paper` some 550 B per masked pixel, all channels together; `mode: transfer`
-    some 1100 B, and 250 B more with `light: harmonics`; `solver: paper` about 500 B for what the channels
+    Memory, per masked pixel and all channels together: `solver: fast` some 550 B in `mode: paper`, 1100 B in
+    `mode: transfer`, 1350 B there with `light: harmonics`; `solver: paper` about 500 B for what the channels
     share, 500 B more for each at work.
     """
     import numpy as np
