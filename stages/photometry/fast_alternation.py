@@ -114,12 +114,13 @@ def from_coarse_to_fine(
     levels = pyramid(finest, settings.fewest_pixels)
     del finest  # a level makes room once it is arranged
     group = levels[0].group
+    use_threads(threads_for(levels[0].pixels, threads))
     descent = start(levels.pop(0), settings) if light is None else under(light, levels.pop(0), settings)
     while levels:
-        use_threads(threads_for(descent.problem.slices.pixels, threads))
         descent.iterate(settings.coarse_iterations * 2 ** (len(levels) - 1))
         legacy, finer_group = descent.legacy(), levels[0].group
         del descent  # before the finer level takes its place
+        use_threads(threads_for(levels[0].pixels, threads))
         problem = problem_of(levels.pop(0))
         give_back_free_memory()
         descent = PrimalDual.inheriting(legacy, problem, group)
@@ -127,7 +128,6 @@ def from_coarse_to_fine(
         descent.fill_in(group)
         give_back_free_memory()
         group = finer_group
-    use_threads(threads_for(descent.problem.slices.pixels, threads))
     return descent
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from stages.solvers.half_edges import HalfEdges, aggregated
@@ -41,6 +42,11 @@ class Level:
     group: np.ndarray | None = None
 
     @property
+    def pixels(self) -> int:
+        """N."""
+        return int(self.starts[-1])
+
+    @property
     def view_of_pixel(self) -> np.ndarray:
         """Number of the view that every pixel belongs to, shape (N,)."""
         return np.repeat(np.arange(self.starts.size - 1), np.diff(self.starts))
@@ -74,7 +80,7 @@ def coarser(level: Level) -> Level:
 def pyramid(finest: Level, fewest: int) -> list[Level]:
     """Levels from the coarsest to the finest; none has fewer than `fewest` pixels per view on average."""
     levels = [finest]
-    while levels[0].image.shape[0] >= 4 * fewest * (finest.starts.size - 1):
+    while levels[0].pixels >= 4 * fewest * (finest.starts.size - 1):
         levels.insert(0, coarser(levels[0]))
     return levels
 
@@ -95,5 +101,13 @@ def _groups(half: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def _quarter_sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """Sums over the groups divided by four, (count, k) float32, of values (N, k)."""
-    columns = [np.bincount(group, values[:, k], count) / 4 for k in range(values.shape[1])]
-    return np.stack(columns, axis=1).astype(np.float32)
+    sums = np.zeros((count, values.shape[1]))
+    _add_up(group, values, sums)
+    return (sums / 4).astype(np.float32)
+
+
+@numba.njit(cache=True, nogil=True)
+def _add_up(group, values, sums):
+    for p in range(group.size):
+        for k in range(values.shape[1]):
+            sums[group[p], k] += values[p, k]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+import stages.solvers.threading_layer  # noqa: F401
 from stages.solvers.half_edges import HalfEdges
 from stages.solvers.lanes import COUNT
 from stages.solvers.slices import Slices
@@ -85,9 +86,10 @@ def _rank_by_degree(first, begin, end, rank):
             rank[own + order[k]] = own + k
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(parallel=True, cache=True, nogil=True)
 def _arrange(start, other, weight, places, first, neighbour, row_weight, total):
-    for p in range(places.size):
+    for pixel in numba.prange(places.size):
+        p = np.int64(pixel)
         slice_, lane = places[p] // COUNT, places[p] % COUNT
         own = 0.0
         for k in range(start[p], start[p + 1]):

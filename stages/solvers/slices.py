@@ -9,6 +9,7 @@ import numba
 import numpy as np
 import scipy.sparse as sp
 
+import stages.solvers.threading_layer  # noqa: F401
 from stages.solvers.lanes import COUNT
 
 # What compiled loops count by. Unsigned throughout: numba checks signed places for negative values.
@@ -63,11 +64,8 @@ class Slices:
 
     def spread(self, values: np.ndarray) -> np.ndarray:
         """Values (N, k) as (S, k, 8), float32; 0 where no pixel is."""
-        sliced = np.empty((self.count, values.shape[1], COUNT), np.float32)
-        padded = np.zeros(COUNT * self.count, np.float32)
-        for kind in range(values.shape[1]):  # one at a time: a basis takes a tenth of all memory
-            padded[self.places] = values[:, kind]
-            sliced[:, kind] = padded.reshape(-1, COUNT)
+        sliced = np.zeros((self.count, values.shape[1], COUNT), np.float32)
+        _spread(np.ascontiguousarray(values, np.float32), self.places, sliced)
         return sliced
 
     def spread_numbers(self, numbers: np.ndarray) -> np.ndarray:
@@ -124,6 +122,15 @@ class Blocks:
     def by_view(self, sums: np.ndarray) -> np.ndarray:
         """Sums of every block, (B, …), added up for every view, (n, …)."""
         return (self._membership @ sums.reshape(len(sums), -1)).reshape(self.view_count, *sums.shape[1:])
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _spread(values, places, sliced):
+    for pixel in numba.prange(places.size):
+        p = np.int64(pixel)
+        slice_, lane = places[p] // COUNT, places[p] % COUNT
+        for kind in range(values.shape[1]):
+            sliced[slice_, kind, lane] = values[p, kind]
 
 
 @numba.njit(inline="always")
