@@ -85,7 +85,8 @@ def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--problems", help=f"comma-separated, of {', '.join(PROBLEMS)} and plane-PIXELS")
     parser.add_argument("--sizes", help="pixels of the growing graphs, comma-separated; empty for none")
     parser.add_argument("--budget", type=float, metavar="SECONDS", help="of every method on every problem")
-    parser.add_argument("--rounds", type=int, default=400, help="of ours at most, however short they are")
+    most = Rules.most_rounds
+    parser.add_argument("--rounds", type=int, default=most, help="of ours at most, however short they are")
     parser.add_argument("--threads", type=int, default=THREADS)
     parser.add_argument("--to", type=Path, default=ROOT / "workspaces" / "solver-benchmark")
     return parser.parse_args(argv)

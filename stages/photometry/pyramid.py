@@ -103,7 +103,8 @@ def _quarter_sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarr
     """Sums over the groups divided by four, (count, k) float32, of values (N, k)."""
     sums = np.zeros((count, values.shape[1]))
     _add_up(group, values, sums)
-    return (sums / 4).astype(np.float32)
+    sums /= 4
+    return sums.astype(np.float32)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -54,7 +54,7 @@ def fill_in(
     ways = graph.first, graph.neighbour, graph.weight
     ranges = blocks.view, blocks.begin, blocks.end
     _potentials(ranges, group, ways, edge_dual, data_dual.ravel(), share.ravel(), multiplier, shading.ravel())
-    even = np.empty_like(shading)
+    even = np.zeros_like(shading)
     _even_out(group, ways, shading.ravel(), even.ravel())
     _carry_off(group, ways, even.ravel(), edge_dual)
 
@@ -81,18 +81,18 @@ def _potentials(blocks, group, graph, edge_dual, data_dual, share, multiplier, p
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _even_out(group, graph, potential, even):
-    """Add half the mean of the neighbours' within the group."""
+    """Add half the mean of the neighbours' within the group; `even` is given as zeros."""
     first, neighbour, weight = graph
     for place in numba.prange(group.size):
-        own = np.int64(place)
-        within, mean = np.float32(0), np.zeros(3, np.float32)
+        own, within = np.int64(place), np.float32(0)
         for at in _half_edges(first, own):
             if group[own] == group[neighbour[at]]:
                 within += weight[at]
                 for c in range(3):
-                    mean[c] += weight[at] * potential[held_at(np.int64(neighbour[at]), c)]
+                    even[held_at(own, c)] += weight[at] * potential[held_at(np.int64(neighbour[at]), c)]
         for c in range(3):
-            even[held_at(own, c)] = potential[held_at(own, c)] + mean[c] / (2 * max(within, NEARLY_FREE))
+            at = held_at(own, c)
+            even[at] = potential[at] + even[at] / (2 * max(within, NEARLY_FREE))
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
