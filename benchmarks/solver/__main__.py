@@ -60,7 +60,10 @@ class Plan:
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
-    """Race, measure, print, write; returns the page."""
+    """Race, measure, print, write; returns the page.
+
+    The page is written after every race, too: one that was stopped has not lost what it found.
+    """
     plan, terminal = plan_of(arguments(argv)), Terminal()
     sentences = left_out()
     warm_up(plan.rules.threads)
@@ -69,6 +72,7 @@ def main(argv: Sequence[str] | None = None) -> Path:
         races.append(hold(problem, plan.rules, terminal.say))
         if problem.views not in [race.problem.views for race in races[:-1]]:
             speeds += threaded_speeds(problem, plan.rules.threads, plan.kernel_s)
+        write_report(plan.to, Findings(plan.rules, tuple(races), tuple(speeds), (), tuple(sentences)))
     grown = grow(plan.sizes, plan.rules.threads, plan.most_rounds)
     found = Findings(plan.rules, tuple(races), tuple(speeds), grown, tuple(sentences))
     page = write_report(plan.to, found)
