@@ -112,7 +112,8 @@ def _by_transfer(
         scenes, opposed = sky_scenes(stored, blend, normals)
         _tell_opposed(job, opposed, len(normals))
         how = as_sky(settings, weights, views.side)
-        with job.progress("steps", 3 * len(scenes) + 2 * settings.stopping.rounds) as step:
+        steps = len(how.light.scales) * len(scenes) + 2 * settings.stopping.rounds
+        with job.progress("steps", steps) as step:
             solved = solutions.by_sky(views, images, scenes, trusted, how, job.threads, step)
         distance = stored.radii[solved.sky.scene]
         job.note(
@@ -265,7 +266,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 2,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 3,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

@@ -50,14 +50,28 @@ def normals_of(scene: SphereScene) -> np.ndarray:
 
 def open_scene(normals: np.ndarray) -> SkyScene:
     """Every pixel a point that sees everything."""
-    nothing = sp.csr_array((1, 1), dtype=np.float32)
+    of_none = sp.csr_array((len(normals), 1), dtype=np.float32)
+    return scene_of(normals, of_none, np.zeros((1, DIRECTIONS), bool))
+
+
+def in_shadow_of(direction: int, shaded: np.ndarray, normals: np.ndarray) -> SkyScene:
+    """Every pixel a point that sees everything; those that are shaded, (N,), all but one direction."""
+    seen = np.ones((2, DIRECTIONS), bool)
+    seen[1, direction] = False
+    return scene_of(normals, sp.csr_array(np.stack([~shaded, shaded], axis=1).astype(np.float32)), seen)
+
+
+def scene_of(normals: np.ndarray, blend: sp.csr_array, seen: np.ndarray) -> SkyScene:
+    """Of vertices (P, DIRECTIONS) that see the sky and nothing else."""
+    count = len(seen)
+    nothing = sp.csr_array((count, count), dtype=np.float32)
     return SkyScene.of(
         normals,
-        sp.csr_array((len(normals), 1), dtype=np.float32),
-        np.zeros((1, 3)),
-        np.array([[0.0, 0, 1]], np.float32),
-        Occlusion(np.zeros((1, 9), np.float32), nothing, nothing),
-        np.zeros((1, -(-DIRECTIONS // 8)), np.uint8),
+        blend,
+        np.zeros((count, 3)),
+        np.tile(np.array([[0.0, 0, 1]], np.float32), (count, 1)),
+        Occlusion(np.zeros((count, 9), np.float32), nothing, nothing),
+        np.packbits(seen, axis=1),
         DIRECTIONS,
         None,
     )
@@ -100,6 +114,22 @@ def test_the_light_of_a_painted_sphere_is_found(lit):
     assert light.radiance.min() >= 0
     assert error(found, shading) < 0.05 < 0.15 < error(np.ones_like(shading), shading)
     assert error(image / found, albedo) < 0.25 * error(image, albedo)
+
+
+def test_a_suns_shadow_is_told_from_paint_however_dark_it_is():
+    """Thirty times darker than the sun's light: what begins with fine scales takes for paint."""
+    scene = sphere_scene(view_count=3)
+    views, normals = scene.stacked(), normals_of(scene)
+    albedo = np.stack(scene.true_channels(), axis=1)
+    sun = int(np.argmax(even_directions(DIRECTIONS) @ [0.4, 0.5, 0.77]))
+    sky = in_shadow_of(sun, normals @ [0.8, -0.6, 0.0] > 0.2, normals)
+    radiance = np.full(DIRECTIONS, 0.03)
+    radiance[sun] += DIRECTIONS / 4
+    shading = sky.pixels.shading(np.tile(radiance[:, None], 3))
+    image = photo_of(albedo, shading)
+    found = light_and_shading((views, sky), image)[1]
+    assert error(image, albedo) > 0.7
+    assert error(image / found, albedo) < 0.03
 
 
 def test_the_same_light_again(lit):

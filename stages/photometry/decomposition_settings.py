@@ -61,14 +61,14 @@ class DecompositionSettings(Settings):
         le=300_000,
     )
     neutrality: float = setting(
-        0.05,
+        0.005,
         "`light: directions`: the price of channels that disagree about where the light comes from.",
         ge=0,
     )
     evenness: float = setting(
-        5e-4,
+        5e-6,
         "`light: directions`: the price of light that differs from direction to direction; settles what the "
-        "surface does not see.",
+        "surface does not see. A hundred times as much makes a sun too broad, and its shadows too bright.",
         ge=0,
     )
     solver: Literal["paper", "fast"] | None = setting(

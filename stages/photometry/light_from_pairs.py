@@ -29,10 +29,10 @@ class PairWeights:
         Of the descent.
     """
 
-    neutrality: float = 0.05
-    evenness: float = 5e-4
+    neutrality: float = 0.005
+    evenness: float = 5e-6
     noise: float = 0.01
-    max_steps: int = 100
+    max_steps: int = 200
 
 
 @dataclass(frozen=True, eq=False)
