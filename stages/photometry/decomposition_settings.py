@@ -61,7 +61,7 @@ class DecompositionSettings(Settings):
         le=300_000,
     )
     neutrality: float = setting(
-        0.005,
+        0.05,
         "`light: directions`: the price of channels that disagree about where the light comes from.",
         ge=0,
     )

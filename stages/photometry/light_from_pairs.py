@@ -29,7 +29,7 @@ class PairWeights:
         Of the descent.
     """
 
-    neutrality: float = 0.005
+    neutrality: float = 0.05
     evenness: float = 5e-6
     noise: float = 0.01
     max_steps: int = 200
