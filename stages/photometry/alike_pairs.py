@@ -11,6 +11,7 @@ from stages.photometry.stack import StackedViews
 
 CHROMA_STEP = 0.12  # of the logarithms of red and blue over green: two colours that pass for one
 PARTNERS = 4  # of either kind, per pixel
+NEAR = 0.1  # of a view's side: pixels that are likely to be of one paint
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +21,39 @@ class Pairs:
     first: np.ndarray
     second: np.ndarray
     weight: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Some of the pixels of all views, n, and where they are.
+
+    Attributes
+    ----------
+    pixels : ndarray, shape (n,)
+        Their places in the stack, sorted.
+    views : ndarray, shape (n,)
+        Number of the view that each belongs to.
+    positions : ndarray, shape (n, 2)
+        Row and column there.
+    radius : int
+        Side of the squares in which pixels are near, px.
+    """
+
+    pixels: np.ndarray
+    views: np.ndarray
+    positions: np.ndarray
+    radius: int
+
+    @classmethod
+    def of(cls, views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator) -> Drawn:
+        """Draw from the pixels `among`; see `sample_of`."""
+        pixels = sample_of(views, among, count, rng)
+        number = np.repeat(np.arange(views.view_count), np.diff(views.starts))
+        return cls(pixels, number[pixels], views.positions()[pixels], max(2, round(NEAR * views.side)))
+
+    def pairs(self, albedo: np.ndarray, rng: np.random.Generator) -> Pairs:
+        """Pair them by what their albedo, (n, 3), seems to be; see `alike_pairs`."""
+        return alike_pairs(albedo, self.views, self.positions, self.radius, rng)
 
 
 def sample_of(views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

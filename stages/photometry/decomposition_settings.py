@@ -66,9 +66,9 @@ class DecompositionSettings(Settings):
         ge=0,
     )
     evenness: float = setting(
-        5e-6,
+        1e-3,
         "`light: directions`: the price of light that differs from direction to direction; settles what the "
-        "surface does not see. A hundred times as much makes a sun too broad, and its shadows too bright.",
+        "surface does not see. A sun costs what it is bright, not the square.",
         ge=0,
     )
     solver: Literal["paper", "fast"] | None = setting(

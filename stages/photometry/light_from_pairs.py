@@ -30,7 +30,7 @@ class PairWeights:
     """
 
     neutrality: float = 0.05
-    evenness: float = 5e-6
+    evenness: float = 1e-3
     noise: float = 0.01
     max_steps: int = 200
 
@@ -61,7 +61,7 @@ def light_from_pairs(
     scale: float,
     start: np.ndarray,
     weights: PairWeights,
-) -> tuple[np.ndarray, float]:
+) -> np.ndarray:
     """Descend from a light to a better one.
 
     Parameters
@@ -78,8 +78,8 @@ def light_from_pairs(
 
     Returns
     -------
-    tuple of ndarray, shape (G, M, 3), and float
-        The light, at least 0, and what the pairs still disagree by: the mean loss, 0 to 1.
+    ndarray, shape (G, M, 3)
+        At least 0.
 
     Notes
     -----
@@ -98,8 +98,32 @@ def light_from_pairs(
         bounds=[(0.0, None)] * start.size,
         options={"maxiter": weights.max_steps},
     )
-    light = found.x.reshape(start.shape)
-    return light, objective.disagreement(light)[0]
+    return found.x.reshape(start.shape)
+
+
+def disagreement(
+    image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, noise: float = PairWeights.noise
+) -> float:
+    """Mean loss of pairs of pixels, (n, 3) each, under a shading: 0 to 1, as `light_from_pairs` has it."""
+    return _Losses(image, noise).of(shading, pairs, scale)[0]
+
+
+class _Losses:
+    """What pairs of pixels lose under a shading, and the slope."""
+
+    def __init__(self, image: np.ndarray, noise: float) -> None:
+        image = image.astype(np.float64)
+        self._logs = np.log(np.maximum(image, DARKEST))
+        self._trust = (image / (image + 2 * noise)) ** 2
+        self._trust[image <= 0] = 0
+
+    def of(self, shading: np.ndarray, pairs: Pairs, scale: float) -> tuple[float, np.ndarray]:
+        """Mean loss, and its slope by the shading, (n, 3), float32."""
+        shading = np.maximum(shading.astype(np.float64), 0) + DARKEST
+        by_log = np.zeros_like(self._logs)
+        logs = self._logs - np.log(shading)
+        loss = pair_losses(logs, self._trust, pairs.first, pairs.second, pairs.weight, scale, by_log)
+        return loss, (-by_log / shading).astype(np.float32)
 
 
 class _Objective:
@@ -116,9 +140,7 @@ class _Objective:
     ) -> None:
         self._sample, self._bounced, self._pairs = sample, bounced, pairs
         self._scale, self._weights, self._shape = scale, weights, shape
-        self._logs = np.log(np.maximum(sample.image, DARKEST))
-        self._trust = (sample.image / (sample.image + 2 * weights.noise)) ** 2
-        self._trust[sample.image <= 0] = 0
+        self._losses = _Losses(sample.image, weights.noise)
         order = np.argsort(sample.light_of, kind="stable")
         ends = np.searchsorted(sample.light_of[order], np.arange(shape[0] + 1))
         self._rows = [order[a:b] for a, b in zip(ends, ends[1:], strict=False)]
@@ -138,12 +160,7 @@ class _Objective:
         shading = self._bounced.copy()
         for rows, shares, own in zip(self._rows, self._shares, light, strict=True):
             shading[rows] += shares @ own.astype(np.float32)
-        shading = np.maximum(shading, 0) + DARKEST
-        by_log = np.zeros_like(self._logs)
-        pairs = self._pairs
-        logs = self._logs - np.log(shading)
-        loss = pair_losses(logs, self._trust, pairs.first, pairs.second, pairs.weight, self._scale, by_log)
-        by_shading = (-by_log / shading).astype(np.float32)
+        loss, by_shading = self._losses.of(shading, self._pairs, self._scale)
         slopes = [shares.T @ by_shading[rows] for rows, shares in zip(self._rows, self._shares, strict=True)]
         return loss, np.stack(slopes).astype(np.float64)
 
@@ -159,8 +176,13 @@ def _colour(light: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _contrast(light: np.ndarray) -> tuple[float, np.ndarray]:
-    """Mean square of the light's deviation from its mean, in units of the mean; summed over the channels."""
+    """Mean of ``√(1 + d²) − 1``, d the light's deviation from its mean in units of the mean; all channels.
+
+    What differs a little costs its square; a sun what it is bright, for by its square it would become broad.
+    """
     mean = np.maximum(light.mean(axis=1, keepdims=True), 1e-12)
     off, size = light / mean - 1, light.shape[0] * light.shape[1]
-    by_off = 2 * off / size
-    return float((off**2).sum() / size), (by_off - (by_off * light / mean).mean(axis=1, keepdims=True)) / mean
+    root = np.sqrt(1 + off**2)
+    by_off = off / root / size
+    by_light = (by_off - (by_off * light / mean).mean(axis=1, keepdims=True)) / mean
+    return float((root - 1).sum() / size), by_light

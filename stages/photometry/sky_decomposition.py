@@ -20,7 +20,7 @@ from stages.photometry.paint_edges import (
     smoothness_of_edges,
 )
 from stages.photometry.saddle import ALIKE, EdgeWeights
-from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, sky_light
+from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, disagreements, sky_light
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_gains import ViewGains, view_gains
 from stages.solvers.threading_layer import use_threads
@@ -139,8 +139,8 @@ def decompose_by_sky(
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
     light_of_view, rise, matt = _lights_and_gloss(settings, views, image / of_pixel, trusted, gains.spread)
     lights = [sky_light(scene, views, matt, trusted, light_of_view, settings.light, step) for scene in scenes]
-    disagreements = [light.disagreement for light in lights]
-    best = explained_best(disagreements)
+    left = disagreements(scenes, lights, views, matt, trusted, light_of_view, settings.light)
+    best = explained_best(left)
     light = _shaded(scenes[best], views, lights[best], light_of_view, of_pixel)
     lit = trusted & (light.shading.mean(axis=1) > UNLIT * np.median(light.shading))
     trusted = lit if lit.any() else trusted
@@ -158,14 +158,14 @@ def decompose_by_sky(
     )
     albedo = with_detail(detailed.albedo, matt, light.shading, trusted, look.textured)
     towards = scenes[best].pixels.directions
-    light_found = (light, best, disagreements, gains, rise, light_of_view)
+    light_found = (light, best, left, gains, rise, light_of_view)
     return SkySolution(*light_found, trusted, smooth, detailed, albedo, towards)
 
 
-def explained_best(disagreements: Sequence[float]) -> int:
+def explained_best(left: Sequence[float]) -> int:
     """Index of the least; the first, light from far away, unless another is clearly better."""
-    best = int(np.argmin(disagreements))
-    return best if disagreements[best] < (1 - NEARER) * disagreements[0] else 0
+    best = int(np.argmin(left))
+    return best if left[best] < (1 - NEARER) * left[0] else 0
 
 
 def _lights_and_gloss(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 
-from stages.photometry.alike_pairs import alike_pairs, sample_of
-from stages.photometry.light_from_pairs import PairWeights, Sample, light_from_pairs
+from stages.photometry.alike_pairs import Drawn
+from stages.photometry.light_from_pairs import PairWeights, Sample, disagreement, light_from_pairs
 from stages.photometry.pixel_transfer import MOST
 from stages.photometry.sky import SkyTransport, Sphere, offsets_in
 from stages.photometry.stack import StackedViews
@@ -18,7 +18,6 @@ from stages.photometry.transfer import Occlusion, bounced
 BRIGHT_QUANTILE = 0.98  # of the vertices' albedo, weighted by their light: the brightest material
 LOOKED_AT = 300_000  # pixels that tell the albedo of the vertices while light is sought
 SETTLES = 3  # rounds in which bounces and albedo find together under one light
-NEAR = 0.1  # of a view's side: pixels that are likely to be of one paint
 NO_LIGHT = 1e-6  # of the scaled image's unit: surface with less says nothing about its albedo
 
 
@@ -104,13 +103,10 @@ class FoundLight:
         From every direction, at least 0.
     bounced : ndarray, shape (G, P, 3)
         Shading of the vertices by what comes from other surface.
-    disagreement : float
-        Mean loss of the pairs under it, 0 to 1.
     """
 
     radiance: np.ndarray
     bounced: np.ndarray
-    disagreement: float
 
     def shading(self, scene: SkyScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
         """Of a scene's pixels, view after view from ``starts``, (N, 3), float32; bounces included."""
@@ -158,28 +154,58 @@ def sky_light(
     looked = np.flatnonzero(trusted)
     looked = np.sort(rng.choice(looked, min(LOOKED_AT, looked.size), replace=False))
     part, starts, seen = scene.at(looked), np.searchsorted(looked, views.starts), image[looked]
-    drawn = sample_of(views, looked, settings.samples * (3 + count) // 4, rng)
-    among = np.searchsorted(looked, drawn)
-    view = np.repeat(np.arange(views.view_count), np.diff(views.starts))[drawn]
-    positions, radius = views.positions()[drawn], max(2, round(NEAR * views.side))
-    sample = Sample(image[drawn].astype(np.float64), part.pixels.shares(among), light_of_view[view])
+    drawn = Drawn.of(views, looked, settings.samples * (3 + count) // 4, rng)
+    among = np.searchsorted(looked, drawn.pixels)
+    own_image = image[drawn.pixels].astype(np.float64)
+    sample = Sample(own_image, part.pixels.shares(among), light_of_view[drawn.views])
     light = np.ones((count, len(scene.pixels.directions), 3))
-    now = FoundLight(light, np.zeros((count, len(scene.vertices.normals), 3), np.float32), 1.0)
-    bounce, guess = np.zeros((len(drawn), 3)), sample.image
+    now = FoundLight(light, np.zeros((count, len(scene.vertices.normals), 3), np.float32))
+    bounce, guess = np.zeros((len(among), 3)), sample.image
     for scale in settings.scales:
-        pairs = alike_pairs(guess, view, positions, radius, rng)
-        light, loss = light_from_pairs(sample, bounce, pairs, scale, now.radiance, settings.weights)
-        now = FoundLight(light, now.bounced, loss)
+        pairs = drawn.pairs(guess, rng)
+        light = light_from_pairs(sample, bounce, pairs, scale, now.radiance, settings.weights)
+        now = FoundLight(light, now.bounced)
         for _ in range(SETTLES if settings.bounces else 0):
             now = _settled(part, starts, seen, light_of_view, now, settings)
         shading = now.shading(part, starts, light_of_view)[among]
         guess = sample.image / np.maximum(shading, NO_LIGHT)
-        bounce = np.zeros((len(drawn), 3))
+        bounce = np.zeros((len(among), 3))
         for own in range(count):
             rows = sample.light_of == own
             bounce[rows] = part.pixels.blend[among[rows]] @ now.bounced[own]
         step()
     return now
+
+
+def disagreements(
+    scenes: Sequence[SkyScene],
+    lights: Sequence[FoundLight],
+    views: StackedViews,
+    image: np.ndarray,
+    trusted: np.ndarray,
+    light_of_view: np.ndarray,
+    settings: SkySettings,
+) -> list[float]:
+    """What pairs of like paint disagree by under each of several lights, 0 to 1; arguments as of `sky_light`.
+
+    Notes
+    -----
+    The same pairs for all, drawn by what each light makes of the albedo: where paint is of many colours most
+    of the loss is paint's, and differs by more from draw to draw than from light to light.
+    """
+    rng = np.random.default_rng(settings.seed)
+    drawn = Drawn.of(views, np.flatnonzero(trusted), settings.samples, rng)
+    seen, starts = image[drawn.pixels], np.searchsorted(drawn.pixels, views.starts)
+    shadings = [
+        light.shading(scene.at(drawn.pixels), starts, light_of_view)
+        for scene, light in zip(scenes, lights, strict=True)
+    ]
+    draws = [drawn.pairs(seen / np.maximum(shading, NO_LIGHT), rng) for shading in shadings]
+    scale, noise = settings.scales[-1], settings.weights.noise
+    return [
+        float(np.mean([disagreement(seen, shading, pairs, scale, noise) for pairs in draws]))
+        for shading in shadings
+    ]
 
 
 def _settled(
@@ -196,7 +222,7 @@ def _settled(
     absolute, radiance = np.clip(albedo / factor, 0, MOST), now.radiance * factor
     direct = np.stack([scene.vertices.shading(one) for one in radiance])
     at_vertices = _bounced(scene, direct, absolute, known, settings.bounces)
-    return FoundLight(radiance, at_vertices, now.disagreement)
+    return FoundLight(radiance, at_vertices)
 
 
 def vertex_albedo(scene: SkyScene, image: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
