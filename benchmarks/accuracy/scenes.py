@@ -41,6 +41,7 @@ COMBINATIONS: tuple[tuple[str, str, dict[str, Any], dict[str, Any]], ...] = (
     ("skull", "one_lamp", {}, {}),
     ("skull", "four_lamps", {"paint": "texture"}, {}),
     ("skull", "apartment", STRIPES, SMOOTHED),
+    ("plato", "park", STRIPES, {}),
 )
 LIGHTS_OF_OUR_OWN = ("dome", "four_lamps", "one_lamp")
 
