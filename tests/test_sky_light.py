@@ -292,8 +292,8 @@ def test_the_lights_colour_is_taken_out_and_its_brightness_stays():
 
 
 def test_a_nearer_light_is_believed_only_if_it_explains_clearly_more():
-    assert explained_best([0.100, 0.099, 0.110]) == 0
-    assert explained_best([0.100, 0.097, 0.090]) == 2
+    assert explained_best([0.1000, 0.0995, 0.110]) == 0
+    assert explained_best([0.1000, 0.0985, 0.098]) == 2
     assert explained_best([0.1]) == 0
 
 

@@ -25,7 +25,7 @@ from stages.photometry.stack import StackedViews
 from stages.photometry.view_gains import ViewGains, view_gains
 from stages.solvers.threading_layer import use_threads
 
-NEARER = 0.02  # by how much less disagreement light from nearby must leave to be believed in
+NEARER = 0.01  # by how much less disagreement light from nearby must leave to be believed in
 GLOSSY = 1.05  # `brightening` above which it is gloss that makes views differ
 UNLIT = 0.02  # of the median shading: a quotient by less says nothing
 
