@@ -32,7 +32,7 @@ def run(job: Job) -> None:
     _require_mitsuba()
     use_threads(job.threads)
     subject = _subject(job)
-    paint, uniform = paint_of(settings, subject, lambda: _own_colours(job))
+    paint, uniform = paint_of(settings, subject, _own_colours(job))
     gloss = gloss_of(settings, subject)
     albedo = paint if gloss is None else paint * (1 - gloss.share[:, None]).astype(np.float32)
     cameras = cameras_of(settings, subject)
@@ -80,10 +80,12 @@ def _subject(job: Job) -> Subject:
     return mesh_subject(read_mesh(job.inputs["object"]), settings.object_parts, settings.y_up)
 
 
-def _own_colours(job: Job) -> np.ndarray:
-    """Those that the object brings, (V, 3)."""
+def _own_colours(job: Job) -> np.ndarray | None:
+    """Those that the object brings, (V, 3); None where the paint is another."""
     from stages.scene.meshes import read_vertex_colours
 
+    if job.settings.paint != "vertex":
+        return None
     if "object" not in job.inputs:
         raise UserError("render.paint is vertex, but no object was given; give --object FILE.")
     return read_vertex_colours(job.inputs["object"])

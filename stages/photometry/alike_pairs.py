@@ -48,8 +48,8 @@ class Drawn:
     def of(cls, views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator) -> Drawn:
         """Draw from the pixels `among`; see `sample_of`."""
         pixels = sample_of(views, among, count, rng)
-        number = np.repeat(np.arange(views.view_count), np.diff(views.starts))
-        return cls(pixels, number[pixels], views.positions()[pixels], max(2, round(NEAR * views.side)))
+        view = np.searchsorted(views.starts, pixels, side="right") - 1
+        return cls(pixels, view, views.positions()[pixels], max(2, round(NEAR * views.side)))
 
     def pairs(self, albedo: np.ndarray, rng: np.random.Generator) -> Pairs:
         """Pair them by what their albedo, (n, 3), seems to be; see `alike_pairs`."""

@@ -101,9 +101,7 @@ def light_from_pairs(
     return found.x.reshape(start.shape)
 
 
-def disagreement(
-    image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, noise: float = PairWeights.noise
-) -> float:
+def disagreement(image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, noise: float) -> float:
     """Mean loss of pairs of pixels, (n, 3) each, under a shading: 0 to 1, as `light_from_pairs` has it."""
     return _Losses(image, noise).of(shading, pairs, scale)[0]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 
@@ -22,15 +20,15 @@ STEEPEST_DEG = 85.0
 
 
 def paint_of(
-    settings: RenderSettings, subject: Subject, own_colours: Callable[[], np.ndarray]
+    settings: RenderSettings, subject: Subject, own_colours: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The paint of every vertex, (V, 3), and 1 + the index of its part where that is uniform, (V,), else 0.
 
-    `own_colours` gives those that the object brings, (V, 3), and is called only if these are wanted.
+    `own_colours`, (V, 3), are those that the object brings, where the paint is those.
     """
     x = subject.surface.vertices
     if settings.paint == "vertex":
-        return own_colours(), np.zeros(len(x), np.uint8)
+        return own_colours, np.zeros(len(x), np.uint8)
     if settings.paint == "texture":
         return paint_for_matching(x, subject.parts, finest=subject.radius / 200), np.zeros(len(x), np.uint8)
     paint, uniform = paint_by_part(subject.parts), subject.parts + np.uint8(1)
