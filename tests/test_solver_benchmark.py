@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from benchmarks.solver.__main__ import main
+from benchmarks.solver.__main__ import arguments, main, plan_of
 from benchmarks.solver.clock import Clock, Look, OutOfTime, Trace
 from benchmarks.solver.comparison import compare
 from benchmarks.solver.compiled_pcg import reweighted_descent
@@ -52,6 +52,16 @@ def test_the_report_has_table_picture_and_what_was_left_out(report, content):
     assert "nowhere is left out: it is no problem that is known" in page
     (race,) = content["races"]
     assert report.with_name(f"{race['problem']}.png").stat().st_size > 5000
+
+
+def test_rivals_are_chosen_by_words_of_their_names(capsys):
+    rules = plan_of(arguments(["--rivals", "plain,Jacobi"])).rules
+    admitted = [inner.name for inner in INNER_SOLVERS if rules.admit(inner.name)]
+    assert admitted == ["paper, plain CG", "paper, Jacobi CG"]
+    assert plan_of(arguments([])).rules.admit("compiled PCG")
+    with pytest.raises(SystemExit, match="2"):
+        arguments(["--rivals", "plain,plane"])
+    assert "'plane': expected words in the names of compiled PCG; paper, plain CG" in capsys.readouterr().err
 
 
 def test_speed_and_growth_are_positive_numbers(content):

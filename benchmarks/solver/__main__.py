@@ -20,7 +20,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # of apxchol, whose channels go s
 from benchmarks.solver.corrugated_plane import corrugated_plane  # noqa: E402
 from benchmarks.solver.growth import grow  # noqa: E402
 from benchmarks.solver.problems import RaceProblem  # noqa: E402
-from benchmarks.solver.racing import Rules, hold, left_out, warm_up  # noqa: E402
+from benchmarks.solver.racing import Rules, hold, left_out, rival_names, warm_up  # noqa: E402
 from benchmarks.solver.report import Findings, text_of, write_report  # noqa: E402
 from benchmarks.solver.scaling import threaded_speeds  # noqa: E402
 from pipeline import UserError  # noqa: E402
@@ -91,9 +91,20 @@ def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--budget", type=float, metavar="SECONDS", help="of every method on every problem")
     most = Rules.most_rounds
     parser.add_argument("--rounds", type=int, default=most, help="of ours at most, however short they are")
+    parser.add_argument(
+        "--rivals", default="", help="only those whose names have one of these words: plain,…"
+    )
     parser.add_argument("--threads", type=int, default=THREADS)
     parser.add_argument("--to", type=Path, default=ROOT / "workspaces" / "solver-benchmark")
     return parser.parse_args(argv)
+
+
+def _rivals(words: str) -> tuple[str, ...]:
+    given, names = tuple(words.split(",")), rival_names()
+    for word in given:
+        if not any(word in name for name in names):
+            raise argparse.ArgumentTypeError(f"{word!r}: expected words in the names of {'; '.join(names)}.")
+    return given
 
 
 def plan_of(given: argparse.Namespace) -> Plan:
@@ -110,7 +121,7 @@ def plan_of(given: argparse.Namespace) -> Plan:
         problems = tuple(given.problems.split(","))
     if given.sizes is not None:
         sizes = tuple(int(size) for size in given.sizes.split(",") if size)
-    rules = Rules(given.budget or budget_s, given.threads, given.rounds)
+    rules = Rules(given.budget or budget_s, given.threads, given.rounds, given.rivals)
     return Plan(problems, given.full, sizes, most_rounds, kernel_s, rules, given.to)
 
 

@@ -26,11 +26,18 @@ class Rules:
     threads : int
     most_rounds : int
         Of ours, however short they are.
+    rivals : tuple of str
+        Only those whose names have one of these words; all where there is none.
     """
 
     budget_s: float
     threads: int
     most_rounds: int = 400
+    rivals: tuple[str, ...] = ()
+
+    def admit(self, method: str) -> bool:
+        """Whether a rival takes part."""
+        return not self.rivals or any(word in method for word in self.rivals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +62,11 @@ def left_out() -> list[str]:
     ]
 
 
+def rival_names() -> tuple[str, ...]:
+    """Of all that we know, here or not."""
+    return (compiled_alternation.NAME, *(inner.name for inner in INNER_SOLVERS))
+
+
 def hold(problem: RaceProblem, rules: Rules, say: Callable[[str], None]) -> Race:
     """Let every method that is there have its time."""
     traces = []
@@ -72,7 +84,8 @@ def warm_up(threads: int) -> None:
 
 def _traces(problem: RaceProblem, rules: Rules) -> Iterator[Trace]:
     yield ours.race(problem, rules.budget_s, rules.threads, rules.most_rounds)
-    yield compiled_alternation.race(problem, rules.budget_s, rules.threads)
+    if rules.admit(compiled_alternation.NAME):
+        yield compiled_alternation.race(problem, rules.budget_s, rules.threads)
     for inner in INNER_SOLVERS:
-        if inner.available:
+        if inner.available and rules.admit(inner.name):
             yield reweighting.race(problem, inner, rules.budget_s, rules.threads)
