@@ -92,7 +92,7 @@ def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     most = Rules.most_rounds
     parser.add_argument("--rounds", type=int, default=most, help="of ours at most, however short they are")
     parser.add_argument(
-        "--rivals", default="", help="only those whose names have one of these words: plain,…"
+        "--rivals", type=_rivals, default=(), help="only those with one of these words in their names"
     )
     parser.add_argument("--threads", type=int, default=THREADS)
     parser.add_argument("--to", type=Path, default=ROOT / "workspaces" / "solver-benchmark")
