@@ -44,12 +44,13 @@ def run(job: Job) -> None:
     cameras = read_cameras(job.inputs["cameras"])
     masks, normals, pixels = [], [], []
     with job.progress("views", len(cameras)) as step:
-        for mask, normal, linear in read_views(job.inputs, cameras):
+        for mask, normal, linear in read_views(job.inputs, cameras, job.executor.map):
             masks.append(mask)
             normals.append(normal)
             pixels.append(linear)
             step()
-    views = stack_views(masks, normals, numbered_links(job.inputs["correspondences"], cameras))
+    links = numbered_links(job.inputs["correspondences"], cameras)
+    views = stack_views(masks, normals, links, job.executor.map)
     pixels = np.concatenate(pixels)
     images, scale = scaled_channels(pixels)
     if job.settings.mode == "transfer":
@@ -91,7 +92,7 @@ def _by_transfer(
     """`mode: transfer`, by either kind of light."""
     import numpy as np
 
-    from stages.photometry import solutions
+    from stages.photometry import transfer_solutions
     from stages.photometry.sky_scenes import pixels_on_proxy, sky_scenes
     from stages.scene.meshes import read_mesh
     from stages.scene.view_files import incidence_of, read_surface_points
@@ -105,7 +106,7 @@ def _by_transfer(
     if settings.light == "harmonics":
         transfer = _pixel_transfer(job, stored, blend, normals)
         with job.progress("rounds", settings.stopping.rounds) as step:
-            solved = solutions.by_transfer(
+            solved = transfer_solutions.by_transfer(
                 views, images, transfer, as_transfer(settings, weights), job.threads, step
             )
     else:
@@ -114,7 +115,7 @@ def _by_transfer(
         how = as_sky(settings, weights, views.side)
         steps = len(how.light.scales) * len(scenes) + 2 * settings.stopping.rounds
         with job.progress("steps", steps) as step:
-            solved = solutions.by_sky(views, images, scenes, trusted, how, job.threads, step)
+            solved = transfer_solutions.by_sky(views, images, scenes, trusted, how, job.threads, step)
         distance = stored.radii[solved.sky.scene]
         job.note(
             light_distance=float(distance) if np.isfinite(distance) else "infinitely far",
@@ -181,8 +182,8 @@ def _write_maps(
     from stages.scene.view_files import write_maps
 
     albedo = solved.albedo * scale
-    write_maps(job.outputs["albedo"], cameras, masks, albedo)
-    write_maps(job.outputs["shading"], cameras, masks, solved.shading)
+    write_maps(job.outputs["albedo"], cameras, masks, albedo, job.executor.map)
+    write_maps(job.outputs["shading"], cameras, masks, solved.shading, job.executor.map)
     if solved.sky is None:
         by_transfer = job.settings.mode == "transfer"
         write_lighting(job.outputs["lighting"], cameras, solved.light, scale, by_transfer)
@@ -208,8 +209,8 @@ def _write_what_transfer_knows(
     from stages.scene.upright import upright_from_world
     from stages.scene.view_files import write_maps, write_pictures_of_light
 
-    write_maps(job.outputs["albedo_tv"], cameras, masks, solved.albedo_tv * scale)
-    write_maps(job.outputs["confidence"], cameras, masks, solved.confidence)
+    write_maps(job.outputs["albedo_tv"], cameras, masks, solved.albedo_tv * scale, job.executor.map)
+    write_maps(job.outputs["confidence"], cameras, masks, solved.confidence, job.executor.map)
     names = [camera.name for camera in cameras]
     if solved.sky is None:
         directions, lights = solved.sampled_light()

@@ -35,7 +35,7 @@ def race(problem: RaceProblem, budget_s: float, threads: int) -> Trace:
             except OutOfTime:
                 return Trace(NAME, tuple(looks))
             light = _light(problem, albedo, light, executor)
-            shading = np.stack([views.shading(light[:, c]) for c in range(3)], axis=1).astype(np.float32)
+            shading = views.shadings(light).astype(np.float32)
             albedo = reweighted_descent(graph, image, shading, albedo, weights.delta, STEPS)
             scales = np.array([gauge_scale(image[:, c], albedo[:, c]) for c in range(3)])
             albedo, light = albedo * scales.astype(np.float32), light / scales[:, None]
@@ -52,5 +52,5 @@ def _light(problem: RaceProblem, albedo: np.ndarray, light: np.ndarray, executor
 
 def _energy(problem: RaceProblem, albedo: np.ndarray, light: np.ndarray, clock: Clock) -> float:
     with clock.held():
-        terms = channel_terms(problem.views, problem.images, albedo, light)
+        terms = channel_terms(problem.views, problem.images, albedo, problem.views.shadings(light))
         return sum(channel.total(problem.weights) for channel in terms)

@@ -65,7 +65,7 @@ def smoothness_term(views: StackedViews, albedo: np.ndarray) -> float:
 
     Eq. 4: ``ε_Smooth(ρ^i) = Σ_p |∂x ρ^i(p)| + |∂y ρ^i(p)|``
     """
-    return _differences_of(albedo, views.neighbours())
+    return float(_differences_of(albedo, views.neighbours()))
 
 
 def consistency_term(views: StackedViews, albedo: np.ndarray) -> float:
@@ -73,12 +73,13 @@ def consistency_term(views: StackedViews, albedo: np.ndarray) -> float:
 
     Eq. 5: ``ε_MV(ρ^i, ρ^j) = Σ_{p^i} Σ_{p^j} C_ij(p^i, p^j) |ρ^i(p^i) − ρ^j(p^j)|``
     """
-    return _differences_of(albedo, views.linked_pixels())
+    return float(_differences_of(albedo, views.linked_pixels()))
 
 
-def _differences_of(albedo: np.ndarray, pairs: Iterable[Pixels]) -> float:
-    """Sum of ``|ρ_q − ρ_p|``, view by view: never all pairs at a time."""
-    return float(sum(np.abs(albedo[q] - albedo[p]).sum() for p, q in pairs))
+def _differences_of(albedo: np.ndarray, pairs: Iterable[Pixels]) -> np.ndarray:
+    """Sum of ``|ρ_q − ρ_p|`` of every channel, float64, view by view: never all pairs at a time."""
+    none = np.zeros(albedo.shape[1:])
+    return sum((np.abs(albedo[q].astype(np.float64) - albedo[p]).sum(axis=0) for p, q in pairs), none)
 
 
 def energy_terms(
@@ -93,15 +94,13 @@ def energy_terms(
 
 
 def channel_terms(
-    views: StackedViews, images: Sequence[np.ndarray], albedo: np.ndarray, light: np.ndarray
+    views: StackedViews, images: Sequence[np.ndarray], albedo: np.ndarray, shading: np.ndarray
 ) -> tuple[EnergyTerms, ...]:
-    """All three sums for every channel: images of shape (N,), albedo (N, c), light (n, c, K)."""
-    return tuple(
-        energy_terms(
-            views.of_channel(c), image, albedo[:, c].astype(np.float64), np.ascontiguousarray(light[:, c])
-        )
-        for c, image in enumerate(images)
-    )
+    """All three sums for every channel: images of shape (N,), albedo and shading (N, c)."""
+    photo = [photometric_term(image, albedo[:, c], shading[:, c]) for c, image in enumerate(images)]
+    smooth = _differences_of(albedo, views.neighbours())
+    multi_view = _differences_of(albedo, views.linked_pixels())
+    return tuple(EnergyTerms(*map(float, terms)) for terms in zip(photo, smooth, multi_view, strict=True))
 
 
 def smoothed_energy(

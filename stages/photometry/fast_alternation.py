@@ -64,6 +64,7 @@ class FastDescent:
     ----------
     albedo : ndarray, shape (N, 3), float32
     light : ndarray, shape (n, 3, K), float64
+    shading : ndarray, shape (N, 3), float64
     terms : tuple of EnergyTerms
         Eq. 2's, per channel, in the gauge.
     rounds : tuple of Round
@@ -74,6 +75,7 @@ class FastDescent:
 
     albedo: np.ndarray
     light: np.ndarray
+    shading: np.ndarray
     terms: tuple[EnergyTerms, ...]
     rounds: tuple[Round, ...]
     outcome: Outcome
@@ -186,8 +188,9 @@ def finish(
     elif rounds[-1] is not best:
         rounds.append(best)
     albedo, light = descent.problem.slices.collect(kept[0]), kept[1]
-    terms = channel_terms(views, images, albedo, light)
-    return FastDescent(albedo, light, terms, tuple(rounds), outcome or Outcome.LIMIT_REACHED)
+    shading = views.shadings(light)
+    terms = channel_terms(views, images, albedo, shading)
+    return FastDescent(albedo, light, shading, terms, tuple(rounds), outcome or Outcome.LIMIT_REACHED)
 
 
 def _look(descent: PrimalDual) -> Round:

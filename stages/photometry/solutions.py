@@ -1,25 +1,24 @@
-"""The ways to decompose, with one kind of answer."""
+"""What a decomposition gives, and the ways of `mode: paper` to it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stages.photometry.alternation import AlternationSettings, Outcome, decompose_channels
 from stages.photometry.confidence import confidence
-from stages.photometry.energy_history import descent_as_json, rounds_as_json, rounds_under_light_as_json
+from stages.photometry.energy_history import descent_as_json, rounds_as_json
 from stages.photometry.fast_alternation import FastDescent, FastSettings, solve
 from stages.photometry.harmonics import real_harmonics
-from stages.photometry.pixel_transfer import PixelTransfer
 from stages.photometry.sky import even_directions
-from stages.photometry.sky_decomposition import SkyDecomposition, SkySolution, decompose_by_sky
-from stages.photometry.sky_light import SkyScene
 from stages.photometry.stack import StackedViews
-from stages.photometry.transfer_alternation import TransferAlternation, solve_with_transfer
+
+if TYPE_CHECKING:  # for its name only: what it takes is half a second to import
+    from stages.photometry.sky_decomposition import SkySolution
 
 SAMPLED = 512  # directions that harmonic light is shown at
 
@@ -89,7 +88,7 @@ def as_the_paper(
     return Solved(
         views=views,
         albedo=np.stack([descent.state.albedo for descent in descents], axis=-1),
-        shading=_shading(views, light),
+        shading=views.shadings(light),
         light=light,
         histories=[descent_as_json(descent) for descent in descents],
         outcomes=[descent.outcome for descent in descents],
@@ -104,58 +103,11 @@ def fast(
     step: Callable[[], None],
 ) -> Solved:
     """`solver: fast` under the paper's light."""
-    return _solved(solve(views, images, settings, threads, step), views, settings)
+    return solution_of(solve(views, images, settings, threads, step), views, settings)
 
 
-def by_transfer(
-    views: StackedViews,
-    images: list[np.ndarray],
-    transfer: PixelTransfer,
-    settings: TransferAlternation,
-    threads: int,
-    step: Callable[[], None],
-) -> Solved:
-    """`mode: transfer`."""
-    descent, views = solve_with_transfer(views, images, transfer, settings, threads, step)
-    solved = _solved(descent, views, settings.descent)
-    return replace(solved, albedo_tv=solved.albedo)
-
-
-def by_sky(
-    views: StackedViews,
-    images: list[np.ndarray],
-    scenes: Sequence[SkyScene],
-    trusted: np.ndarray,
-    settings: SkyDecomposition,
-    threads: int,
-    step: Callable[[], None],
-) -> Solved:
-    """`mode: transfer` with `light: directions`."""
-    sky = decompose_by_sky(views, images, scenes, trusted, settings, threads, step)
-    return Solved(
-        views=views,
-        albedo=sky.albedo,
-        shading=sky.light.shading,
-        light=None,
-        histories=rounds_under_light_as_json(sky.smooth),
-        outcomes=[worse(sky.smooth.outcome, sky.detailed.outcome)] * 3,
-        albedo_tv=np.maximum(sky.smooth.albedo, 0),
-        sky=sky,
-    )
-
-
-def worse(one: Outcome, other: Outcome) -> Outcome:
-    """That of two which did not converge, if there is one."""
-    return other if one is Outcome.CONVERGED else one
-
-
-def _solved(descent: FastDescent, views: StackedViews, settings: FastSettings) -> Solved:
+def solution_of(descent: FastDescent, views: StackedViews, settings: FastSettings) -> Solved:
+    """What the fast solver found, in all channels together."""
     histories = rounds_as_json(descent, settings.weights)
-    shading = _shading(views, descent.light)
     outcomes = [descent.outcome] * len(histories)
-    return Solved(views, descent.albedo, shading, descent.light, histories, outcomes)
-
-
-def _shading(views: StackedViews, light: np.ndarray) -> np.ndarray:
-    """S of all pixels, (N, 3), under light (n, 3, K)."""
-    return np.stack([views.of_channel(c).shading(light[:, c]) for c in range(light.shape[1])], axis=-1)
+    return Solved(views, descent.albedo, descent.shading, descent.light, histories, outcomes)

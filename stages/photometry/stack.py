@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -90,6 +90,11 @@ class StackedViews:
         parts = [np.einsum("pk,k->p", self.basis[self.view(i)], light[i]) for i in range(self.view_count)]
         return np.concatenate(parts)
 
+    def shadings(self, lights: np.ndarray) -> np.ndarray:
+        """S of every channel, shape (N, c), under lights of shape (n, c, K)."""
+        channels = range(lights.shape[1])
+        return np.stack([self.of_channel(c).shading(lights[:, c]) for c in channels], axis=-1)
+
     @cached_property
     def equations(self) -> NormalEquations:
         """Pattern of JᵀJ, found when first asked for, as all that follows: only `solver: paper` does."""
@@ -117,7 +122,7 @@ class StackedViews:
 
 
 def stack_views(
-    masks: Sequence[np.ndarray], normals_in_world: Sequence[np.ndarray], links: Links
+    masks: Sequence[np.ndarray], normals_in_world: Sequence[np.ndarray], links: Links, each: Callable = map
 ) -> StackedViews:
     """Stack the views.
 
@@ -129,6 +134,8 @@ def stack_views(
         Unit inside the mask.
     links : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
         C_ij: at most one 1 per row. A pair that is absent has no links.
+    each : callable
+        `map`, or that of an executor: view by view.
 
     Raises
     ------
@@ -137,11 +144,12 @@ def stack_views(
     """
     starts = first_pixels(masks)
     check_links(links, np.diff(starts).tolist())
-    basis = [
-        shading_basis(normals[mask]).astype(np.float32)
-        for normals, mask in zip(normals_in_world, masks, strict=True)
-    ]
-    return StackedViews(starts=starts, basis=np.concatenate(basis), masks=tuple(masks), links=dict(links))
+
+    def basis_of(normals: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        return shading_basis(normals[mask]).astype(np.float32)
+
+    basis = np.concatenate(list(each(basis_of, normals_in_world, masks)))
+    return StackedViews(starts=starts, basis=basis, masks=tuple(masks), links=dict(links))
 
 
 def stack_pixels(masks: Sequence[np.ndarray], images: Sequence[np.ndarray]) -> np.ndarray:

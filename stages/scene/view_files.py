@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +17,9 @@ PREVIEW_WHITE = 0.99
 
 
 def read_views(
-    paths: Mapping[str, Path], cameras: Sequence[Camera]
+    paths: Mapping[str, Path], cameras: Sequence[Camera], each: Callable = map
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Open one view after the other; never two full-size images at a time.
+    """Open one view after the other; never more full-size images at a time than there are threads.
 
     Parameters
     ----------
@@ -27,6 +27,8 @@ def read_views(
         The artefacts `mask`, `normal` and `linear`: folders with a file per camera.
     cameras : sequence of Camera
         At the size of masks and normals. An image that is larger is reduced to it.
+    each : callable
+        `map`, or that of an executor.
 
     Yields
     ------
@@ -38,7 +40,8 @@ def read_views(
     UserError
         An image holds values that are not numbers.
     """
-    for camera in cameras:
+
+    def read_view(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         mask = read_mask(paths["mask"] / f"{camera.name}.png")
         linear = reduce_by_area(read_exr(paths["linear"] / f"{camera.name}.exr"), camera.shape)[mask]
         bad = int(np.count_nonzero(~np.isfinite(linear)))
@@ -47,7 +50,9 @@ def read_views(
                 f"View {camera.name} has {bad} values in its mask that are not numbers; expected finite "
                 "linear light. Mask these pixels out, or repair the image."
             )
-        yield mask, read_exr(paths["normal"] / f"{camera.name}.exr"), linear
+        return mask, read_exr(paths["normal"] / f"{camera.name}.exr"), linear
+
+    yield from each(read_view, cameras)
 
 
 def read_surface_points(
@@ -106,21 +111,24 @@ def incidence_of(cameras: Sequence[Camera], masks: Sequence[np.ndarray], normals
 
 def images_of(masks: Sequence[np.ndarray], stacked: np.ndarray) -> Iterator[np.ndarray]:
     """Images (h_i, w_i, …), float32, 0 outside the masks, one after the other, from stacked values (N, …)."""
-    start = 0
-    for mask in masks:
-        count = int(np.count_nonzero(mask))
-        image = np.zeros((*mask.shape, *stacked.shape[1:]), np.float32)
-        image[mask] = stacked[start : start + count]
-        yield image
-        start += count
+    for mask, own in zip(masks, _by_view(masks, stacked), strict=True):
+        yield _image_of(mask, own)
 
 
 def write_maps(
-    folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray], stacked: np.ndarray
+    folder: Path,
+    cameras: Sequence[Camera],
+    masks: Sequence[np.ndarray],
+    stacked: np.ndarray,
+    each: Callable = map,
 ) -> None:
-    """Write stacked values, (N,) or (N, 3), as an EXR per view, 0 outside the masks."""
-    for camera, image in zip(cameras, images_of(masks, stacked), strict=True):
-        write_exr(folder / f"{camera.name}.exr", image)
+    """Write stacked values, (N,) or (N, 3), as an EXR per view, 0 outside the masks; `each` as above."""
+
+    def write_view(camera: Camera, mask: np.ndarray, own: np.ndarray) -> None:
+        write_exr(folder / f"{camera.name}.exr", _image_of(mask, own))
+
+    for _ in each(write_view, cameras, masks, _by_view(masks, stacked)):
+        pass
 
 
 def write_previews(
@@ -138,3 +146,16 @@ def write_pictures_of_light(folder: Path, pictures: Mapping[str, np.ndarray]) ->
     for name, picture in pictures.items():
         write_exr(folder / f"{name}.exr", picture)
         write_png_srgb8(folder / f"{name}.png", np.maximum(picture, 0) / max(white, 1e-12))
+
+
+def _by_view(masks: Sequence[np.ndarray], stacked: np.ndarray) -> list[np.ndarray]:
+    """Stacked values, (N, …), view by view."""
+    ends = np.cumsum([np.count_nonzero(mask) for mask in masks])
+    return np.split(stacked, ends[:-1])
+
+
+def _image_of(mask: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """One view's values in their places, (h, w, …), float32, 0 outside the mask."""
+    image = np.zeros((*mask.shape, *own.shape[1:]), np.float32)
+    image[mask] = own
+    return image

@@ -1,0 +1,59 @@
+"""The ways of `mode: transfer` to a decomposition, by either kind of light."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stages.photometry.alternation import Outcome
+from stages.photometry.energy_history import rounds_under_light_as_json
+from stages.photometry.pixel_transfer import PixelTransfer
+from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky
+from stages.photometry.sky_light import SkyScene
+from stages.photometry.solutions import Solved, solution_of
+from stages.photometry.stack import StackedViews
+from stages.photometry.transfer_alternation import TransferAlternation, solve_with_transfer
+
+
+def by_transfer(
+    views: StackedViews,
+    images: list[np.ndarray],
+    transfer: PixelTransfer,
+    settings: TransferAlternation,
+    threads: int,
+    step: Callable[[], None],
+) -> Solved:
+    """With `light: harmonics`."""
+    descent, views = solve_with_transfer(views, images, transfer, settings, threads, step)
+    solved = solution_of(descent, views, settings.descent)
+    return replace(solved, albedo_tv=solved.albedo)
+
+
+def by_sky(
+    views: StackedViews,
+    images: list[np.ndarray],
+    scenes: Sequence[SkyScene],
+    trusted: np.ndarray,
+    settings: SkyDecomposition,
+    threads: int,
+    step: Callable[[], None],
+) -> Solved:
+    """With `light: directions`."""
+    sky = decompose_by_sky(views, images, scenes, trusted, settings, threads, step)
+    return Solved(
+        views=views,
+        albedo=sky.albedo,
+        shading=sky.light.shading,
+        light=None,
+        histories=rounds_under_light_as_json(sky.smooth),
+        outcomes=[worse(sky.smooth.outcome, sky.detailed.outcome)] * 3,
+        albedo_tv=np.maximum(sky.smooth.albedo, 0),
+        sky=sky,
+    )
+
+
+def worse(one: Outcome, other: Outcome) -> Outcome:
+    """That of two which did not converge, if there is one."""
+    return other if one is Outcome.CONVERGED else one
