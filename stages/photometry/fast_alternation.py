@@ -101,8 +101,13 @@ def solve(
     step : callable
         Called after every round.
     """
-    descent = from_coarse_to_fine(finest_level(views, images, settings.weights), settings, threads)
-    return finish(views, images, descent, settings, step)
+    return finish(  # nothing on the way has a name: a level, a descent that is held takes room
+        views,
+        images,
+        from_coarse_to_fine(finest_level(views, images, settings.weights), settings, threads),
+        settings,
+        step,
+    )
 
 
 def from_coarse_to_fine(
@@ -168,7 +173,8 @@ def finish(
 ) -> FastDescent:
     """Go in rounds on the finest level until the energy settles.
 
-    Where it does not, the best state seen is kept.
+    Where it does not, the best state seen is kept. A descent that the caller does not keep makes room for
+    what is looked at in the end.
     """
     rounds = [_look(descent)]
     best, kept = rounds[0], (descent.albedo.copy(), descent.light)
@@ -188,6 +194,8 @@ def finish(
     elif rounds[-1] is not best:
         rounds.append(best)
     albedo, light = descent.problem.slices.collect(kept[0]), kept[1]
+    del descent, kept
+    give_back_free_memory()
     shading = views.shadings(light)
     terms = channel_terms(views, images, albedo, shading)
     return FastDescent(albedo, light, shading, terms, tuple(rounds), outcome or Outcome.LIMIT_REACHED)
