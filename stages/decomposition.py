@@ -93,15 +93,17 @@ def _by_transfer(
     import numpy as np
 
     from stages.photometry import transfer_solutions
+    from stages.photometry.sky_photos import Looks
     from stages.photometry.sky_scenes import pixels_on_proxy, sky_scenes
     from stages.scene.meshes import read_mesh
-    from stages.scene.view_files import incidence_of, read_surface_points
+    from stages.scene.view_files import read_surface_points, ways_to_cameras
 
     settings: DecompositionSettings = job.settings
     points = read_surface_points(job.inputs, cameras, masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]).faces, points)
     weights = _weights(job, views)
-    incidence = incidence_of(cameras, masks, normals)
+    towards = ways_to_cameras(cameras, masks)
+    incidence = np.einsum("nk,nk->n", normals, towards)
     trusted = trusted & (incidence > GRAZING)
     if settings.light == "harmonics":
         transfer = _pixel_transfer(job, stored, blend, normals)
@@ -112,10 +114,11 @@ def _by_transfer(
     else:
         scenes, opposed = sky_scenes(stored, blend, normals)
         _tell_opposed(job, opposed, len(normals))
+        looks = Looks(trusted, towards)
         how = as_sky(settings, weights, views.side)
-        steps = len(how.light.scales) * len(scenes) + 2 * settings.stopping.rounds
+        steps = len(how.light.scales) * (len(scenes) + 1) + 2 * settings.stopping.rounds
         with job.progress("steps", steps) as step:
-            solved = transfer_solutions.by_sky(views, images, scenes, trusted, how, job.threads, step)
+            solved = transfer_solutions.by_sky(views, images, scenes, looks, how, job.threads, step)
         distance = stored.radii[solved.sky.scene]
         job.note(
             light_distance=float(distance) if np.isfinite(distance) else "infinitely far",
@@ -123,6 +126,12 @@ def _by_transfer(
             lights=int(solved.sky.light_of_view.max()) + 1,
             spread_between_views=round(solved.sky.gains.spread, 4),
             brightening_between_views=round(solved.sky.brightening, 3),
+            sheen={
+                "strength": np.round(solved.sky.sheen.strength, 4).tolist(),
+                "roughness": solved.sky.sheen.roughness,
+                "left": round(solved.sky.sheen.left, 3),
+                "taken_off": solved.sky.sheen.believed,
+            },
         )
         trusted = solved.sky.trusted
     job.note(untrusted_pixels=int(np.count_nonzero(~trusted)))
@@ -267,7 +276,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 5,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 6,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

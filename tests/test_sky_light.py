@@ -28,20 +28,29 @@ from stages.photometry.saddle import ALIKE, EdgeWeights, graph_of
 from stages.photometry.sky import even_directions
 from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky, explained_best
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, disagreements, sky_light
+from stages.photometry.sky_photos import Lighting, Looks
 from stages.photometry.stack import StackedViews
 from stages.photometry.transfer import Occlusion
 from stages.photometry.view_gains import view_gains
+from stages.scene.view_files import ways_to_cameras
 from tests.sphere_scene import SphereScene, sphere_scene
 
 DIRECTIONS = 128
+MOVING = 0.15
 FEW = SkySettings(samples=3000, bounces=0)
 HOW = SkyDecomposition(
     light=FEW,
-    lighting="auto",
-    moving=0.15,
+    lighting=Lighting("auto", MOVING),
+    sheen=True,
     edges=PaintEdges(coarse=2.0),
     descent=FastSettings(EnergyWeights(0.7, 0.3, 1e-4), max_rounds=20),
 )
+
+
+def looks(trusted: np.ndarray) -> Looks:
+    """At three views of the sphere."""
+    scene = sphere_scene(view_count=3)
+    return Looks(trusted, ways_to_cameras(scene.cameras, scene.masks))
 
 
 def normals_of(scene: SphereScene) -> np.ndarray:
@@ -301,12 +310,14 @@ def test_everything_together_on_the_sphere(lit):
     views, sky, albedo, shading, _ = lit
     image = photo_of(albedo, shading)
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
-    found = decompose_by_sky(views, images, [sky], np.ones(len(albedo), bool), HOW, 1, lambda: None)
+    found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW, 1, lambda: None)
     assert found.light_of_view.max() == 0
     assert np.allclose(found.light.shading.mean(axis=0), 1, atol=1e-3)
     assert error(found.albedo, albedo) < 0.25 * error(image, albedo)
-    apart = replace(HOW, lighting="per-view")
-    per_view = decompose_by_sky(views, images, [sky], np.ones(len(albedo), bool), apart, 1, lambda: None)
+    apart = replace(HOW, lighting=Lighting("per-view", MOVING))
+    per_view = decompose_by_sky(
+        views, images, [sky], looks(np.ones(len(albedo), bool)), apart, 1, lambda: None
+    )
     assert per_view.light.radiance.shape == (3, DIRECTIONS, 3)
     assert error(per_view.albedo, albedo) < 0.5 * error(image, albedo)
 
@@ -381,9 +392,9 @@ def test_disputed_pixels_believe_the_other_views(lit):
 def test_where_nothing_is_trusted_everything_is(lit):
     views, sky, albedo, shading, _ = lit
     image = photo_of(albedo, shading)
-    how = replace(HOW, lighting="shared", descent=replace(HOW.descent, max_rounds=5))
+    how = replace(HOW, lighting=Lighting("shared", MOVING), descent=replace(HOW.descent, max_rounds=5))
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
-    found = decompose_by_sky(views, images, [sky], np.zeros(len(albedo), bool), how, 1, lambda: None)
+    found = decompose_by_sky(views, images, [sky], looks(np.zeros(len(albedo), bool)), how, 1, lambda: None)
     assert found.trusted.any()
     assert found.albedo.min() > 0
 
@@ -438,7 +449,7 @@ def test_gloss_is_told_from_light_that_moves(lit):
     """Both make views differ; gloss only brightens, and few of the views of a place."""
     views, sheen = lit[0], with_sheen(lit)
     everything = np.ones(len(sheen), bool)
-    assert view_gains(views, sheen, everything).spread > HOW.moving
+    assert view_gains(views, sheen, everything).spread > MOVING
     assert brightening(Linked.of(views, everything), sheen) > 1.1
     alone = replace(views, links={})
     assert brightening(Linked.of(alone, everything), sheen) == 1
@@ -448,7 +459,7 @@ def test_views_under_a_light_that_moves_have_one_each():
     scene = sphere_scene(view_count=3, turn_deg=90.0)
     views, sky = scene.stacked(), open_scene(normals_of(scene))
     images, everything = scene.channels(), np.ones(int(views.starts[-1]), bool)
-    found = decompose_by_sky(views, images, [sky], everything, HOW, 1, lambda: None)
+    found = decompose_by_sky(views, images, [sky], looks(everything), HOW, 1, lambda: None)
     assert found.brightening < 1
     assert found.light_of_view.tolist() == [0, 1, 2]
 
@@ -464,8 +475,8 @@ def test_glossy_views_have_one_light_and_firm_links(lit, monkeypatch):
 
     monkeypatch.setattr(sky_decomposition, "albedo_under_light", solve)
     images = list(np.ascontiguousarray(with_sheen(lit).T))
-    found = decompose_by_sky(views, images, [sky], np.ones(len(albedo), bool), HOW, 1, lambda: None)
-    assert found.gains.spread > HOW.moving
+    found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW, 1, lambda: None)
+    assert found.gains.spread > MOVING
     assert found.light_of_view.max() == 0
     of_tv, of_albedo = weighed
     assert of_tv == ALIKE

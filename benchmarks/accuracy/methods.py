@@ -43,6 +43,7 @@ ABLATIONS = (
     _ours("albedo_tv", artefact="albedo_tv"),
     _ours("light: harmonics", light="harmonics"),
     _ours("no bounces", bounces=0),
+    _ours("no sheen", sheen=False),
     _ours("one light per view", lighting="per-view"),
     _ours("channels apart", neutrality=0.0),
     _ours("no evenness", evenness=0.0),

@@ -52,6 +52,11 @@ class DecompositionSettings(Settings):
         unit="typical difference of the logarithms",
         gt=0,
     )
+    sheen: bool = setting(
+        True,
+        "`light: directions`, one light for all views: whether the light's image in the surface, which is "
+        "taken for a rough mirror, is taken off where it explains how views differ.",
+    )
     samples: int = setting(
         20_000,
         "Pixels that the light of `light: directions` is found from; a quarter as many more for every "

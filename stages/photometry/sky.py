@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from stages.photometry.sky_loops import gather_irradiance, gather_shares
+from stages.photometry.sky_loops import gather_irradiance, gather_mirrored, gather_shares
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 FARTHEST = np.float32(2 / 3)  # of the sphere's radius: nearer to it, the light would be endless
@@ -168,6 +168,20 @@ class SkyTransport:
         gather_irradiance(
             self.normals[begin:end], self.offsets[begin:end], own, self.visible, self.directions, light, out
         )
+        return out
+
+    def mirrored(
+        self, radiance: np.ndarray, towards: np.ndarray, roughness: float, points: np.ndarray
+    ) -> np.ndarray:
+        """What chosen points would show of light (M, C) were they a rough mirror, (n, C), float32.
+
+        The mean of the light within the mirror's lobe, which is 0 where something hides it. The ways
+        `towards` the cameras, (N, 3), are unit vectors; roughness is α of GGX.
+        """
+        out = np.empty((len(points), radiance.shape[1]), np.float32)
+        scene = (self.normals, self.offsets, self._blend, self.visible, self.directions)
+        light = np.ascontiguousarray(radiance, np.float32)
+        gather_mirrored(np.asarray(points), *scene, towards, np.float32(roughness), light, out)
         return out
 
     @property

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.appearance import appearance_of
 from stages.photometry.fast_alternation import FastDescent, FastSettings
-from stages.photometry.highlights import Linked, brightening, without_highlights
 from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
     PaintEdges,
@@ -20,13 +18,14 @@ from stages.photometry.paint_edges import (
     smoothness_of_edges,
 )
 from stages.photometry.saddle import ALIKE, EdgeWeights
-from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, disagreements, sky_light
+from stages.photometry.sheen import NO_SHEEN, Sheen
+from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
+from stages.photometry.sky_photos import Lighting, Looks, Photos
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_gains import ViewGains, view_gains
 from stages.solvers.threading_layer import use_threads
 
 NEARER = 0.01  # by how much less disagreement light from nearby must leave to be believed in
-GLOSSY = 1.05  # `brightening` above which it is gloss that makes views differ
 UNLIT = 0.02  # of the median shading: a quotient by less says nothing
 
 
@@ -37,11 +36,9 @@ class SkyDecomposition:
     Attributes
     ----------
     light : SkySettings
-    lighting : str
-        One light for all views, or one for each; auto: by `moving` and `GLOSSY`.
-    moving : float
-        Spread of the views (see `ViewGains`) above which the light is taken to differ between them, unless
-        they differ as gloss makes them (see `brightening`).
+    lighting : Lighting
+    sheen : bool
+        Whether it is looked for, where there is one light; see `sheen_of`.
     edges : PaintEdges
         Of `albedo`.
     descent : FastSettings
@@ -49,8 +46,8 @@ class SkyDecomposition:
     """
 
     light: SkySettings
-    lighting: Literal["auto", "shared", "per-view"]
-    moving: float
+    lighting: Lighting
+    sheen: bool
     edges: PaintEdges
     descent: FastSettings
 
@@ -76,6 +73,8 @@ class SkySolution:
     disagreements : list of float
         Of all scenes.
     gains : ViewGains
+    sheen : Sheen
+        That was found; taken off if it is to be believed.
     brightening : float
         Of the views, after these.
     light_of_view : ndarray, shape (n,), int64
@@ -95,6 +94,7 @@ class SkySolution:
     scene: int
     disagreements: list[float]
     gains: ViewGains
+    sheen: Sheen
     brightening: float
     light_of_view: np.ndarray
     trusted: np.ndarray
@@ -108,7 +108,7 @@ def decompose_by_sky(
     views: StackedViews,
     images: list[np.ndarray],
     scenes: Sequence[SkyScene],
-    trusted: np.ndarray,
+    looks: Looks,
     settings: SkyDecomposition,
     threads: int,
     step: Callable[[], None],
@@ -122,9 +122,8 @@ def decompose_by_sky(
         Scaled.
     scenes : sequence of SkyScene
         The same under light from other distances: that whose light leaves the least disagreement is taken.
-    trusted : ndarray, shape (N,), bool
-        Pixels whose data count, for the light as well, as far as one knows without it. If there are none,
-        all do.
+    looks : Looks
+        If none is trusted, all are.
     settings : SkyDecomposition
     threads : int
         Never changes the result.
@@ -133,57 +132,55 @@ def decompose_by_sky(
     """
     image = np.stack(images, axis=1)
     use_threads(threads)
-    if not trusted.any():
-        trusted = np.ones_like(trusted)
-    gains = view_gains(views, image, trusted)
+    if not looks.trusted.any():
+        looks = replace(looks, trusted=np.ones_like(looks.trusted))
+    gains = view_gains(views, image, looks.trusted)
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
-    light_of_view, rise, matt = _lights_and_gloss(settings, views, image / of_pixel, trusted, gains.spread)
-    lights = [sky_light(scene, views, matt, trusted, light_of_view, settings.light, step) for scene in scenes]
-    left = disagreements(scenes, lights, views, matt, trusted, light_of_view, settings.light)
+    photos = Photos.of(views, looks, image / of_pixel, gains.spread, settings.lighting)
+    lights = [photos.light(scene, settings.light, step) for scene in scenes]
+    left = photos.disagreements(scenes, lights, settings.light)
     best = explained_best(left)
-    light = _shaded(scenes[best], views, lights[best], light_of_view, of_pixel)
-    lit = trusted & (light.shading.mean(axis=1) > UNLIT * np.median(light.shading))
-    trusted = lit if lit.any() else trusted
-    matt *= of_pixel
-    shown, white = (in_white_light(one, light.shading) for one in (image, matt))
-    look = appearance_of(views, shown, light.shading, trusted, settings.edges)
+    scene, found, sheen = scenes[best], lights[best], NO_SHEEN
+    if settings.sheen and photos.in_one_light:
+        sheen, photos = photos.told_from_sheen(scene, found)
+        found = photos.light(scene, settings.light, step) if sheen.believed else found
+    light = _shaded(scene, views, found, photos.light_of_view, of_pixel)
+    light_found = (light, best, left, gains, sheen, photos.brightening, photos.light_of_view)
+    albedo_found = _albedo(photos, light, of_pixel, settings, threads, step)
+    return SkySolution(*light_found, *albedo_found, scene.pixels.directions)
+
+
+def _albedo(
+    photos: Photos,
+    light: SkyLight,
+    of_pixel: np.ndarray,
+    settings: SkyDecomposition,
+    threads: int,
+    step: Callable[[], None],
+) -> tuple[np.ndarray, FastDescent, FastDescent, np.ndarray]:
+    """What is trusted under this light, Eq. 2's ρ, ρ by edge, and that with the photo's detail."""
+    views, shading = photos.views, light.shading
+    lit = photos.looks.without(shading.mean(axis=1) <= UNLIT * np.median(shading))
+    matt = photos.matt * of_pixel
+    shown, white = (in_white_light(one, shading) for one in (photos.seen * of_pixel, matt))
+    look = appearance_of(views, shown, shading, lit.trusted, settings.edges)
     by_edge = EdgeWeights(
-        smoothness_of_edges(views, white, light.shading, look.textured, settings.edges),
+        smoothness_of_edges(views, white, shading, look.textured, settings.edges),
         agreement_of_links(views, settings.descent.weights.consistency, look.disputed),
     )
     channels = list(np.ascontiguousarray(matt.T))
     smooth, detailed = (
-        albedo_under_light(views, channels, light.shading, trusted, each, settings.descent, threads, step)
+        albedo_under_light(views, channels, shading, lit.trusted, each, settings.descent, threads, step)
         for each in (ALIKE, by_edge)
     )
-    albedo = with_detail(detailed.albedo, matt, light.shading, trusted, look.textured)
-    towards = scenes[best].pixels.directions
-    light_found = (light, best, left, gains, rise, light_of_view)
-    return SkySolution(*light_found, trusted, smooth, detailed, albedo, towards)
+    albedo = with_detail(detailed.albedo, matt, shading, lit.trusted, look.textured)
+    return lit.trusted, smooth, detailed, albedo
 
 
 def explained_best(left: Sequence[float]) -> int:
     """Index of the least; the first, light from far away, unless another is clearly better."""
     best = int(np.argmin(left))
     return best if left[best] < (1 - NEARER) * left[0] else 0
-
-
-def _lights_and_gloss(
-    settings: SkyDecomposition, views: StackedViews, image: np.ndarray, trusted: np.ndarray, spread: float
-) -> tuple[np.ndarray, float, np.ndarray]:
-    """Which light every view stands in, (n,), the views' brightening, the image without its gloss."""
-    linked = Linked.of(views, trusted)
-    rise = brightening(linked, image)
-    light_of_view = _lights(settings, spread, rise, views.view_count)
-    one_light = not light_of_view.any()  # matt surface then looks the same in all views
-    return light_of_view, rise, without_highlights(linked, image) if one_light else image
-
-
-def _lights(settings: SkyDecomposition, spread: float, rise: float, count: int) -> np.ndarray:
-    apart = settings.lighting == "per-view"
-    if settings.lighting == "auto":
-        apart = spread > settings.moving and rise < GLOSSY
-    return np.arange(count) if apart else np.zeros(count, np.int64)
 
 
 def _shaded(

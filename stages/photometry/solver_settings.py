@@ -78,6 +78,7 @@ def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float)
     from stages.photometry.paint_edges import PaintEdges
     from stages.photometry.sky_decomposition import SkyDecomposition
     from stages.photometry.sky_light import SkySettings
+    from stages.photometry.sky_photos import Lighting
 
     return SkyDecomposition(
         light=SkySettings(
@@ -86,8 +87,8 @@ def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float)
             brightest=settings.brightest,
             weights=PairWeights(settings.neutrality, settings.evenness),
         ),
-        lighting=settings.lighting,
-        moving=settings.moving_light,
+        lighting=Lighting(settings.lighting, settings.moving_light),
+        sheen=settings.sheen,
         edges=PaintEdges(
             coarse=max(settings.fine_lambda, settings.coarse_lambda * side / OWN_SIDE),
             fine=settings.fine_lambda,

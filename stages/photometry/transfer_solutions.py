@@ -12,6 +12,7 @@ from stages.photometry.energy_history import rounds_under_light_as_json
 from stages.photometry.pixel_transfer import PixelTransfer
 from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky
 from stages.photometry.sky_light import SkyScene
+from stages.photometry.sky_photos import Looks
 from stages.photometry.solutions import Solved, solution_of
 from stages.photometry.stack import StackedViews
 from stages.photometry.transfer_alternation import TransferAlternation, solve_with_transfer
@@ -35,13 +36,13 @@ def by_sky(
     views: StackedViews,
     images: list[np.ndarray],
     scenes: Sequence[SkyScene],
-    trusted: np.ndarray,
+    looks: Looks,
     settings: SkyDecomposition,
     threads: int,
     step: Callable[[], None],
 ) -> Solved:
     """With `light: directions`."""
-    sky = decompose_by_sky(views, images, scenes, trusted, settings, threads, step)
+    sky = decompose_by_sky(views, images, scenes, looks, settings, threads, step)
     return Solved(
         views=views,
         albedo=sky.albedo,

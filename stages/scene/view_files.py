@@ -101,12 +101,11 @@ def scaled_channels(pixels: np.ndarray) -> tuple[list[np.ndarray], float]:
     return [np.ascontiguousarray(pixels[:, c], np.float32) / np.float32(bright) for c in channels], bright
 
 
-def incidence_of(cameras: Sequence[Camera], masks: Sequence[np.ndarray], normals: np.ndarray) -> np.ndarray:
-    """Cosine between every masked pixel's normal, (N, 3), and the way to its camera, (N,), float32."""
+def ways_to_cameras(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> np.ndarray:
+    """Unit vector from every masked pixel's surface to its camera, world axes, (N, 3), float32."""
     rays = [rays_in_world(camera)[mask] for camera, mask in zip(cameras, masks, strict=True)]
     towards = -np.concatenate(rays)
-    length = np.linalg.norm(towards, axis=1)
-    return (np.einsum("nk,nk->n", normals, towards) / np.maximum(length, 1e-12)).astype(np.float32)
+    return (towards / np.linalg.norm(towards, axis=1, keepdims=True)).astype(np.float32)
 
 
 def images_of(masks: Sequence[np.ndarray], stacked: np.ndarray) -> Iterator[np.ndarray]:

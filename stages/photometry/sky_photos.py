@@ -1,0 +1,127 @@
+"""Photos made ready for the light to be found: how many lights they were taken in, what in them is gloss."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from stages.photometry.highlights import Linked, brightening, without_highlights
+from stages.photometry.sheen import Mirror, Sheen, highlights_of, sheen_of, without_sheen
+from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, disagreements, sky_light
+from stages.photometry.stack import StackedViews
+
+GLOSSY = 1.05  # `brightening` above which it is gloss that makes views differ
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """How the camera looks at pixels.
+
+    Attributes
+    ----------
+    trusted : ndarray, shape (N,), bool
+        Pixels whose data count, for the light as well, as far as one knows without it.
+    towards : ndarray, shape (N, 3), float32
+        Unit vectors from the surface to the camera, world axes.
+    """
+
+    trusted: np.ndarray
+    towards: np.ndarray
+
+    def without(self, pixels: np.ndarray) -> Looks:
+        """The same, but that some pixels, (N,) bool, are trusted no more, unless none would be left."""
+        trusted = self.trusted & ~pixels
+        return replace(self, trusted=trusted) if trusted.any() else self
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """One light for all views, or one for each.
+
+    Attributes
+    ----------
+    asked : str
+        auto: by what follows, and `GLOSSY`.
+    moving : float
+        Spread of the views (see `ViewGains`) above which the light is taken to differ between them, unless
+        they differ as gloss makes them (see `brightening`).
+    """
+
+    asked: Literal["auto", "shared", "per-view"]
+    moving: float
+
+    def light_of_view(self, spread: float, rise: float, count: int) -> np.ndarray:
+        """Number of the light that each of `count` views stands in, (n,): 0 for all if it is one."""
+        apart = self.asked == "per-view"
+        if self.asked == "auto":
+            apart = spread > self.moving and rise < GLOSSY
+        return np.arange(count) if apart else np.zeros(count, np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Photos:
+    """The photos as light is sought from them: gains of the views divided out.
+
+    Attributes
+    ----------
+    views : StackedViews
+    looks : Looks
+        At least one is trusted.
+    seen : ndarray, shape (N, 3), float32
+    matt : ndarray, shape (N, 3), float32
+        Without highlights, where one light serves all views.
+    light_of_view : ndarray, shape (n,), int64
+        Which light every view stands in.
+    brightening : float
+        Of the views.
+    """
+
+    views: StackedViews
+    looks: Looks
+    seen: np.ndarray
+    matt: np.ndarray
+    light_of_view: np.ndarray
+    brightening: float
+
+    @classmethod
+    def of(
+        cls, views: StackedViews, looks: Looks, seen: np.ndarray, spread: float, lighting: Lighting
+    ) -> Photos:
+        """Tell in how many lights views with such a spread were taken, and take highlights off."""
+        linked = Linked.of(views, looks.trusted)
+        rise = brightening(linked, seen)
+        light_of_view = lighting.light_of_view(spread, rise, views.view_count)
+        matt = seen if light_of_view.any() else without_highlights(linked, seen)
+        return cls(views, looks, seen, matt, light_of_view, rise)
+
+    @property
+    def in_one_light(self) -> bool:
+        """Matt surface then looks the same in all views."""
+        return not self.light_of_view.any()
+
+    def light(self, scene: SkyScene, settings: SkySettings, step: Callable[[], None]) -> FoundLight:
+        """What they were taken in."""
+        trusted = self.looks.trusted
+        return sky_light(scene, self.views, self.matt, trusted, self.light_of_view, settings, step)
+
+    def disagreements(
+        self, scenes: Sequence[SkyScene], lights: Sequence[FoundLight], settings: SkySettings
+    ) -> list[float]:
+        """How much each of several lights leaves unexplained."""
+        trusted = self.looks.trusted
+        return disagreements(scenes, lights, self.views, self.matt, trusted, self.light_of_view, settings)
+
+    def told_from_sheen(self, scene: SkyScene, found: FoundLight) -> tuple[Sheen, Photos]:
+        """The sheen under the one light found, and the photos without it: the same if there is none."""
+        mirror = Mirror(scene.pixels, found.radiance[0], self.looks.towards)
+        shading = found.shading(scene, self.views.starts, self.light_of_view)
+        sheen = sheen_of(self.views, self.seen, shading, self.looks.trusted, mirror)
+        if not sheen.believed:
+            return sheen, self
+        seen, share = without_sheen(self.seen, sheen, mirror)
+        looks = self.looks.without(highlights_of(self.views, share, self.looks.trusted))
+        matt = without_highlights(Linked.of(self.views, looks.trusted), seen)
+        return sheen, replace(self, looks=looks, seen=seen, matt=matt)

@@ -1,0 +1,136 @@
+"""Sheen: the light's image in a rough mirror, foretold, measured by how views differ, and taken off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stages.photometry.sheen import (
+    NO_SHEEN,
+    Mirror,
+    highlights_of,
+    sheen_of,
+    without_sheen,
+)
+from stages.photometry.sky import even_directions
+from stages.photometry.sky_decomposition import decompose_by_sky
+from stages.scene.view_files import ways_to_cameras
+from tests.sphere_scene import sphere_scene
+from tests.test_sky_light import DIRECTIONS, HOW, error, in_shadow_of, looks, normals_of, open_scene
+
+STRENGTH, ROUGHNESS = np.array([0.12, 0.1, 0.08]), 0.2
+
+
+@pytest.fixture(scope="module")
+def glossy():
+    """Views of a painted sphere, matt and with sheen, under a lamp and an even light; the mirror is known."""
+    scene = sphere_scene(view_count=3)
+    views, normals = scene.stacked(), normals_of(scene)
+    sky = open_scene(normals)
+    radiance = 0.3 + 12 * np.maximum(even_directions(DIRECTIONS) @ [0.7, 0.3, 0.65], 0) ** 30
+    radiance = np.tile(radiance[:, None], 3)
+    shading = sky.pixels.shading(radiance)
+    mirror = Mirror(sky.pixels, radiance, ways_to_cameras(scene.cameras, scene.masks))
+    matt = np.stack(scene.true_channels(), axis=1) * shading
+    sheen = STRENGTH * mirror.image(ROUGHNESS, np.arange(len(matt)))
+    scale = np.percentile(matt + sheen, 99)
+    return views, sky, mirror, shading, (matt / scale).astype(np.float32), (sheen / scale).astype(np.float32)
+
+
+def everything(image: np.ndarray) -> np.ndarray:
+    return np.ones(len(image), bool)
+
+
+def test_a_mirror_under_even_light_shows_that_light_but_for_what_is_hidden(glossy):
+    mirror = glossy[2]
+    even = replace(mirror, radiance=np.full((DIRECTIONS, 3), 0.7))
+    some = np.arange(0, len(mirror.towards), 7)
+    assert np.allclose(even.image(ROUGHNESS, some), 0.7, rtol=1e-4)
+    hidden = int(np.argmax(mirror.radiance[:, 0]))
+    only = replace(even, radiance=even.radiance * (np.arange(DIRECTIONS) == hidden)[:, None])
+    behind = in_shadow_of(hidden, np.ones(len(mirror.towards), bool), mirror.pixels.normals)
+    dimmed = replace(even, pixels=behind.pixels).image(ROUGHNESS, some)
+    assert np.allclose(dimmed, 0.7 - only.image(ROUGHNESS, some), atol=1e-5)
+    assert dimmed.min() < 0.6
+
+
+def test_the_lobe_is_that_of_facets_and_smiths_shadowing(glossy):
+    """Against GGX as Walter et al. 2007 write it: D(h) G1(l) G1(v) / (4 n·v), Eq. 20, 33, 34."""
+    mirror = glossy[2]
+    some = np.arange(3, len(mirror.towards), 101)
+    n, v = (values[some].astype(float) for values in (mirror.pixels.normals, mirror.towards))
+    l = mirror.pixels.directions.astype(float)  # noqa: E741 — the usual letter
+    half = l[None] + v[:, None]
+    cos_h = np.einsum("pdk,pk->pd", half / np.linalg.norm(half, axis=2, keepdims=True), n)
+    cos_l, cos_v = n @ l.T, np.einsum("pk,pk->p", n, v)[:, None]
+
+    def g1(cosine):
+        tan2 = 1 / cosine**2 - 1
+        return 2 / (1 + np.sqrt(1 + ROUGHNESS**2 * tan2))
+
+    tan4 = (1 / cos_h**2 - 1 + ROUGHNESS**2) ** 2
+    lobe = ROUGHNESS**2 / (np.pi * cos_h**4 * tan4) * g1(cos_l) * g1(cos_v) / (4 * cos_v) * (cos_l > 0)
+    facing = cos_v[:, 0] > 0.05
+    expected = (lobe / lobe.sum(axis=1, keepdims=True)) @ mirror.radiance
+    assert np.allclose(mirror.image(ROUGHNESS, some)[facing], expected[facing], rtol=2e-3)
+
+
+def test_strength_and_roughness_are_found_by_how_views_differ(glossy):
+    views, _, mirror, shading, matt, sheen = glossy
+    found = sheen_of(views, matt + sheen, shading, everything(matt), mirror)
+    scale = np.median(sheen / mirror.image(ROUGHNESS, np.arange(len(matt))), axis=0) / STRENGTH
+    assert found.believed
+    assert found.roughness == ROUGHNESS
+    assert np.allclose(found.strength, STRENGTH * scale, rtol=0.05)
+    seen, share = without_sheen(matt + sheen, found, mirror)
+    assert error(seen, matt) < 0.2 * error(matt + sheen, matt)
+    assert np.all(seen <= matt + sheen)
+    assert np.corrcoef(share, (sheen / (matt + sheen)).mean(axis=1))[0, 1] > 0.95
+
+
+def test_matt_surface_has_none_nor_has_what_no_other_view_sees(glossy):
+    views, _, mirror, shading, matt, sheen = glossy
+    assert not sheen_of(views, matt, shading, everything(matt), mirror).believed
+    alone = replace(views, links={})
+    assert sheen_of(alone, matt + sheen, shading, everything(matt), mirror) is NO_SHEEN
+    nobody = np.zeros(len(matt), bool)
+    assert sheen_of(views, matt + sheen, shading, nobody, mirror) is NO_SHEEN
+    lamp = np.zeros_like(shading)
+    lamp[0] = 1  # all else is dark beside it
+    assert sheen_of(views, matt + sheen, lamp, everything(matt), mirror) is NO_SHEEN
+
+
+def test_where_another_view_has_far_less_it_knows_better(glossy):
+    views = glossy[0]
+    share = np.full(int(views.starts[-1]), 0.1, np.float32)
+    one, other = next(iter(views.linked_pixels()))
+    share[one[0]] = 0.5
+    for pixels in (everything(share), np.arange(len(share)) != other[0]):
+        marked = highlights_of(views, share, pixels)
+        others = {int(q) for p, q in _both_ways(views) if p == one[0] and pixels[q]}
+        assert marked[one[0]] == bool(others)
+        assert marked.sum() == marked[one[0]]
+    assert not highlights_of(views, np.full_like(share, 0.9), everything(share)).any()
+
+
+def _both_ways(views):
+    for one, other in views.linked_pixels():
+        yield from zip(one, other, strict=True)
+        yield from zip(other, one, strict=True)
+
+
+def test_the_albedo_comes_nearer_the_paint(glossy):
+    views, sky, _, shading, matt, sheen = glossy
+    images = [np.ascontiguousarray((matt + sheen)[:, c]) for c in range(3)]
+    albedo = matt / shading
+    with_it, without = (
+        decompose_by_sky(
+            views, images, [sky], looks(everything(matt)), replace(HOW, sheen=sheen), 1, lambda: None
+        )
+        for sheen in (True, False)
+    )
+    assert with_it.sheen.believed
+    assert without.sheen is NO_SHEEN
+    assert error(with_it.albedo, albedo) < 0.8 * error(without.albedo, albedo)
