@@ -33,7 +33,7 @@ class PaintEdges:
     """
 
     coarse: float
-    fine: float = 0.3
+    fine: float = 0.15
     shading_step: float = 0.02
     chroma_step: float = 0.12
 
