@@ -25,7 +25,7 @@ class PaintEdges:
     coarse : float
         Where the shading changes and the colour does not: such an edge is likely to be the light's.
     fine : float
-        Elsewhere: single pixels of noise go, lines stay.
+        Elsewhere: little, so that lines of a pixel's width stay.
     shading_step : float
         Change of log shading between neighbours that counts as one.
     chroma_step : float
