@@ -55,7 +55,7 @@ class Job:
     threads : int
         Threads to use; never changes the result.
     executor : Executor
-        For per-view work in picklable functions of paths and settings.
+        Threads for per-view work, in functions that may run side by side.
     machine : mapping of str to str
         What `Stage.machine` said: the choices that this machine imposes.
     """

@@ -127,7 +127,7 @@ def _by_transfer(
             spread_between_views=round(solved.sky.gains.spread, 4),
             brightening_between_views=round(solved.sky.brightening, 3),
             sheen={
-                "strength": np.round(solved.sky.sheen.strength, 4).tolist(),
+                "strength": [round(float(k), 4) for k in solved.sky.sheen.strength],
                 "roughness": solved.sky.sheen.roughness,
                 "left": round(solved.sky.sheen.left, 3),
                 "taken_off": solved.sky.sheen.believed,
@@ -265,7 +265,11 @@ DECOMPOSITION = Stage(
     takes=("linear", "normal", "mask", "cameras", "correspondences"),
     gives=(
         Artefact("albedo", "albedo per view, EXR, linear, 0 outside the mask", output="albedo"),
-        Artefact("shading", "shading per view, EXR, linear: image = albedo × shading", output="shading"),
+        Artefact(
+            "shading",
+            "shading per view, EXR, linear: image = albedo × shading, but for gloss",
+            output="shading",
+        ),
         Artefact("lighting", "light per view and channel", file="lighting.json", output="lighting.json"),
         Artefact("energy", "energy per alternation", file="energy.json", output="energy.json"),
     ),

@@ -99,3 +99,9 @@ def test_stacking_and_unstacking_are_inverse_inside_the_masks():
     for mask, image, again in zip(masks, images, back, strict=True):
         assert np.array_equal(again[mask], image[mask])
         assert not again[~mask].any()
+
+
+def test_views_and_normals_must_be_as_many():
+    mask, normals = np.ones((2, 2), bool), np.tile([0.0, 0, 1], (2, 2, 1))
+    with pytest.raises(ValueError, match="zip"):
+        stack_views([mask, mask], [normals], {})

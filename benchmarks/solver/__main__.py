@@ -100,7 +100,7 @@ def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _rivals(words: str) -> tuple[str, ...]:
-    given, names = tuple(words.split(",")), rival_names()
+    given, names = tuple(word for word in words.split(",") if word), rival_names()
     for word in given:
         if not any(word in name for name in names):
             raise argparse.ArgumentTypeError(f"{word!r}: expected words in the names of {'; '.join(names)}.")

@@ -53,7 +53,11 @@ def albedo_under_light(
     images = [np.where(trusted, image, 0).astype(np.float32) for image in images]
     views = replace(views, basis=basis)
     light = np.ones((views.view_count, 3, 1))
-    finest = finest_level(views, images, settings.weights, edges)
-    descent = from_coarse_to_fine(finest, settings, threads, light)
-    del finest
-    return finish(views, images, descent, settings, step)
+    found = finish(  # a level or a descent that has a name takes room
+        views,
+        images,
+        from_coarse_to_fine(finest_level(views, images, settings.weights, edges), settings, threads, light),
+        settings,
+        step,
+    )
+    return replace(found, shading=shading)

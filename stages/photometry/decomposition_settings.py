@@ -129,8 +129,8 @@ class DecompositionSettings(Settings):
     )
     fine_lambda: float = setting(
         0.15,
-        "`albedo` of `mode: transfer`: λ at all other edges. 0.15 leaves lines of a pixel's width, and single "
-        "pixels where they are well lit; 0.3 takes these away, as noise.",
+        "`albedo` of `mode: transfer`: λ at all other edges. 0.15 leaves lines of a pixel's width, and "
+        "single pixels where they are well lit; 0.3 takes these away, as noise.",
         unit="px",
         ge=0,
         le=1e6,

@@ -78,8 +78,11 @@ def consistency_term(views: StackedViews, albedo: np.ndarray) -> float:
 
 def _differences_of(albedo: np.ndarray, pairs: Iterable[Pixels]) -> np.ndarray:
     """Sum of ``|ρ_q − ρ_p|`` of every channel, float64, view by view: never all pairs at a time."""
-    none = np.zeros(albedo.shape[1:])
-    return sum((np.abs(albedo[q].astype(np.float64) - albedo[p]).sum(axis=0) for p, q in pairs), none)
+    total = np.zeros(albedo.shape[1:])
+    for p, q in pairs:
+        apart = np.abs(albedo[q].astype(np.float64) - albedo[p])
+        total += np.ascontiguousarray(apart.T).sum(axis=-1)  # channel by channel, in pairs: no digit is lost
+    return total
 
 
 def energy_terms(

@@ -13,11 +13,13 @@ from stages.photometry.sky import SkyTransport
 from stages.photometry.stack import Pixels, StackedViews
 
 ROUGHNESSES = (0.15, 0.2, 0.3)  # α of GGX: a sharper lobe falls between 256 directions
-LINKS = 100_000  # that are looked at
+LINKS = 100_000  # that are looked at, or up to twice as many
+FEWEST = 1000  # of them: what fewer differ by is as well explained by chance
 LIT = 0.1  # of the mean shading, per channel: what a link's ends have at least
 ROUNDS = 10  # of reweighting
 FITTED = 0.01  # of the scaled image: differences below this count as explained
 BELIEVED = 0.98  # of the views' differences; a sheen that leaves more is none
+STRONGEST = 0.5  # of a mirror: more is no sheen on paint, but views too near one another to tell
 KEPT = 0.2  # of the image, at least: highlights that lie a little beside where they are expected
 HIGHLIGHT, BRIGHTER = 0.25, 3.0  # of a pixel's brightness; of what any other view has there
 
@@ -44,7 +46,7 @@ class Sheen:
     @property
     def believed(self) -> bool:
         """Whether it explains enough to be there."""
-        return self.left < BELIEVED
+        return self.left < BELIEVED and self.strength.max() < STRONGEST
 
 
 NO_SHEEN = Sheen(np.zeros(3), ROUGHNESSES[0], 1.0)
@@ -86,7 +88,7 @@ def sheen_of(
     """
     useful = trusted & (shading > LIT * shading.mean(axis=0)).all(axis=1)
     p, q = _some_links(views, useful)
-    if not p.size:
+    if p.size < FEWEST:
         return NO_SHEEN
     f = shading[p] / shading[q]
     apart = seen[p] - f * seen[q]
@@ -98,10 +100,10 @@ def sheen_of(
 
 
 def without_sheen(seen: np.ndarray, sheen: Sheen, mirror: Mirror) -> tuple[np.ndarray, np.ndarray]:
-    """The image without its sheen, (N, 3), and the sheen's share of the brightness, (N,); float32."""
+    """The image without its sheen, (N, 3), nowhere above it; the sheen's share of the brightness, (N,)."""
     added = sheen.strength.astype(np.float32) * mirror.image(sheen.roughness, np.arange(len(seen)))
     share = added.mean(axis=1) / np.maximum(seen.mean(axis=1), FITTED)
-    return np.maximum(seen - added, KEPT * seen), share
+    return np.maximum(seen - added, np.minimum(seen, KEPT * seen)), share
 
 
 def highlights_of(views: StackedViews, share: np.ndarray, trusted: np.ndarray) -> np.ndarray:

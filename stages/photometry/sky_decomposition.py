@@ -80,6 +80,8 @@ class SkySolution:
     light_of_view : ndarray, shape (n,), int64
     trusted : ndarray, shape (N,), bool
         Pixels whose data counted.
+    seen : ndarray, shape (N, 3), float32
+        The photos without their sheen, gains of the views included: what albedo and shading are to explain.
     smooth : FastDescent
         Eq. 2's ρ under that light, for `albedo_tv`.
     detailed : FastDescent
@@ -98,6 +100,7 @@ class SkySolution:
     brightening: float
     light_of_view: np.ndarray
     trusted: np.ndarray
+    seen: np.ndarray
     smooth: FastDescent
     detailed: FastDescent
     albedo: np.ndarray
@@ -130,8 +133,8 @@ def decompose_by_sky(
     step : callable
         Called after every step of the light and every round of the albedo.
     """
-    image = np.stack(images, axis=1)
     use_threads(threads)
+    image = np.stack(images, axis=1)
     if not looks.trusted.any():
         looks = replace(looks, trusted=np.ones_like(looks.trusted))
     gains = view_gains(views, image, looks.trusted)
@@ -146,6 +149,7 @@ def decompose_by_sky(
         found = photos.light(scene, settings.light, step) if sheen.believed else found
     light = _shaded(scene, views, found, photos.light_of_view, of_pixel)
     light_found = (light, best, left, gains, sheen, photos.brightening, photos.light_of_view)
+    del image  # `photos` has what follows
     albedo_found = _albedo(photos, light, of_pixel, settings, threads, step)
     return SkySolution(*light_found, *albedo_found, scene.pixels.directions)
 
@@ -157,24 +161,24 @@ def _albedo(
     settings: SkyDecomposition,
     threads: int,
     step: Callable[[], None],
-) -> tuple[np.ndarray, FastDescent, FastDescent, np.ndarray]:
-    """What is trusted under this light, Eq. 2's ρ, ρ by edge, and that with the photo's detail."""
+) -> tuple[np.ndarray, np.ndarray, FastDescent, FastDescent, np.ndarray]:
+    """What is trusted and seen under this light; Eq. 2's ρ, ρ by edge, and that with the photo's detail."""
     views, shading = photos.views, light.shading
     lit = photos.looks.without(shading.mean(axis=1) <= UNLIT * np.median(shading))
-    matt = photos.matt * of_pixel
-    shown, white = (in_white_light(one, shading) for one in (photos.seen * of_pixel, matt))
-    look = appearance_of(views, shown, shading, lit.trusted, settings.edges)
+    seen, matt = photos.seen * of_pixel, photos.matt * of_pixel
+    shown, white = (in_white_light(one, shading) for one in (seen, matt))
+    surface = appearance_of(views, shown, shading, lit.trusted, settings.edges)
     by_edge = EdgeWeights(
-        smoothness_of_edges(views, white, shading, look.textured, settings.edges),
-        agreement_of_links(views, settings.descent.weights.consistency, look.disputed),
+        smoothness_of_edges(views, white, shading, surface.textured, settings.edges),
+        agreement_of_links(views, settings.descent.weights.consistency, surface.disputed),
     )
     channels = list(np.ascontiguousarray(matt.T))
     smooth, detailed = (
         albedo_under_light(views, channels, shading, lit.trusted, each, settings.descent, threads, step)
         for each in (ALIKE, by_edge)
     )
-    albedo = with_detail(detailed.albedo, matt, shading, lit.trusted, look.textured)
-    return lit.trusted, smooth, detailed, albedo
+    albedo = with_detail(detailed.albedo, matt, shading, lit.trusted, surface.textured)
+    return lit.trusted, seen, smooth, detailed, albedo
 
 
 def explained_best(left: Sequence[float]) -> int:

@@ -49,9 +49,10 @@ def gather_mirrored(points, normals, offsets, blend, visible, directions, toward
             total = np.float32(1e-12)
             for d in range(len(directions)):
                 share = _mirroring(normals[p], offsets[p], directions[d], towards[p], roughness)
-                total += share
-                for c in range(out.shape[1]):
-                    out[k, c] += seen[d] * share * radiance[d, c]
+                if share > 0:
+                    total += share
+                    for c in range(out.shape[1]):
+                        out[k, c] += seen[d] * share * radiance[d, c]
             out[k] /= total
 
 
@@ -126,7 +127,7 @@ def _mirroring(normal, offset, direction, towards, roughness):
         return np.float32(0)
     x, y, z = x / distance + towards[0], y / distance + towards[1], z / distance + towards[2]
     half = (x * normal[0] + y * normal[1] + z * normal[2]) / np.sqrt(x * x + y * y + z * z + 1e-12)
-    alpha = roughness * roughness
-    facets = 1 / (half * half * (alpha - 1) + 1) ** 2
-    unshadowed = 2 * cosine / (cosine + np.sqrt(alpha + (1 - alpha) * cosine * cosine))
+    squared_alpha = roughness * roughness
+    facets = 1 / (half * half * (squared_alpha - 1) + 1) ** 2
+    unshadowed = 2 * cosine / (cosine + np.sqrt(squared_alpha + (1 - squared_alpha) * cosine * cosine))
     return facets * unshadowed * sent / squared

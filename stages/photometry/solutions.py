@@ -62,7 +62,7 @@ class Solved:
         self, views: StackedViews, images: list[np.ndarray], incidence: np.ndarray, trusted: np.ndarray
     ) -> Solved:
         """The same with the confidence of every pixel; see `confidence`."""
-        image = np.stack(images, axis=1)
+        image = np.stack(images, axis=1) if self.sky is None else self.sky.seen
         return replace(
             self, confidence=confidence(views, image, self.shading, self.albedo, incidence, trusted)
         )

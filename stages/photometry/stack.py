@@ -145,10 +145,11 @@ def stack_views(
     starts = first_pixels(masks)
     check_links(links, np.diff(starts).tolist())
 
-    def basis_of(normals: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    def basis_of(view: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        normals, mask = view
         return shading_basis(normals[mask]).astype(np.float32)
 
-    basis = np.concatenate(list(each(basis_of, normals_in_world, masks)))
+    basis = np.concatenate(list(each(basis_of, zip(normals_in_world, masks, strict=True))))
     return StackedViews(starts=starts, basis=basis, masks=tuple(masks), links=dict(links))
 
 

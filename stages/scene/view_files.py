@@ -123,10 +123,11 @@ def write_maps(
 ) -> None:
     """Write stacked values, (N,) or (N, 3), as an EXR per view, 0 outside the masks; `each` as above."""
 
-    def write_view(camera: Camera, mask: np.ndarray, own: np.ndarray) -> None:
+    def write_view(view: tuple[Camera, np.ndarray, np.ndarray]) -> None:
+        camera, mask, own = view
         write_exr(folder / f"{camera.name}.exr", _image_of(mask, own))
 
-    for _ in each(write_view, cameras, masks, _by_view(masks, stacked)):
+    for _ in each(write_view, zip(cameras, masks, _by_view(masks, stacked), strict=True)):
         pass
 
 
