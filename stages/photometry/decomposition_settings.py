@@ -20,7 +20,7 @@ class Stopping:
 USUAL = {
     "paper": Stopping(1e-3, 0.03, 100),
     "harmonics": Stopping(1e-3, 0.08, 100),
-    "directions": Stopping(5e-3, 0.15, 30),
+    "directions": Stopping(1e-2, 0.15, 30),
 }
 
 
@@ -173,7 +173,7 @@ class DecompositionSettings(Settings):
     fast_tolerance: float | None = setting(
         None,
         "Relative energy that `solver: fast` may still gain to be done, estimated from what the last two "
-        "doublings of its iterations have gained. none: 0.001, or 0.005 under `light: directions`, where the "
+        "doublings of its iterations have gained. none: 0.001, or 0.01 under `light: directions`, where the "
         "light is found already and the albedo's last digits change nothing that one sees.",
         ge=0,
         lt=1,
