@@ -101,7 +101,7 @@ def test_strength_and_roughness_are_found_by_how_views_differ(glossy):
     views, _, mirror, shading, matt, sheen = glossy
     found = sheen_of(views, matt + sheen, shading, everything(matt), mirror)
     scale = np.median(sheen / mirror.image(ROUGHNESS, np.arange(len(matt))), axis=0) / STRENGTH
-    assert found.believed
+    assert found.believed is True  # a plain one: it goes into the record
     assert found.roughness == ROUGHNESS
     assert np.allclose(found.strength, STRENGTH * scale, rtol=0.05)
     seen, share = without_sheen(matt + sheen, found, mirror)

@@ -46,7 +46,7 @@ class Sheen:
     @property
     def believed(self) -> bool:
         """Whether it explains enough to be there."""
-        return self.left < BELIEVED and self.strength.max() < STRONGEST
+        return bool(self.left < BELIEVED and self.strength.max() < STRONGEST)
 
 
 NO_SHEEN = Sheen(np.zeros(3), ROUGHNESSES[0], 1.0)
