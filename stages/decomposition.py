@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from stages.photometry.energy import EnergyWeights
     from stages.photometry.pixel_transfer import PixelTransfer
+    from stages.photometry.sky_decomposition import SkySolution
     from stages.photometry.solutions import Solved
     from stages.photometry.stack import StackedViews
     from stages.scene.cameras import Camera
@@ -119,23 +120,30 @@ def _by_transfer(
         steps = len(how.light.scales) * (len(scenes) + 1) + 2 * settings.stopping.rounds
         with job.progress("steps", steps) as step:
             solved = transfer_solutions.by_sky(views, images, scenes, looks, how, job.threads, step)
-        distance = stored.radii[solved.sky.scene]
-        job.note(
-            light_distance=float(distance) if np.isfinite(distance) else "infinitely far",
-            disagreement=dict(zip(map(str, stored.radii.tolist()), solved.sky.disagreements, strict=True)),
-            lights=int(solved.sky.light_of_view.max()) + 1,
-            spread_between_views=round(solved.sky.gains.spread, 4),
-            brightening_between_views=round(solved.sky.brightening, 3),
-            sheen={
-                "strength": [round(float(k), 4) for k in solved.sky.sheen.strength],
-                "roughness": solved.sky.sheen.roughness,
-                "left": round(solved.sky.sheen.left, 3),
-                "taken_off": solved.sky.sheen.believed,
-            },
-        )
+        _note_light(job, stored, solved.sky)
         trusted = solved.sky.trusted
     job.note(untrusted_pixels=int(np.count_nonzero(~trusted)))
     return solved.judged(views, images, incidence, trusted)
+
+
+def _note_light(job: Job, stored: StoredTransfer, sky: SkySolution) -> None:
+    """What was found out about the light, and by what."""
+    import numpy as np
+
+    distance = stored.radii[sky.scene]
+    job.note(
+        light_distance=float(distance) if np.isfinite(distance) else "infinitely far",
+        disagreement=dict(zip(map(str, stored.radii.tolist()), sky.disagreements, strict=True)),
+        lights=int(sky.light_of_view.max()) + 1,
+        spread_between_views=round(sky.gains.spread, 4),
+        brightening_between_views=round(sky.brightening, 3),
+        sheen={
+            "strength": [round(float(k), 4) for k in sky.sheen.strength],
+            "roughness": sky.sheen.roughness,
+            "left": round(sky.sheen.left, 3),
+            "taken_off": sky.sheen.believed,
+        },
+    )
 
 
 def _weights(job: Job, views: StackedViews) -> EnergyWeights:

@@ -19,7 +19,7 @@ from stages.photometry.paint_edges import (
 )
 from stages.photometry.saddle import ALIKE, EdgeWeights
 from stages.photometry.sheen import NO_SHEEN, Sheen
-from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
+from stages.photometry.sky_light import SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks, Photos
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_gains import ViewGains, view_gains
@@ -144,10 +144,13 @@ def decompose_by_sky(
     left = photos.disagreements(scenes, lights, settings.light)
     best = explained_best(left)
     scene, found, sheen = scenes[best], lights[best], NO_SHEEN
+    shading = photos.shading(scene, found)
     if settings.sheen and photos.in_one_light:
-        sheen, photos = photos.told_from_sheen(scene, found)
-        found = photos.light(scene, settings.light, step) if sheen.believed else found
-    light = _shaded(scene, views, found, photos.light_of_view, of_pixel)
+        sheen, photos = photos.told_from_sheen(scene, found, shading)
+        if sheen.believed:
+            found = photos.light(scene, settings.light, step)
+            shading = photos.shading(scene, found)
+    light = _scaled(found.radiance, shading * of_pixel)
     light_found = (light, best, left, gains, sheen, photos.brightening, photos.light_of_view)
     del image  # `photos` has what follows
     albedo_found = _albedo(photos, light, of_pixel, settings, threads, step)
@@ -187,15 +190,8 @@ def explained_best(left: Sequence[float]) -> int:
     return best if left[best] < (1 - NEARER) * left[0] else 0
 
 
-def _shaded(
-    scene: SkyScene,
-    views: StackedViews,
-    found: FoundLight,
-    light_of_view: np.ndarray,
-    of_pixel: np.ndarray,
-) -> SkyLight:
-    """Give the views their gains back, and scale the light so that the mean shading is 1 in each channel."""
-    shading = found.shading(scene, views.starts, light_of_view) * of_pixel
+def _scaled(radiance: np.ndarray, shading: np.ndarray) -> SkyLight:
+    """Scale the light so that the mean shading, (N, 3), with the gains of the views, is 1 in each channel."""
     mean = shading.mean(axis=0, dtype=np.float64).astype(np.float32)
     mean = np.where(mean > 0, mean, np.float32(1))
-    return SkyLight(found.radiance / mean, shading / mean)
+    return SkyLight(radiance / mean, shading / mean)

@@ -114,10 +114,15 @@ class Photos:
         trusted = self.looks.trusted
         return disagreements(scenes, lights, self.views, self.matt, trusted, self.light_of_view, settings)
 
-    def told_from_sheen(self, scene: SkyScene, found: FoundLight) -> tuple[Sheen, Photos]:
+    def shading(self, scene: SkyScene, found: FoundLight) -> np.ndarray:
+        """Of all pixels by a light, (N, 3), float32."""
+        return found.shading(scene, self.views.starts, self.light_of_view)
+
+    def told_from_sheen(
+        self, scene: SkyScene, found: FoundLight, shading: np.ndarray
+    ) -> tuple[Sheen, Photos]:
         """The sheen under the one light found, and the photos without it: the same if there is none."""
         mirror = Mirror(scene.pixels, found.radiance[0], self.looks.towards)
-        shading = found.shading(scene, self.views.starts, self.light_of_view)
         sheen = sheen_of(self.views, self.seen, shading, self.looks.trusted, mirror)
         if not sheen.believed:
             return sheen, self
