@@ -137,12 +137,7 @@ def _note_light(job: Job, stored: StoredTransfer, sky: SkySolution) -> None:
         lights=int(sky.light_of_view.max()) + 1,
         spread_between_views=round(sky.gains.spread, 4),
         brightening_between_views=round(sky.brightening, 3),
-        sheen={
-            "strength": [round(float(k), 4) for k in sky.sheen.strength],
-            "roughness": sky.sheen.roughness,
-            "left": round(sky.sheen.left, 3),
-            "taken_off": sky.sheen.believed,
-        },
+        sheen=sky.sheen.as_json(),
     )
 
 
@@ -288,7 +283,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 7,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 8,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

@@ -7,19 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stages.photometry.paints import PALETTE, paints_of
 from stages.photometry.sheen import (
     NO_SHEEN,
+    NOT_SOUGHT,
+    Differences,
     Mirror,
+    PaintedSheen,
     Sheen,
     highlights_of,
-    sheen_of,
     without_sheen,
 )
 from stages.photometry.sky import Sphere, even_directions, offsets_in
 from stages.photometry.sky_decomposition import decompose_by_sky
+from stages.photometry.sky_light import SkyScene
 from stages.photometry.sky_photos import Looks
 from stages.scene.view_files import ways_to_cameras
-from tests.sphere_scene import sphere_scene
+from tests.sphere_scene import PAINTS, SphereScene, sphere_scene
 from tests.test_sky_light import DIRECTIONS, HOW, error, in_shadow_of, looks, normals_of, open_scene
 
 STRENGTH, ROUGHNESS = np.array([0.12, 0.1, 0.08]), 0.2
@@ -29,16 +33,27 @@ STRENGTH, ROUGHNESS = np.array([0.12, 0.1, 0.08]), 0.2
 def glossy():
     """Views of a painted sphere, matt and with sheen, under a lamp and an even light; the mirror is known."""
     scene = sphere_scene(view_count=3)
-    views, normals = scene.stacked(), normals_of(scene)
-    sky = open_scene(normals)
-    radiance = 0.3 + 12 * np.maximum(even_directions(DIRECTIONS) @ [0.7, 0.3, 0.65], 0) ** 30
-    radiance = np.tile(radiance[:, None], 3)
-    shading = sky.pixels.shading(radiance)
-    mirror = Mirror(sky.pixels, radiance, ways_to_cameras(scene.cameras, scene.masks))
+    sky, mirror, shading = _lit_by_a_lamp(scene)
     matt = np.stack(scene.true_channels(), axis=1) * shading
     sheen = STRENGTH * mirror.image(ROUGHNESS, np.arange(len(matt)))
+    return scene.stacked(), sky, mirror, shading, *_scaled(matt, sheen)
+
+
+def _lit_by_a_lamp(scene: SphereScene) -> tuple[SkyScene, Mirror, np.ndarray]:
+    sky = open_scene(normals_of(scene))
+    radiance = 0.3 + 12 * np.maximum(even_directions(DIRECTIONS) @ [0.7, 0.3, 0.65], 0) ** 30
+    radiance = np.tile(radiance[:, None], 3)
+    mirror = Mirror(sky.pixels, radiance, ways_to_cameras(scene.cameras, scene.masks))
+    return sky, mirror, sky.pixels.shading(radiance)
+
+
+def _scaled(matt: np.ndarray, sheen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     scale = np.percentile(matt + sheen, 99)
-    return views, sky, mirror, shading, (matt / scale).astype(np.float32), (sheen / scale).astype(np.float32)
+    return (matt / scale).astype(np.float32), (sheen / scale).astype(np.float32)
+
+
+def sheen_of_all(*given) -> Sheen:
+    return Differences.of(*given).sheen()
 
 
 def everything(image: np.ndarray) -> np.ndarray:
@@ -99,28 +114,63 @@ def test_the_lobe_is_that_of_facets_and_smiths_shadowing(glossy, sphere):
 
 def test_strength_and_roughness_are_found_by_how_views_differ(glossy):
     views, _, mirror, shading, matt, sheen = glossy
-    found = sheen_of(views, matt + sheen, shading, everything(matt), mirror)
+    found = sheen_of_all(views, matt + sheen, shading, everything(matt), mirror)
     scale = np.median(sheen / mirror.image(ROUGHNESS, np.arange(len(matt))), axis=0) / STRENGTH
     assert found.believed is True  # a plain one: it goes into the record
     assert found.roughness == ROUGHNESS
     assert np.allclose(found.strength, STRENGTH * scale, rtol=0.05)
-    seen, share = without_sheen(matt + sheen, found, mirror)
+    added = PaintedSheen.of_all(found, len(matt)).image(mirror)
+    seen, share = without_sheen(matt + sheen, added)
     assert error(seen, matt) < 0.2 * error(matt + sheen, matt)
     below = np.where(np.arange(len(matt))[:, None] % 5, matt + sheen, -0.01).astype(np.float32)
-    assert np.all(without_sheen(below, found, mirror)[0] <= below)
+    assert np.all(without_sheen(below, added)[0] <= below)
     assert np.corrcoef(share, (sheen / (matt + sheen)).mean(axis=1))[0, 1] > 0.95
 
 
 def test_matt_surface_has_none_nor_has_what_no_other_view_sees(glossy):
     views, _, mirror, shading, matt, sheen = glossy
-    assert not sheen_of(views, matt, shading, everything(matt), mirror).believed
+    assert not sheen_of_all(views, matt, shading, everything(matt), mirror).believed
     alone = replace(views, links={})
-    assert sheen_of(alone, matt + sheen, shading, everything(matt), mirror) is NO_SHEEN
+    assert sheen_of_all(alone, matt + sheen, shading, everything(matt), mirror) is NO_SHEEN
     nobody = np.zeros(len(matt), bool)
-    assert sheen_of(views, matt + sheen, shading, nobody, mirror) is NO_SHEEN
+    assert sheen_of_all(views, matt + sheen, shading, nobody, mirror) is NO_SHEEN
     lamp = np.zeros_like(shading)
     lamp[0] = 1  # all else is dark beside it
-    assert sheen_of(views, matt + sheen, lamp, everything(matt), mirror) is NO_SHEEN
+    assert sheen_of_all(views, matt + sheen, lamp, everything(matt), mirror) is NO_SHEEN
+
+
+@pytest.fixture(scope="module")
+def glossy_in_part():
+    """As before, larger, and only the second of the three paints has sheen; also which pixels those are."""
+    scene = sphere_scene(view_count=3, width=240, height=200)
+    sky, mirror, shading = _lit_by_a_lamp(scene)
+    albedo = np.stack(scene.true_channels(), axis=1)
+    part = np.all(albedo == PAINTS[1], axis=1)
+    sheen = part[:, None] * STRENGTH * mirror.image(ROUGHNESS, np.arange(len(albedo)))
+    return scene.stacked(), mirror, shading, *_scaled(albedo * shading, sheen), part
+
+
+def test_a_paint_is_what_has_one_albedo_whatever_light_and_sheen_make_of_it(glossy_in_part):
+    views, _, shading, matt, sheen, _ = glossy_in_part
+    paint = paints_of(views, matt + sheen, shading, everything(matt))
+    assert 3 <= len(np.unique(paint)) <= PALETTE
+    true = np.unique(np.round(matt / shading, 3), axis=0, return_inverse=True)[1].ravel()
+    mixed = sum(len(of) - np.bincount(of).max() for of in (true[paint == k] for k in np.unique(paint)))
+    assert mixed < 0.02 * len(paint)
+
+
+def test_what_is_matt_hides_no_sheen_of_other_paint(glossy_in_part):
+    views, mirror, shading, matt, sheen, part = glossy_in_part
+    seen, trusted = matt + sheen, everything(matt)
+    differences = Differences.of(views, seen, shading, trusted, mirror)
+    found = differences.sheen_of(paints_of(views, seen, shading, trusted))
+    assert found.believed
+    added = found.image(mirror)
+    assert np.count_nonzero(added[~part].any(axis=1)) < 0.001 * len(part)  # where paints meet
+    assert error(added[part], sheen[part]) < 0.05
+    assert sum(one["pixels"] for one in found.as_json()) == pytest.approx(part.sum(), rel=0.01)
+    two = differences.sheen_of((~part).astype(np.int32))
+    assert [one.believed for one in two.of_paint] == [True, False]
 
 
 def test_a_few_links_or_views_side_by_side_prove_nothing(glossy):
@@ -132,7 +182,7 @@ def test_a_few_links_or_views_side_by_side_prove_nothing(glossy):
         some = np.zeros(len(matt), bool)
         one, other = next(iter(views.linked_pixels()))
         some[one[:count]] = some[other[:count]] = True
-        assert not sheen_of(views, noisy, shading, some, mirror).believed
+        assert not sheen_of_all(views, noisy, shading, some, mirror).believed
     assert not Sheen(np.array([0.1, 0.1, 4.8]), ROUGHNESS, 0.5).believed
 
 
@@ -173,7 +223,7 @@ def test_the_albedo_comes_nearer_the_paint(glossy):
         for sheen in (True, False)
     )
     assert with_it.sheen.believed
-    assert without.sheen is NO_SHEEN
+    assert without.sheen is NOT_SOUGHT
     assert error(with_it.albedo, albedo) < 0.8 * error(without.albedo, albedo)
     assert error(with_it.seen, matt) < error(without.seen, matt)
     two_threads = decompose_by_sky(views, images, [sky], looks(everything(matt)), HOW, 2, lambda: None)

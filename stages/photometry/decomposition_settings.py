@@ -55,7 +55,8 @@ class DecompositionSettings(Settings):
     sheen: bool = setting(
         True,
         "`light: directions`, one light for all views: whether the light's image in the surface, which is "
-        "taken for a rough mirror, is taken off where it explains how views differ.",
+        "taken for a rough mirror, is taken off where it explains how views differ: on all of it, or else on "
+        "the paints where it does.",
     )
     samples: int = setting(
         20_000,

@@ -26,7 +26,7 @@ def _means(mask: np.ndarray, values: np.ndarray, size_px: int) -> np.ndarray:
     image = np.zeros(mask.shape, np.float32)
     image[mask] = values
     total, full = (
-        cv2.boxFilter(one, -1, (size_px, size_px), normalize=False)
+        cv2.boxFilter(one, -1, (size_px, size_px), normalize=False, borderType=cv2.BORDER_CONSTANT)
         for one in (image, mask.astype(np.float32))
     )
     return (total / np.maximum(full, 1))[mask]

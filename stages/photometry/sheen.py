@@ -1,11 +1,13 @@
 """Sheen: the image of the light in a surface that is a little of a mirror, as far as the light is known.
 
-Where every view sees some of it, no view shows the paint alone; but how views differ tells how much it is.
+Where every view sees some of it, no view shows the paint alone; but how views differ tells how much it is,
+and of which paints.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -44,12 +46,67 @@ class Sheen:
     left: float
 
     @property
+    def unexplained(self) -> float:
+        """What is left of the differences: all of them where no sheen is so strong."""
+        return self.left if self.strength.max() < STRONGEST else 1.0
+
+    @property
     def believed(self) -> bool:
         """Whether it explains enough to be there."""
-        return bool(self.left < BELIEVED and self.strength.max() < STRONGEST)
+        return self.unexplained < BELIEVED
 
 
 NO_SHEEN = Sheen(np.zeros(3), ROUGHNESSES[0], 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedSheen:
+    """The sheen of every paint.
+
+    Attributes
+    ----------
+    paint : ndarray, shape (N,), int32
+        Number of every pixel's paint.
+    of_paint : tuple of Sheen
+    """
+
+    paint: np.ndarray
+    of_paint: tuple[Sheen, ...]
+
+    @classmethod
+    def of_all(cls, sheen: Sheen, pixels: int) -> PaintedSheen:
+        """The same of all pixels."""
+        return cls(np.zeros(pixels, np.int32), (sheen,))
+
+    @property
+    def believed(self) -> bool:
+        """Whether any paint has some."""
+        return any(sheen.believed for sheen in self.of_paint)
+
+    def image(self, mirror: Mirror) -> np.ndarray:
+        """What the sheen adds to the image, (N, 3), float32."""
+        added = np.zeros((len(self.paint), 3), np.float32)
+        for number, sheen in enumerate(self.of_paint):
+            if sheen.believed:
+                own = np.flatnonzero(self.paint == number)
+                added[own] = sheen.strength.astype(np.float32) * mirror.image(sheen.roughness, own)
+        return added
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """For machines: every paint that has some, and how many pixels that is."""
+        return [
+            {
+                "pixels": int(np.count_nonzero(self.paint == number)),
+                "strength": [round(float(k), 4) for k in sheen.strength],
+                "roughness": sheen.roughness,
+                "left": round(sheen.left, 3),
+            }
+            for number, sheen in enumerate(self.of_paint)
+            if sheen.believed
+        ]
+
+
+NOT_SOUGHT = PaintedSheen(np.empty(0, np.int32), ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,43 +122,77 @@ class Mirror:
         return self.pixels.mirrored(self.radiance, self.towards, roughness, points)
 
 
-def sheen_of(
-    views: StackedViews, seen: np.ndarray, shading: np.ndarray, trusted: np.ndarray, mirror: Mirror
-) -> Sheen:
-    """Find the sheen that explains best how views differ.
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """How views differ along links, and how mirrors would make them differ.
 
-    Parameters
+    Attributes
     ----------
-    views : StackedViews
-    seen : ndarray, shape (N, 3)
-        The image, gains of the views divided out, all views in one light.
-    shading : ndarray, shape (N, 3)
-        By that light.
-    trusted : ndarray, shape (N,), bool
-    mirror : Mirror
-
-    Notes
-    -----
-    Of some of the links p, q minimises ``Σ |I_p − f I_q − k (H_p − f H_q)|`` with ``f = S_p / S_q``, per
-    channel, k ≥ 0, by reweighted least squares, for each of some roughnesses. What all views have in common
-    of the sheen is foretold, too, though the links know nothing of it.
+    p, q : ndarray, shape (L,)
+        Pixels.
+    seen : ndarray, shape (L, 3)
+        ``I_p − f I_q`` with ``f = S_p / S_q``.
+    mirrored : tuple of ndarray, shape (L, 3)
+        ``H_p − f H_q`` of every roughness.
     """
-    useful = trusted & (shading > LIT * shading.mean(axis=0)).all(axis=1)
-    p, q = _some_links(views, useful)
-    if p.size < FEWEST:
-        return NO_SHEEN
-    f = shading[p] / shading[q]
-    apart = seen[p] - f * seen[q]
-    found = [
-        _fitted(apart, mirror.image(roughness, p) - f * mirror.image(roughness, q), roughness)
-        for roughness in ROUGHNESSES
-    ]
-    return min(found, key=lambda one: one.left)
+
+    p: np.ndarray
+    q: np.ndarray
+    seen: np.ndarray
+    mirrored: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(
+        cls, views: StackedViews, seen: np.ndarray, shading: np.ndarray, trusted: np.ndarray, mirror: Mirror
+    ) -> Differences:
+        """Along some of the links between pixels that are trusted, and lit in every channel.
+
+        Parameters
+        ----------
+        views : StackedViews
+        seen : ndarray, shape (N, 3)
+            The image, gains of the views divided out, all views in one light.
+        shading : ndarray, shape (N, 3)
+            By that light.
+        trusted : ndarray, shape (N,), bool
+        mirror : Mirror
+        """
+        useful = trusted & (shading > LIT * shading.mean(axis=0)).all(axis=1)
+        p, q = _some_links(views, useful)
+        f = shading[p] / shading[q]
+        mirrored = (mirror.image(roughness, p) - f * mirror.image(roughness, q) for roughness in ROUGHNESSES)
+        return cls(p, q, seen[p] - f * seen[q], tuple(mirrored))
+
+    def sheen(self) -> Sheen:
+        """The sheen of all surface that explains best how views differ.
+
+        Notes
+        -----
+        Minimises ``Σ |I_p − f I_q − k (H_p − f H_q)|``, per channel, k ≥ 0, by reweighted least squares, for
+        each of some roughnesses. What all views have in common of the sheen is foretold, too, though the
+        links know nothing of it.
+        """
+        if self.p.size < FEWEST:
+            return NO_SHEEN
+        found = (_fitted(self.seen, *one) for one in zip(self.mirrored, ROUGHNESSES, strict=True))
+        return min(found, key=lambda one: one.left)
+
+    def sheen_of(self, paint: np.ndarray) -> PaintedSheen:
+        """The sheen of every paint by itself, (N,) their numbers: what is matt hides that of the rest."""
+        numbers = range(int(paint.max(initial=-1)) + 1)
+        return PaintedSheen(paint, tuple(self._within(paint, number).sheen() for number in numbers))
+
+    def _within(self, paint: np.ndarray, number: int) -> Differences:
+        both = (paint[self.p] == number) & (paint[self.q] == number)
+        mirrored = tuple(one[both] for one in self.mirrored)
+        return Differences(self.p[both], self.q[both], self.seen[both], mirrored)
 
 
-def without_sheen(seen: np.ndarray, sheen: Sheen, mirror: Mirror) -> tuple[np.ndarray, np.ndarray]:
-    """The image without its sheen, (N, 3), nowhere above it; the sheen's share of the brightness, (N,)."""
-    added = sheen.strength.astype(np.float32) * mirror.image(sheen.roughness, np.arange(len(seen)))
+def without_sheen(seen: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The image without its sheen, (N, 3), nowhere above it; the sheen's share of the brightness, (N,).
+
+    `added` is what the sheen adds, (N, 3), float32.
+    """
     share = added.mean(axis=1) / np.maximum(seen.mean(axis=1), FITTED)
     return np.maximum(seen - added, np.minimum(seen, KEPT * seen)), share
 

@@ -18,8 +18,8 @@ from stages.photometry.paint_edges import (
     smoothness_of_edges,
 )
 from stages.photometry.saddle import ALIKE, EdgeWeights
-from stages.photometry.sheen import NO_SHEEN, Sheen
-from stages.photometry.sky_light import SkyScene, SkySettings
+from stages.photometry.sheen import NOT_SOUGHT, PaintedSheen
+from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks, Photos
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_gains import ViewGains, view_gains
@@ -71,10 +71,10 @@ class SkySolution:
     scene : int
         Which of the scenes explains the photos best.
     disagreements : list of float
-        Of all scenes.
+        Of all scenes; see `_best_explanation`.
     gains : ViewGains
-    sheen : Sheen
-        That was found; taken off if it is to be believed.
+    sheen : PaintedSheen
+        That was found; taken off where it is to be believed.
     brightening : float
         Of the views, after these.
     light_of_view : ndarray, shape (n,), int64
@@ -96,7 +96,7 @@ class SkySolution:
     scene: int
     disagreements: list[float]
     gains: ViewGains
-    sheen: Sheen
+    sheen: PaintedSheen
     brightening: float
     light_of_view: np.ndarray
     trusted: np.ndarray
@@ -140,21 +140,36 @@ def decompose_by_sky(
     gains = view_gains(views, image, looks.trusted)
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
     photos = Photos.of(views, looks, image / of_pixel, gains.spread, settings.lighting)
-    lights = [photos.light(scene, settings.light, step) for scene in scenes]
-    left = photos.disagreements(scenes, lights, settings.light)
-    best = explained_best(left)
-    scene, found, sheen = scenes[best], lights[best], NO_SHEEN
+    best, left, found, sheen = _best_explanation(photos, scenes, settings, step)
+    scene = scenes[best]
+    if sheen.believed:
+        photos = photos.without_sheen(sheen, photos.mirror(scene, found))
+        found = photos.light(scene, settings.light, step)
     shading = photos.shading(scene, found)
-    if settings.sheen and photos.in_one_light:
-        sheen, photos = photos.told_from_sheen(scene, found, shading)
-        if sheen.believed:
-            found = photos.light(scene, settings.light, step)
-            shading = photos.shading(scene, found)
     light = _scaled(found.radiance, shading * of_pixel)
     light_found = (light, best, left, gains, sheen, photos.brightening, photos.light_of_view)
     del image  # `photos` has what follows
     albedo_found = _albedo(photos, light, of_pixel, settings, threads, step)
     return SkySolution(*light_found, *albedo_found, scene.pixels.directions)
+
+
+def _best_explanation(
+    photos: Photos, scenes: Sequence[SkyScene], settings: SkyDecomposition, step: Callable[[], None]
+) -> tuple[int, list[float], FoundLight, PaintedSheen]:
+    """Which scene it is, what each leaves unexplained, and of that one the light and the sheen.
+
+    What pairs of like paint disagree by is told by the shading; how views differ, by highlights, which are a
+    sharper witness of where light comes from, where there are some. The two are multiplied.
+    """
+    lights = [photos.light(scene, settings.light, step) for scene in scenes]
+    left = photos.disagreements(scenes, lights, settings.light)
+    if not (settings.sheen and photos.in_one_light):
+        best = explained_best(left)
+        return best, left, lights[best], NOT_SOUGHT
+    differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
+    left = [one * by_views.sheen().unexplained for one, by_views in zip(left, differences, strict=True)]
+    best = explained_best(left)
+    return best, left, lights[best], photos.sheen(differences[best], scenes[best], lights[best])
 
 
 def _albedo(

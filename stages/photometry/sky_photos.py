@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 
 from stages.photometry.highlights import Linked, brightening, without_highlights
-from stages.photometry.sheen import Mirror, Sheen, highlights_of, sheen_of, without_sheen
+from stages.photometry.paints import paints_of
+from stages.photometry.sheen import Differences, Mirror, PaintedSheen, highlights_of, without_sheen
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, disagreements, sky_light
 from stages.photometry.stack import StackedViews
 
@@ -118,15 +119,26 @@ class Photos:
         """Of all pixels by a light, (N, 3), float32."""
         return found.shading(scene, self.views.starts, self.light_of_view)
 
-    def told_from_sheen(
-        self, scene: SkyScene, found: FoundLight, shading: np.ndarray
-    ) -> tuple[Sheen, Photos]:
-        """The sheen under the one light found, and the photos without it: the same if there is none."""
-        mirror = Mirror(scene.pixels, found.radiance[0], self.looks.towards)
-        sheen = sheen_of(self.views, self.seen, shading, self.looks.trusted, mirror)
-        if not sheen.believed:
-            return sheen, self
-        seen, share = without_sheen(self.seen, sheen, mirror)
+    def differences(self, scene: SkyScene, found: FoundLight) -> Differences:
+        """How views differ under the one light found, and how mirrors would make them differ."""
+        shading, trusted = self.shading(scene, found), self.looks.trusted
+        return Differences.of(self.views, self.seen, shading, trusted, self.mirror(scene, found))
+
+    def sheen(self, differences: Differences, scene: SkyScene, found: FoundLight) -> PaintedSheen:
+        """That of all surface alike, if there is one: it is surer than one for each paint."""
+        sheen = PaintedSheen.of_all(differences.sheen(), len(self.seen))
+        if sheen.believed:
+            return sheen
+        shading = self.shading(scene, found)
+        return differences.sheen_of(paints_of(self.views, self.matt, shading, self.looks.trusted))
+
+    def without_sheen(self, sheen: PaintedSheen, mirror: Mirror) -> Photos:
+        """The photos without it; what it hides in one view and not in another is no longer trusted."""
+        seen, share = without_sheen(self.seen, sheen.image(mirror))
         looks = self.looks.without(highlights_of(self.views, share, self.looks.trusted))
         matt = without_highlights(Linked.of(self.views, looks.trusted), seen)
-        return sheen, replace(self, looks=looks, seen=seen, matt=matt)
+        return replace(self, looks=looks, seen=seen, matt=matt)
+
+    def mirror(self, scene: SkyScene, found: FoundLight) -> Mirror:
+        """What the one light found would show in the surface."""
+        return Mirror(scene.pixels, found.radiance[0], self.looks.towards)
