@@ -10,9 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class Settings(BaseModel):
-    """Settings of one stage: frozen, unknown keys refused. Subclass it beside the stage."""
+    """Settings of one stage: frozen; unknown keys, NaN and infinity refused. Subclass it beside the stage."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
 def setting(
