@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from blake3 import blake3
+
+from pipeline.errors import UserError
 
 DIGEST_HEX_DIGITS = 32  # 128 bits: no two different contents will ever meet by accident
 
@@ -40,19 +42,41 @@ def digest_file(path: Path) -> str:
 def files_below(root: Path, suffixes: Iterable[str] = ()) -> dict[str, Path]:
     """Files at or below `root` by relative posix path, sorted; hidden ones and other suffixes left out.
 
-    Linked folders are followed, as photo collections are often made of links.
+    Links are followed, as photo collections are often made of them.
+
+    Raises
+    ------
+    UserError
+        A link leads nowhere.
     """
     if root.is_file():
         return {root.name: root}
     wanted = tuple(suffix.lower() for suffix in suffixes)
     found = {}
-    for folder, subfolders, names in os.walk(root, followlinks=True):
-        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
-        for name in names:
-            if not name.startswith(".") and (not wanted or name.lower().endswith(wanted)):
-                path = Path(folder, name)
-                found[path.relative_to(root).as_posix()] = path
+    for path in _entries_below(root):
+        if path.is_symlink() and not path.exists():
+            raise UserError(
+                f"{path} is a link to {path.readlink()}, which is not there; mend it or remove it."
+            )
+        if not wanted or path.name.lower().endswith(wanted):
+            found[path.relative_to(root).as_posix()] = path
     return dict(sorted(found.items()))
+
+
+def _entries_below(root: Path) -> Iterator[Path]:
+    """What is in a folder and its subfolders and is no folder; hidden ones left out, each entered once.
+
+    A link to a folder above ends there, and of two ways to a folder the first in the order of names counts.
+    """
+    entered = set()
+    for folder, subfolders, names in os.walk(root, followlinks=True):
+        stat = Path(folder).stat()
+        if (stat.st_dev, stat.st_ino) in entered:
+            subfolders.clear()
+            continue
+        entered.add((stat.st_dev, stat.st_ino))
+        subfolders[:] = sorted(name for name in subfolders if not name.startswith("."))
+        yield from (Path(folder, name) for name in names if not name.startswith("."))
 
 
 def digest_files(digests: Mapping[str, str]) -> str:

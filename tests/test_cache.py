@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from pipeline import Artefact, Stage, UserError
+from pipeline.digest import files_below
 from pipeline.store import Store
 from tests import toy_flow
 from tests.toy_flow import COUNT, FLOW, JOIN, REPORT, Settings, run_toy, write_words
@@ -88,6 +89,26 @@ def test_files_that_do_not_count_and_hidden_files_change_nothing(root):
     (root / "words/notes.md").write_text("not a word")
     (root / "words/.hidden.txt").write_text("not a word")
     assert run_toy(root).ran == []
+
+
+def test_linked_files_and_folders_are_read_and_each_folder_once(root):
+    (root / "elsewhere").mkdir()
+    (root / "elsewhere/c.txt").write_text("cedar")
+    (root / "words/again").symlink_to(root / "words")
+    (root / "words/linked").symlink_to(root / "elsewhere")
+    (root / "words/linked too").symlink_to(root / "elsewhere")
+    (root / "words/d.txt").symlink_to(root / "elsewhere/c.txt")
+    assert list(files_below(root / "words")) == ["a.txt", "b.txt", "d.txt", "linked/c.txt"]
+    run_toy(root)
+    (root / "elsewhere/c.txt").write_text("cocoa")
+    assert "d.txt has other content, linked/c.txt has other content" in run_toy(root).reasons["join"]
+
+
+@pytest.mark.parametrize("name", ["c.txt", "more words"])
+def test_a_link_that_leads_nowhere_is_named(root, name):
+    (root / "words" / name).symlink_to(root / "nowhere")
+    with pytest.raises(UserError, match=f"words/{name} is a link to .*nowhere, which is not there"):
+        run_toy(root)
 
 
 def test_another_version_of_a_stage_reruns_it(root):
