@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
 from typing import Any
 
 from pipeline.key import FileDigests, Ingredients, ingredients
 from pipeline.reasons import why_run
 from pipeline.record import Record
 from pipeline.request import Request
-from pipeline.stage import Stage
+from pipeline.stage import Source, Stage
 from pipeline.store import Store
 
 Available = dict[str, FileDigests]
@@ -105,7 +106,16 @@ def read_sources(request: Request, store: Store, seen: Any = None) -> Available:
     """Digests of the files of every source that the dataflow takes."""
     wanted = {name for stage in request.flow for name in (*stage.takes, *stage.may_take)}
     return {
-        kind.name: store.memo.tree(request.sources[kind.name], kind.suffixes, seen)
+        kind.name: _digests(kind, request.sources[kind.name], store, seen)
         for kind in request.kinds
         if kind.name in wanted and kind.name in request.sources
     }
+
+
+def _digests(kind: Source, path: Path, store: Store, seen: Any) -> FileDigests:
+    """A source's files; one that is itself a file goes by its kind, as its own name changes no result."""
+    digests = store.memo.tree(path, kind.suffixes, seen)
+    if path.is_file():
+        (digest,) = digests.values()
+        return {kind.name + path.suffix: digest}
+    return digests

@@ -76,6 +76,21 @@ def test_touching_copying_and_moving_the_sources_reruns_nothing(root):
     assert run_toy(root).ran == []
 
 
+def test_renaming_a_source_of_one_file_reruns_nothing_and_its_kind_and_content_count(root):
+    def copied(job):
+        job.outputs["text"].write_bytes(job.inputs["words"].read_bytes())
+
+    flow = (replace(JOIN, run=copied), COUNT, REPORT)
+    run_toy(root, flow=flow, words="words/a.txt")
+    (root / "words/a.txt").rename(root / "words/tree.txt")
+    assert run_toy(root, flow=flow, words="words/tree.txt").ran == []
+    witness = run_toy(root, flow=flow, words="words/b.txt")
+    assert witness.reasons["join"] == "input words changed (words.txt has other content)"
+    (root / "words/b.txt").rename(root / "words/b.md")
+    witness = run_toy(root, flow=flow, words="words/b.md")
+    assert witness.reasons["join"] == "input words changed (words.md is new, words.txt is gone)"
+
+
 def test_one_changed_byte_in_a_source_reruns_what_depends_on_it_and_names_the_file(root):
     run_toy(root)
     write_words(root, b="birch")

@@ -84,13 +84,13 @@ class Witness(Silence):
         return [stage for stage, action in self.actions.items() if action == "run"]
 
 
-def request(root: Path, flow=FLOW, settings=None, **selection) -> Request:
-    """A request on `root/words` and `root/workspace`."""
+def request(root: Path, flow=FLOW, settings=None, words="words", **selection) -> Request:
+    """A request on `root/words`, or another source below `root`, and `root/workspace`."""
     declared = {stage.name: stage.settings for stage in flow}
     return Request(
         flow=flow,
         settings=check_settings(declared, settings or {}),
-        sources={"words": root / "words"},
+        sources={"words": root / words},
         kinds=(WORDS,),
         workspace=root / "workspace",
         selection=Selection(**selection),
