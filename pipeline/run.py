@@ -84,16 +84,15 @@ def _run_in_order(request: Request, store: Store, listener: Listener) -> list[Do
     available = _read_sources_aloud(request, store, listener)
     output = Output(request.workspace, store)
     done = []
-    with ThreadPoolExecutor(request.threads) as executor:
-        for stage in request.flow[: request.last_index() + 1]:
-            decision = decide(stage, request, store, available)
-            listener.deciding(decision)
-            record = decision.record or _run_stage(decision, request, store, listener, executor)
-            store.set_current(stage.name, record.key)
-            output.show(stage, record)
-            available |= record.outputs
-            listener.finished(decision, record)
-            done.append(Done(decision, record))
+    for stage in request.flow[: request.last_index() + 1]:
+        decision = decide(stage, request, store, available)
+        listener.deciding(decision)
+        record = decision.record or _run_stage(decision, request, store, listener)
+        store.set_current(stage.name, record.key)
+        output.show(stage, record)
+        available |= record.outputs
+        listener.finished(decision, record)
+        done.append(Done(decision, record))
     for sentence in output.outdated(request.flow[request.last_index() + 1 :], available):
         listener.say(sentence)
     return done
@@ -107,9 +106,7 @@ def _read_sources_aloud(request: Request, store: Store, listener: Listener) -> d
         listener.end()
 
 
-def _run_stage(
-    decision: Decision, request: Request, store: Store, listener: Listener, executor: Executor
-) -> Record:
+def _run_stage(decision: Decision, request: Request, store: Store, listener: Listener) -> Record:
     """Run one stage and publish its result."""
     stage, made_from = decision.stage, decision.made_from
     if stage.name not in request.selected():
@@ -118,7 +115,7 @@ def _run_stage(
             f"Run once with --to {stage.name}, or without choosing stages."
         )
     partial = store.begin(stage.name)
-    with _kept_only_if_finished(partial):
+    with _kept_only_if_finished(partial), _threads(request.threads) as executor:
         job = _job(stage, decision, request, store, listener, executor, partial)
         with logged(stage, job, partial / "log.txt", request.workspace / "logs"), measured() as reading:
             stage.run(job)
@@ -138,6 +135,16 @@ def _kept_only_if_finished(partial: Path) -> Iterator[None]:
         yield
     finally:
         shutil.rmtree(partial, ignore_errors=True)  # published means renamed: then there is nothing here
+
+
+@contextmanager
+def _threads(number: int) -> Iterator[Executor]:
+    """Threads for one stage: when it fails, work that has begun is waited for, and what is queued dropped."""
+    executor = ThreadPoolExecutor(number)
+    try:
+        yield executor
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
 
 
 def _job(

@@ -11,6 +11,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
 import pytest
 
@@ -196,6 +197,26 @@ def test_nothing_half_done_is_ever_visible(root):
     with pytest.raises(RuntimeError):
         run_toy(root, flow=(replace(JOIN, run=half), COUNT, REPORT))
     assert list((root / "workspace/cache/join").iterdir()) == []
+
+
+def test_queued_work_of_a_failed_stage_is_dropped_and_what_has_begun_ends_before_its_folder_goes(root):
+    began, saw_its_folder = Event(), []
+
+    def work(folder):
+        began.set()
+        time.sleep(0.1)
+        saw_its_folder.append(folder.exists())
+
+    def hasty(job):
+        for _ in range(20):
+            job.executor.submit(work, job.scratch)
+        began.wait()
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_toy(root, flow=(replace(JOIN, run=hasty), COUNT, REPORT))
+    assert all(saw_its_folder)
+    assert 1 <= len(saw_its_folder) < 20
 
 
 def test_a_stage_that_writes_less_than_it_declares_is_not_published(root):
