@@ -20,6 +20,7 @@ from pipeline.logbook import logged
 from pipeline.meter import measured
 from pipeline.output import Output
 from pipeline.plan import Decision, decide, read_sources
+from pipeline.reasons import changed_files
 from pipeline.record import Record
 from pipeline.request import Request
 from pipeline.stage import Stage
@@ -68,7 +69,8 @@ def run(request: Request, listener: Listener) -> list[Done]:
     ------
     UserError
         Another run holds the workspace; it cannot be written; a stage outside the selection is not up to
-        date; or a stage found fault with its input. Results published before stay.
+        date; a source changed while a stage read it; or a stage found fault with its input. Results
+        published before stay.
     """
     with locked(request.workspace):
         store = Store(request.workspace)
@@ -119,6 +121,7 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
         job = _job(stage, decision, request, store, listener, executor, partial)
         with logged(stage, job, partial / "log.txt", request.workspace / "logs"), measured() as reading:
             stage.run(job)
+        _check_sources(stage, made_from, request, store)
         shutil.rmtree(job.scratch)
         record = _record(stage, made_from, job, store)
         record = replace(
@@ -185,6 +188,24 @@ def _input_paths(stage: Stage, request: Request, store: Store) -> dict[str, Path
             entry = store.entry(earlier.name, current.key)
             places |= {artefact.name: entry / artefact.path for artefact in earlier.gives}
     return {name: places[name] for name in (*stage.takes, *stage.may_take) if name in places}
+
+
+def _check_sources(stage: Stage, made_from: Ingredients, request: Request, store: Store) -> None:
+    """Refuse a result whose sources changed since the run began: its key is made of what they were then.
+
+    Raises
+    ------
+    UserError
+        Files of a source came, went or changed.
+    """
+    for name, files in read_sources(replace(request, flow=(stage,)), store).items():
+        before = made_from.inputs[name]
+        if files != before:
+            raise UserError(
+                f"The source {name} changed during the run ({changed_files(files, before)}), so that what "
+                f"{stage.name} made of it was dropped; expected files that stay as they are. Earlier results "
+                "are kept: run again."
+            )
 
 
 def _record(stage: Stage, made_from: Ingredients, job: Job, store: Store) -> Record:

@@ -199,6 +199,25 @@ def test_nothing_half_done_is_ever_visible(root):
     assert list((root / "workspace/cache/join").iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("disturb", "change"),
+    [
+        (lambda words: (words / "b.txt").write_text("birch"), "b.txt has other content"),
+        (lambda words: (words / "c.txt").write_text("cedar"), "c.txt is new"),
+        (lambda words: (words / "a.txt").unlink(), "a.txt is gone"),
+    ],
+)
+def test_a_source_that_changes_during_the_run_leaves_no_result_under_its_old_digest(root, disturb, change):
+    def disturbed(job):
+        toy_flow.join(job)
+        disturb(root / "words")
+
+    with pytest.raises(UserError, match=f"source words changed during the run .{change}.*: run again"):
+        run_toy(root, flow=(replace(JOIN, run=disturbed), COUNT, REPORT))
+    assert list((root / "workspace/cache/join").iterdir()) == []
+    assert run_toy(root).ran == ["join", "count", "report"]
+
+
 def test_queued_work_of_a_failed_stage_is_dropped_and_what_has_begun_ends_before_its_folder_goes(root):
     began, saw_its_folder = Event(), []
 
