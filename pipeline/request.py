@@ -28,6 +28,11 @@ class Selection:
     last: str | None = None
     force: bool = False
 
+    def bounds(self) -> str:
+        """The range as it was asked for, empty without one."""
+        given = {"--from": self.first, "--to": self.last}
+        return " ".join(f"{flag} {name}" for flag, name in given.items() if name is not None)
+
 
 @dataclass(frozen=True)
 class Request:
@@ -62,7 +67,8 @@ class Request:
         Raises
         ------
         UserError
-            A name is not that of a stage of this dataflow, or the range is empty.
+            A name is not that of a stage of this dataflow, the range is empty, or one stage and a range
+            were asked for.
         """
         names = [stage.name for stage in self.flow]
         chosen = self.selection
@@ -70,6 +76,11 @@ class Request:
             if name is not None and name not in names:
                 raise UserError(f"There is no stage {name!r} in this dataflow; {near(name, names)}")
         if chosen.only is not None:
+            if bounds := chosen.bounds():
+                raise UserError(
+                    f"--only {chosen.only} and {bounds} were given; expected one stage alone or a range. "
+                    "Leave out one."
+                )
             return (chosen.only,)
         begin = names.index(chosen.first) if chosen.first else 0
         end = names.index(chosen.last) if chosen.last else len(names) - 1

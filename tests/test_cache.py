@@ -281,6 +281,19 @@ def test_an_unknown_stage_gets_the_near_one_suggested(root):
         run_toy(root, first="report", last="join")
 
 
+@pytest.mark.parametrize(
+    ("bounds", "said"),
+    [
+        ({"first": "join"}, "--from join"),
+        ({"last": "report"}, "--to report"),
+        ({"first": "join", "last": "report"}, "--from join --to report"),
+    ],
+)
+def test_one_stage_alone_and_a_range_are_not_both_taken(root, bounds, said):
+    with pytest.raises(UserError, match=f"--only count and {said} were given.*Leave out one"):
+        run_toy(root, only="count", **bounds)
+
+
 def test_a_second_run_on_a_busy_workspace_is_refused(root):
     from pipeline.run import locked
 

@@ -239,6 +239,14 @@ def test_a_later_failure_keeps_earlier_results(own_copy, capsys):
         (["run", *LINEAR, "--set", "decomposition.lambada=1"], "did you mean 'lambda'?"),
         (["run", *LINEAR, "--set", "decomposition.lambda=-1"], "decomposition.lambda is -1"),
         (["run", *LINEAR, "--only", "meshes"], "There is no stage 'meshes'"),
+        (
+            ["run", *LINEAR, "--only", "raycast", "--to", "deliver"],
+            "--only raycast and --to deliver were given",
+        ),
+        (
+            ["plan", *LINEAR, "--only", "raycast", "--full-resolution"],
+            "--full-resolution and --only raycast were given",
+        ),
         (["run", *LINEAR, "--threads", "0"], "--threads is 0"),
         (["status"], "No workspace was named"),
         (["show", "--workspace", "nowhere"], "holds no results yet"),
@@ -250,6 +258,13 @@ def test_a_mistake_gets_a_sentence_and_exit_code_2(words, sentence, tmp_path, mo
     assert code == 2
     assert sentence in said
     assert "Traceback" not in said
+
+
+def test_the_full_resolution_alone_may_be_asked_for(tmp_path, capsys):
+    words = ["--workspace", tmp_path / "w", "--full-resolution", "--only", "full_resolution"]
+    code, told, _ = unshade(capsys, "plan", *LINEAR, *words, "--json")
+    assert code == 0
+    assert list(actions(told))[-1] == "full_resolution"
 
 
 def test_the_fountain_without_data_or_network_names_the_folder_to_fill(tmp_path, monkeypatch, capsys):

@@ -34,10 +34,12 @@ def request_of(command: Run) -> Request:
     """
     selection = Selection(command.only, command.first, command.last, command.force)
     config = config_of(command)
-    if command.full_resolution and command.last is not None:
-        raise UserError(
-            f"--full-resolution and --to {command.last} were given: what is finest comes last. Leave out one."
-        )
+    for flag, stage in (("to", command.last), ("only", command.only)):
+        if command.full_resolution and stage not in (None, stages.FULL_RESOLUTION.name):
+            raise UserError(
+                f"--full-resolution and --{flag} {stage} were given: what is finest comes last. "
+                "Leave out one."
+            )
     return _request(command, config, sources_of(command, config), selection, command.full_resolution)
 
 
