@@ -51,7 +51,7 @@ def read_config(path: Path, source_names: Iterable[str], stage_names: Iterable[s
     Raises
     ------
     UserError
-        The file cannot be read, is not YAML, or has an unknown section or source.
+        The file cannot be read, is not YAML, has an unknown section or source, or a path that is no text.
     """
     values = _read_yaml(path)
     source_names = list(source_names)
@@ -67,13 +67,14 @@ def read_config(path: Path, source_names: Iterable[str], stage_names: Iterable[s
     for name in sources:
         if name not in source_names:
             raise UserError(f"{path}: there is no source {name!r}; {near(str(name), source_names)}")
-    workspace = values.pop("workspace", None)
-    return Config(
-        folder=path.parent,
-        workspace=None if workspace is None else str(workspace),
-        sources={name: str(value) for name, value in sources.items()},
-        settings=values,
-    )
+    places = {"workspace": values.pop("workspace"), **sources} if "workspace" in values else sources
+    for name, place in places.items():
+        if not isinstance(place, str) or not place:
+            raise UserError(
+                f"{path}: {name} is {place!r}; expected a path or a name, in quotes where it would pass for "
+                "something else. Write one, or leave out the line."
+            )
+    return Config(path.parent, places.get("workspace"), sources, values)
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
