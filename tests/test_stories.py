@@ -280,6 +280,16 @@ def test_the_fountain_without_data_or_network_names_the_folder_to_fill(tmp_path,
     assert str(tmp_path / "fountain-P11") in said
 
 
+def test_a_plan_of_data_that_are_not_here_fetches_nothing_and_says_so(tmp_path, monkeypatch, capsys):
+    monkeypatch.delenv("UNSHADE_DATA", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("pooch.core.choose_downloader", pytest.fail)
+    code, _, said = unshade(capsys, "plan", ROOT / "configs/fountain.yaml", "--workspace", tmp_path / "w")
+    assert code == 2
+    assert "0000.jpg is not on this machine yet, and a plan fetches nothing" in said
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
 def test_data_with_a_wrong_checksum_is_refused(tmp_path, monkeypatch, capsys):
     (tmp_path / "fountain-P11/images").mkdir(parents=True)
     (tmp_path / "fountain-P11/images/0000.jpg").write_bytes(b"not the photo")

@@ -9,7 +9,7 @@ import stages
 from pipeline import UserError
 from pipeline.config import Config, check_settings, override, read_config
 from pipeline.request import Request, Selection, check_flow
-from stages.command.words import Given, Relight, Run
+from stages.command.words import Given, Plan, Relight, Run
 from stages.scene.datasets import dataset_folder
 
 SOURCE_OF_FLAG = {
@@ -112,7 +112,8 @@ def sources_of(command: Given, config: Config) -> dict[str, Path]:
     """Every source that was given, on the command line before the configuration, and exists."""
     sources = {}
     if "dataset" in config.sources and command.images is None:
-        sources["images"] = dataset_folder(config.sources["dataset"]) / DATASET_PHOTOS
+        fetch = not isinstance(command, Plan)
+        sources["images"] = dataset_folder(config.sources["dataset"], fetch) / DATASET_PHOTOS
     for flag, name in SOURCE_OF_FLAG.items():
         given = getattr(command, flag)
         if given is None and flag in config.sources:

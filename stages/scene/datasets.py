@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from pipeline import UserError
 from pipeline.settings import near
@@ -15,13 +16,14 @@ from pipeline.settings import near
 DATA_VARIABLE = "UNSHADE_DATA"
 
 
-def dataset_folder(name: str) -> Path:
+def dataset_folder(name: str, fetch: bool = True) -> Path:
     """The folder that holds a data set's files, every checksum verified.
 
     Raises
     ------
     UserError
-        The name is unknown; a file there has another checksum; or the set is neither there nor reachable.
+        The name is unknown; a file there has another checksum; or the set is not there, and not reachable
+        or not to be fetched.
     """
     known = json.loads(files("stages.scene").joinpath("datasets.json").read_text(encoding="utf-8"))
     if name not in known:
@@ -31,7 +33,7 @@ def dataset_folder(name: str) -> Path:
     if folder is not None and folder.is_dir():
         _verify(folder, known[name]["sha256"])
         return folder
-    return _fetched(name, known[name], folder)
+    return _fetched(name, known[name], folder, None if fetch else _refuse)
 
 
 def _verify(folder: Path, checksums: dict[str, str]) -> None:
@@ -49,7 +51,16 @@ def _verify(folder: Path, checksums: dict[str, str]) -> None:
             )
 
 
-def _fetched(name: str, known: dict[str, Any], looked_in: Path | None) -> Path:
+def _refuse(url: str, *_: Any) -> NoReturn:
+    """What is called instead of a download by those who only look."""
+    raise UserError(
+        f"{url} is not on this machine yet, and a plan fetches nothing; `unshade run` fetches it."
+    )
+
+
+def _fetched(
+    name: str, known: dict[str, Any], looked_in: Path | None, download: Callable[..., None] | None
+) -> Path:
     """Download what is not there yet: pooch verifies before a file gets its name."""
     import pooch
 
@@ -62,6 +73,7 @@ def _fetched(name: str, known: dict[str, Any], looked_in: Path | None) -> Path:
                 known_hash=f"sha256:{checksum}",
                 fname=Path(file).name,
                 path=cache / Path(file).parent,
+                downloader=download,
             )
     except (OSError, ValueError) as error:
         wanted = looked_in or cache
