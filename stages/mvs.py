@@ -176,7 +176,7 @@ def compute_with(engine: str) -> Callable[[Job, Workspace], FusedPoints]:
 
 MVS = Stage(
     name="mvs",
-    version=1,
+    version=2,
     about="Depth and normals per view by multi-view stereo, fused into one oriented cloud.",
     settings=MvsSettings,
     takes=("workspace",),

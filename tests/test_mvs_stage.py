@@ -83,6 +83,14 @@ def test_another_number_of_threads_gives_the_same_bytes(finished, tmp_path, make
     assert finished.outputs["fused"].read_bytes() == again.outputs["fused"].read_bytes()
 
 
+def test_without_the_geometric_pass_the_photometric_one_stands(finished, tmp_path, make_job, workspace):
+    job = make_job(tmp_path, MVS, MvsSettings(**QUICK, geometric_iterations=0), workspace=workspace)
+    MVS.run(job)
+    for name, share in finished.facts["coverage"].items():
+        assert job.facts["coverage"][name] > 0.7 * share
+    assert job.facts["fused_points"] > 1000
+
+
 def test_poses_alone_are_enough(tmp_path, make_job):
     workspace = stereo_scene.write_workspace(tmp_path / "w", VIEWS[:4], points=False)
     (tmp_path / "out").mkdir()
@@ -104,9 +112,9 @@ def test_sparse_points_are_a_fallback_that_is_said_aloud(tmp_path, make_job, wor
     assert not maps(job, 0)[0].any()
 
 
-def test_auto_falls_back_when_the_views_agree_on_nothing(tmp_path, make_job, workspace, monkeypatch):
+def test_auto_falls_back_when_the_views_agree_on_too_few_points(tmp_path, make_job, workspace, monkeypatch):
     monkeypatch.setattr(pycolmap, "has_cuda", False)
-    settings = MvsSettings(fewest_points=10**9, photometric_iterations=0, geometric_iterations=0)
+    settings = MvsSettings(fewest_points=10**9)
     job = make_job(tmp_path, MVS, settings, workspace=workspace)
     MVS.run(job)
     assert "falling back to the sparse points" in " ".join(job.warnings)

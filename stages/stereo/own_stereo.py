@@ -36,8 +36,11 @@ def compute(job: Job, workspace: Workspace) -> FusedPoints:
         names = ", ".join(workspace.image_names[view] for view in lonely)
         job.warn(f"No other view shares surface with {names}: without depth there.")
     views = [view for view in range(len(workspace.cameras)) if view not in lonely]
-    with job.progress("depth maps", 5 * len(views)) as step:
+    passes = 5 if job.settings.geometric_iterations else 4
+    with job.progress("depth maps", passes * len(views)) as step:
         find_planes(job, scene, views, step)
+        if job.settings.geometric_iterations:
+            reconcile(job, scene, views, step)
         kept = confirm(job, scene, workspace, views, step)
         cloud = stereo.fuse_views(scene, agreement_of(job.settings, len(workspace.cameras)), kept, step)
     job.note(
@@ -77,7 +80,7 @@ def _range_of(workspace: Workspace, points: SparsePoints, view: int, settings: A
 
 
 def find_planes(job: Job, scene: stereo.Scene, views: list[int], step: Any) -> None:
-    """Sweep, refine by matching, refine with the others' maps; leaves planes and costs in the scene."""
+    """Sweep, then refine by matching alone; leaves planes and costs in the scene."""
     settings = job.settings
     for view in views:
         scene.planes[view] = stereo.sweep_view(scene, view, sweep_of(settings))
@@ -85,7 +88,11 @@ def find_planes(job: Job, scene: stereo.Scene, views: list[int], step: Any) -> N
         refined = refinement_of(settings, settings.photometric_iterations)
         scene.planes[view], scene.costs[view] = stereo.refine_view(scene, view, refined, geometric=False)
         step()
-    refined = refinement_of(settings, settings.geometric_iterations)
+
+
+def reconcile(job: Job, scene: stereo.Scene, views: list[int], step: Any) -> None:
+    """Refine with the others' maps; puts new planes and costs into the scene."""
+    refined = refinement_of(job.settings, job.settings.geometric_iterations)
     after = ArrayStore(job.scratch / "planes_after")
     for view in views:  # all look at the maps of the round before, so that their order does not matter
         after[view], scene.costs[view] = stereo.refine_view(scene, view, refined, geometric=True)
