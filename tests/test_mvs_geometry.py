@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -348,6 +349,15 @@ def test_parallel_cameras_have_a_range_too():
     ]
     near, far = depth_range(same[0], points_from_poses(same).x_in_world, 0.01, 0.25)
     assert 0.1 < near < 4 < far < 40
+
+
+def test_views_from_one_place_have_finite_stand_ins_and_no_sources():
+    centre = VIEWS[0].centre_in_world
+    turned = [replace(c, cam_from_world=np.column_stack([c.rotation, -c.rotation @ centre])) for c in VIEWS]
+    points = points_from_poses(turned)
+    assert np.isfinite(points.x_in_world).all() and points.seen.any(axis=1).all()
+    for view in range(len(turned)):
+        assert select_sources(turned, points, view, 5, AngleWeight(8, 3, 4)) == []
 
 
 def test_sparse_normals_look_at_their_cameras():

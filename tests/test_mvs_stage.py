@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -140,6 +141,24 @@ def test_one_view_is_no_stereo(tmp_path, make_job):
     workspace = stereo_scene.write_workspace(tmp_path / "w", VIEWS[:1], points=False)
     (tmp_path / "out").mkdir()
     with pytest.raises(UserError, match="at least 2"):
+        MVS.run(make_job(tmp_path / "out", MVS, MvsSettings(**QUICK), workspace=workspace))
+
+
+def test_a_view_that_looks_away_from_everything_is_left_out_aloud(tmp_path, make_job):
+    away = replace(VIEWS[0], name="view away", cam_from_world=np.diag([-1, 1, -1]) @ VIEWS[0].cam_from_world)
+    workspace = stereo_scene.write_workspace(tmp_path / "w", [*VIEWS[:4], away])
+    (tmp_path / "out").mkdir()
+    job = make_job(tmp_path / "out", MVS, MvsSettings(**QUICK), workspace=workspace)
+    MVS.run(job)
+    assert job.warnings == ["No other view shares surface with view away.png: without depth there."]
+    assert job.facts["fused_points"] > 1000
+
+
+def test_views_from_one_place_are_no_stereo(tmp_path, make_job):
+    turned = [replace(c, cam_from_world=np.column_stack([c.rotation, np.zeros(3)])) for c in VIEWS[:3]]
+    workspace = stereo_scene.write_workspace(tmp_path / "w", turned, points=False)
+    (tmp_path / "out").mkdir()
+    with pytest.raises(UserError, match="No two of the 3 posed views .* from different places"):
         MVS.run(make_job(tmp_path / "out", MVS, MvsSettings(**QUICK), workspace=workspace))
 
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from stages.scene.cameras import Camera, project, rays_in_world
 
+LEAST_ANGLE_DEG = 1e-4  # below it two views stand in one place and tell no depth
+
 
 @dataclass(frozen=True, eq=False)
 class SparsePoints:
@@ -59,9 +61,11 @@ def points_from_poses(cameras: list[Camera], per_view: int = 64, depths: int = 8
     focus = np.linalg.lstsq(projectors.sum(0), (projectors @ centres[:, :, None]).sum(0)[:, 0], rcond=1e-3)[0]
     reach = np.sum((focus - centres) * axes, axis=1)
     gaps = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
-    nearest = np.where(gaps > 0, gaps, np.inf).min(axis=1)
+    rounding = 1e-12 * np.abs(centres).max()
+    nearest = np.where(gaps > rounding, gaps, np.inf).min(axis=1)
+    nearest = np.where(np.isfinite(nearest), nearest, 1.0)  # all stand in one place: any length is as good
     if np.mean(reach > nearest) < 0.8:
-        reach = 20.0 * np.where(np.isfinite(nearest), nearest, 1.0)
+        reach = 20.0 * nearest
     side = int(np.sqrt(per_view))
     points = []
     for camera, middle in zip(cameras, np.maximum(reach, nearest), strict=True):
@@ -81,7 +85,8 @@ def falls_inside(camera: Camera, x_in_world: np.ndarray) -> np.ndarray:
 def pair_scores(cameras: list[Camera], points: SparsePoints, view: int, weight: AngleWeight) -> np.ndarray:
     """How well every other view serves `view` as a source, shape (v,), 0 for itself.
 
-    The sum over shared points of the angle's weight times the smaller over the larger of the two footprints.
+    The sum over shared points of the angle's weight times the smaller over the larger of the two footprints;
+    points that both see under the same angle do not count.
     """
     scores = np.zeros(len(cameras))
     centre = cameras[view].centre_in_world
@@ -94,7 +99,8 @@ def pair_scores(cameras: list[Camera], points: SparsePoints, view: int, weight: 
         cosine = np.clip(np.sum(a * b, axis=1) / (length_a * length_b), -1, 1)
         size_a, size_b = length_a / cameras[view].focal_px, length_b / camera.focal_px
         similar = np.minimum(size_a, size_b) / np.maximum(size_a, size_b)
-        scores[other] = np.sum(weight(np.rad2deg(np.arccos(cosine))) * similar)
+        angle_deg = np.rad2deg(np.arccos(cosine))
+        scores[other] = np.sum((weight(angle_deg) * similar)[angle_deg > LEAST_ANGLE_DEG])
     return scores
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline import Job
+from pipeline import Job, UserError
 from stages.geometry import dense_stereo as stereo
 from stages.geometry.fusion import Agreement, FusedPoints
 from stages.geometry.inverse_depth import depth_from_planes
@@ -32,6 +32,11 @@ def compute(job: Job, workspace: Workspace) -> FusedPoints:
     use_threads(job.threads)
     began = time.process_time()
     scene, lonely = plan_scene(job, workspace)
+    if len(lonely) == len(workspace.cameras):
+        raise UserError(
+            f"No two of the {len(lonely)} posed views show the same surface from different places; stereo "
+            "needs at least two that do. Add photos that overlap, taken a few steps apart."
+        )
     if lonely:
         names = ", ".join(workspace.image_names[view] for view in lonely)
         job.warn(f"No other view shares surface with {names}: without depth there.")
@@ -59,8 +64,9 @@ def plan_scene(job: Job, workspace: Workspace) -> tuple[stereo.Scene, list[int]]
     weight = AngleWeight(settings.angle_deg, 0.4 * settings.angle_deg, 1.5 * settings.angle_deg)
     plans = []
     for view in range(len(cameras)):
-        near, far = _range_of(workspace, points, view, settings)
         sources = select_sources(cameras, points, view, settings.sources, weight)
+        # A lonely view may look away from every point, and is never asked for a depth.
+        near, far = _range_of(workspace, points, view, settings) if sources else (0.0, 0.0)
         plans.append(stereo.ViewPlan(sources, near, far))
     scene = stereo.Scene(
         cameras,
