@@ -141,7 +141,7 @@ def _find_masks(job: Job, names: list[str]) -> dict[str, Path]:
 
 UNDISTORT = Stage(
     name="undistort",
-    version=1,
+    version=2,
     about="Pinhole images at working size, in linear light, as a COLMAP workspace.",
     settings=UndistortSettings,
     takes=("images", "model"),

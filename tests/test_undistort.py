@@ -88,6 +88,29 @@ def test_a_pixel_is_kept_only_if_all_its_samples_are_inside_and_kept():
     np.testing.assert_array_equal(out, expected)
 
 
+@pytest.mark.parametrize(("scale", "samples"), [(1.0, 1), (1.7, 2)])
+@pytest.mark.parametrize("shift", [0.1, 0.3, 0.8])
+def test_what_is_masked_out_does_not_shine_into_what_is_kept(scale, samples, shift):
+    """White beside a masked black half: what is kept is white, and no more is lost than what touches it."""
+    kept = np.ones((40, 60), bool)
+    kept[:, 27:] = False
+    linear = np.repeat(kept[..., None], 3, axis=2).astype(np.float32)
+    out, out_kept = resample(linear, kept, (30, 20), lambda xy: xy * scale + [shift, 0], samples)
+    assert (out[out_kept] > 0.999).all()
+    last = pixel_centres(30, 20)[..., 0] * scale + shift + (samples - 1) / (2 * samples) * scale
+    np.testing.assert_array_equal(out_kept, last < 26.5)
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3])
+def test_samples_at_pixel_centres_know_no_neighbours(factor):
+    """No lens, a reduction by a whole factor: each pixel is kept where all of its source pixels are."""
+    kept = np.random.default_rng(1).random((36, 48)) > 0.2
+    size = 48 // factor, 36 // factor
+    _, out = resample(np.ones((36, 48, 3), np.float32), kept, size, lambda xy: xy * factor, factor)
+    blocks = kept.reshape(size[1], factor, size[0], factor)
+    np.testing.assert_array_equal(out, blocks.all(axis=(1, 3)))
+
+
 def test_pinhole_photos_at_or_below_working_size_pass_to_the_bit(make_job, tmp_path):
     light = np.random.default_rng(0).random((61, 83, 3)).astype(np.float32) * 7
     write_exr(tmp_path / "images" / "a.exr", light)

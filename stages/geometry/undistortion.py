@@ -11,6 +11,9 @@ import numpy as np
 # Working rows resampled at a time: bounds the memory of a view, whatever its size.
 BAND_ROWS = 64
 
+# Share of a sample's light that must come from kept pixels: all, but for the rounding of coordinates.
+ALL_KEPT = 0.999
+
 # From pixel coordinates (n, 2) of the wanted image to those of the given one, both with centres at 0.5.
 SourceFromTarget = Callable[[np.ndarray], np.ndarray]
 
@@ -55,9 +58,10 @@ def resample(
     -------
     linear : ndarray, shape (height, width, 3), float32
     kept : ndarray, shape (height, width), bool
-        True where every sample lies inside the image and on kept pixels: the pixel is their mean.
+        True where every sample lies inside the image and between kept pixels only: the pixel is their mean.
     """
     width, height = size
+    kept_share = kept.astype(np.float32)
     out = np.empty((height, width, 3), np.float32)
     out_kept = np.empty((height, width), bool)
     for top in range(0, height, BAND_ROWS):
@@ -65,7 +69,7 @@ def resample(
         xy = source_from_target(_sample_grid(width, rows, top, samples)).reshape(
             rows * samples, width * samples, 2
         )
-        band, band_kept = _sample(linear, kept, xy)
+        band, band_kept = _sample(linear, kept_share, xy)
         out[top : top + rows] = _block_mean(band, samples)
         blocks = band_kept.reshape(rows, samples, width, samples)
         out_kept[top : top + rows] = blocks.all(axis=(1, 3))
@@ -79,20 +83,19 @@ def _sample_grid(width: int, rows: int, top: int, samples: int) -> np.ndarray:
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
-def _sample(linear: np.ndarray, kept: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sample(linear: np.ndarray, kept_share: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Bilinear values and whether they may be used, at coordinates (h, w, 2) with centres at 0.5."""
-    height, width = kept.shape
+    height, width = kept_share.shape
     x, y = xy[..., 0], xy[..., 1]
     with np.errstate(invalid="ignore"):
         inside = (x >= 0) & (x <= width) & (y >= 0) & (y <= height)
     column, row = (np.where(inside, v - 0.5, 0).astype(np.float32) for v in (x, y))  # OpenCV: centres at 0
-    values = cv2.remap(linear, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    values, shares = (
+        cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        for image in (linear, kept_share)
+    )
     values[~inside] = 0
-    nearest = kept[
-        np.clip(np.floor(row + 0.5).astype(int), 0, height - 1),
-        np.clip(np.floor(column + 0.5).astype(int), 0, width - 1),
-    ]
-    return values, inside & nearest
+    return values, inside & (shares > ALL_KEPT)
 
 
 def _block_mean(image: np.ndarray, samples: int) -> np.ndarray:
