@@ -118,6 +118,37 @@ def test_exif_orientation_is_applied_as_pillow_does(tmp_path, codes, orientation
     assert photo_size(path) == expected.shape[1::-1]
 
 
+def exif_orientation(kind: int, value: bytes, data: bytes = b"") -> bytes:
+    """An EXIF block that holds nothing but an orientation of any TIFF type; `data` begins at offset 26."""
+    entry = struct.pack("<HHHI", 1, 0x0112, kind, 1) + value.ljust(4, b"\0")
+    return b"Exif\0\0II*\0" + struct.pack("<I", 8) + entry + bytes(4) + data
+
+
+@pytest.mark.parametrize("extension", ["jpg", "png"])
+@pytest.mark.parametrize(
+    "exif",
+    [
+        exif_orientation(2, b"6"),
+        exif_orientation(7, b"\x06"),
+        exif_orientation(5, struct.pack("<I", 26), struct.pack("<II", 6, 0)),
+        exif_orientation(3, struct.pack("<H", 9)),
+        exif_orientation(3, struct.pack("<H", 0)),
+    ],
+    ids=["text", "bytes", "6/0", "9", "0"],
+)
+def test_an_orientation_that_is_none_counts_as_upright(tmp_path, codes, extension, exif):
+    path = tmp_path / f"odd.{extension}"
+    Image.fromarray(codes).save(path, exif=exif)
+    assert photo_size(path) == (34, 21)
+    np.testing.assert_array_equal(encode_srgb8(read_photo(path)), np.asarray(Image.open(path)))
+
+
+def test_exif_that_cannot_be_read_is_named(tmp_path, codes):
+    Image.fromarray(codes).save(tmp_path / "odd.png", exif=b"Exif\0\0no exif at all")
+    with pytest.raises(UserError, match=r"odd\.png cannot be read .*remove it"):
+        photo_size(tmp_path / "odd.png")
+
+
 def test_orientations_by_hand():
     """Row 0 is the right side in orientation 6 (turn clockwise), the left side in 8."""
     image = np.array([[1, 2, 3], [4, 5, 6]])

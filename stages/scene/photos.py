@@ -81,7 +81,7 @@ def photo_size(path: Path) -> tuple[int, int]:
         with _opened(path) as image:
             width, height = image.size
             # Pillow reports TIFF sizes with the orientation applied already.
-            if image.format != "TIFF" and _orientation(image) >= 5:
+            if image.format != "TIFF" and _orientation(image, path) >= 5:
                 width, height = height, width
     if width * height > LARGEST_PHOTO_PX:
         raise UserError(
@@ -186,7 +186,7 @@ def _read_encoded(path: Path) -> np.ndarray:
     """Upright values as they are stored: uint8 or uint16, (h, w, 3) or (h, w), RGB."""
     with _opened(path) as image:
         deep = _is_16_bit(image, path)
-        orientation = 1 if image.format == "TIFF" else _orientation(image)
+        orientation = 1 if image.format == "TIFF" else _orientation(image, path)
         try:
             image.load()  # Pillow alone notices truncation; its TIFF reader turns the image upright here
             if not deep:
@@ -216,9 +216,16 @@ def _opened(path: Path) -> Image.Image:
         raise _unreadable(path, error) from error
 
 
-def _orientation(image: Image.Image) -> int:
-    """EXIF orientation from the header; Pillow's own `getexif` would decode a whole PNG in search of it."""
-    return int(Image.Image.getexif(image).get(EXIF_ORIENTATION, 1) or 1)
+def _orientation(image: Image.Image, path: Path) -> int:
+    """EXIF orientation, 1 to 8, from the header; whatever else stands there (text, x/0) counts as 1.
+
+    Pillow's own `getexif` would decode a whole PNG in search of it.
+    """
+    try:
+        value = Image.Image.getexif(image).get(EXIF_ORIENTATION)
+    except DECODING_FAILED as error:
+        raise _unreadable(path, error) from error
+    return int(value) if value in range(1, 9) else 1
 
 
 def _is_16_bit(image: Image.Image, path: Path) -> bool:
