@@ -20,7 +20,7 @@ def run(job: Job) -> None:
 
 ADOPT_MESH = Stage(
     name="adopt_mesh",
-    version=1,
+    version=2,
     about="The user's own mesh, in the frame of the cameras.",
     settings=AdoptMeshSettings,
     takes=("mesh_file",),

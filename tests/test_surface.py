@@ -156,6 +156,21 @@ def test_a_file_without_triangles_is_refused(tmp_path):
         read_mesh(tmp_path / "points.ply")
 
 
+@pytest.mark.parametrize("corner", [3, -1])
+def test_triangles_of_missing_vertices_are_refused(tmp_path, corner):
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "holes.ply").write_text(f"{header}0 0 0\n1 0 0\n0 1 0\n3 0 1 {corner}\n")
+    with pytest.raises(UserError, match=rf"holes\.ply .* {corner}.*; expected 0 to 2"):
+        read_mesh(tmp_path / "holes.ply")
+
+
+def test_a_mesh_in_two_files_is_refused(tmp_path):
+    o3d.io.write_triangle_mesh(str(tmp_path / "box.gltf"), o3d.geometry.TriangleMesh.create_box())
+    with pytest.raises(UserError, match=r"box\.gltf .* expected PLY, OBJ, STL, OFF or GLB"):
+        read_mesh(tmp_path / "box.gltf")
+
+
 def test_points_that_are_not_finite_are_left_out(tmp_path):
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector([[0, 0, 0], [np.nan, 0, 0]]))
     cloud.normals = o3d.utility.Vector3dVector([[0, 0, 1], [0, 0, 1]])

@@ -11,6 +11,9 @@ import open3d as o3d
 from pipeline import UserError
 from stages.scene.colour import linear_from_srgb
 
+# Each holds the whole mesh in one file; GLTF keeps its vertices in another, which nobody would digest.
+MESHES = (".ply", ".obj", ".stl", ".off", ".glb")
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -26,14 +29,23 @@ def read_mesh(path: Path) -> Surface:
     Raises
     ------
     UserError
-        It cannot be read, has no triangles, or holds a vertex that is not finite.
+        It is of another kind, cannot be read, has no triangles, or holds a vertex that is not finite or a
+        triangle whose vertex is missing.
     """
+    if path.suffix.lower() not in MESHES:
+        raise UserError(f"{path} is of an unknown kind; expected PLY, OBJ, STL, OFF or GLB: convert it.")
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         surface = from_open3d(o3d.io.read_triangle_mesh(str(path)))
     if not len(surface.faces):
         raise UserError(f"{path} gave no triangles; expected a mesh as PLY, OBJ, STL, OFF or GLB.")
     if not np.isfinite(surface.vertices).all():
         raise UserError(f"{path} has vertices that are not finite numbers; export the mesh again.")
+    first, last = surface.faces.min(), surface.faces.max()
+    if first < 0 or last >= len(surface.vertices):
+        raise UserError(
+            f"{path} has triangles that name vertices {first} to {last}; expected 0 to "
+            f"{len(surface.vertices) - 1}, for it holds no others. Export the mesh again."
+        )
     return surface
 
 
