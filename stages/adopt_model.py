@@ -143,7 +143,7 @@ def _at_size(image: pycolmap.Image, name: str, camera: pycolmap.Camera, size: tu
 
 ADOPT_MODEL = Stage(
     name="adopt_model",
-    version=1,
+    version=2,
     about="A COLMAP model that exists already, checked against the photos.",
     settings=AdoptModelSettings,
     takes=("colmap", "images"),

@@ -22,6 +22,7 @@ from stages.scene.colmap_model import (
 from stages.scene.photos import write_png_srgb8
 
 WIDTH, HEIGHT = 120, 90
+NO_SPACES = [f"sub/photo_{index}.jpg" for index in range(4)]  # COLMAP's text files cut names at a space
 
 
 def distorted_model(count: int = 4, names: list[str] | None = None, seed: int = 0) -> pycolmap.Reconstruction:
@@ -57,7 +58,7 @@ def write(model: pycolmap.Reconstruction, folder, text: bool = False):
 @pytest.mark.parametrize("where", [".", "sparse", "sparse/0", "0", "sparse/3"])
 @pytest.mark.parametrize("text", [False, True])
 def test_a_model_is_found_in_any_layout(tmp_path, where, text):
-    write(distorted_model(), tmp_path / where, text)
+    write(distorted_model(names=NO_SPACES), tmp_path / where, text)
     assert find_model(tmp_path) == tmp_path / where
     assert len(registered(read_model(find_model(tmp_path)))) == 4
 
@@ -79,7 +80,7 @@ def test_no_model_and_a_broken_model_are_said(tmp_path):
 
 @pytest.mark.parametrize("text", [False, True])
 def test_a_model_without_points_is_fine_with_and_without_the_file(tmp_path, text):
-    cameras = cameras_of(pinhole_model(cameras_of(undistorted())))
+    cameras = cameras_of(pinhole_model(cameras_of(undistorted(NO_SPACES))))
     write(pinhole_model(cameras), tmp_path, text)
     assert read_model(tmp_path).num_points3D() == 0
     (tmp_path / ("points3D.txt" if text else "points3D.bin")).unlink()
@@ -107,8 +108,31 @@ def test_two_images_of_one_view_name_are_refused(tmp_path):
         read_model(tmp_path)
 
 
-def undistorted() -> pycolmap.Reconstruction:
-    model = distorted_model()
+@pytest.mark.parametrize("text", [False, True])
+def test_two_images_of_one_name_are_refused(tmp_path, text):
+    write(distorted_model(2, ["a.jpg", "b.jpg"]), tmp_path, text)
+    rename_in(tmp_path, b"b.jpg", b"a.jpg")
+    with pytest.raises(UserError, match=r"a\.jpg and a\.jpg"):
+        read_model(tmp_path)
+
+
+@pytest.mark.parametrize("text", [False, True])
+def test_names_that_are_not_utf_8_are_refused(tmp_path, text):
+    folder = write(distorted_model(2, ["a.jpg", "b.jpg"]), tmp_path / "sparse" / "0", text)
+    rename_in(folder, b"b.jpg", b"\xe9.jpg")
+    assert find_model(tmp_path) == folder
+    with pytest.raises(UserError, match=r"named b'\\xe9\.jpg'; names must be UTF-8"):
+        read_model(folder)
+
+
+def rename_in(folder, before: bytes, after: bytes) -> None:
+    """Another name for an image of a written model, in bytes: pycolmap itself writes neither kind."""
+    (images,) = folder.glob("images.*")
+    images.write_bytes(images.read_bytes().replace(before, after))
+
+
+def undistorted(names: list[str] | None = None) -> pycolmap.Reconstruction:
+    model = distorted_model(names=names)
     pinhole = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), model.cameras[7])
     cameras = [
         camera_from(image, pinhole.width, pinhole.height, pinhole.calibration_matrix())

@@ -47,8 +47,8 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     Raises
     ------
     UserError
-        There is no model, it cannot be read, or an image name is absolute, leaves its folder with ``..``, or
-        shares its view name with another.
+        There is no model, it cannot be read, or an image name is not UTF-8, is absolute, leaves its folder
+        with ``..``, or shares its view name with another.
     """
     form = _format_of(folder)
     if form is None:
@@ -63,7 +63,7 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
         raise UserError(
             f"The COLMAP model in {folder} cannot be read ({reason}); export it again from COLMAP."
         ) from error
-    _check_names([image.name for image in model.images.values()], folder)
+    _check_names(_names_of(model, folder), folder)
     return model
 
 
@@ -195,8 +195,8 @@ def _count_images(folder: Path) -> int:
         with (folder / "images.bin").open("rb") as file:
             head = file.read(8)
         return struct.unpack("<Q", head)[0] if len(head) == 8 else 0
-    lines = (folder / "images.txt").read_text(encoding="utf-8").splitlines()
-    return sum(not line.startswith("#") for line in lines) // 2
+    lines = (folder / "images.txt").read_bytes().splitlines()
+    return sum(not line.startswith(b"#") for line in lines) // 2
 
 
 def _read_without_points(folder: Path, form: str) -> pycolmap.Reconstruction:
@@ -208,13 +208,23 @@ def _read_without_points(folder: Path, form: str) -> pycolmap.Reconstruction:
         return pycolmap.Reconstruction(beside)
 
 
+def _names_of(model: pycolmap.Reconstruction, source: Path) -> list[str]:
+    try:
+        return [image.name for image in model.images.values()]
+    except UnicodeDecodeError as error:
+        raise UserError(
+            f"The COLMAP model in {source} has an image named {error.object!r}; names must be UTF-8. "
+            "Rename it in the model, and its photo."
+        ) from error
+
+
 def _check_names(names: list[str], source: Path) -> None:
     seen: dict[str, str] = {}
     for name in sorted(names):
         check_image_name(name, source)
-        other = seen.setdefault(view_name(name), name)
-        if other != name:
+        if (view := view_name(name)) in seen:
             raise UserError(
-                f"The COLMAP model in {source} has {other} and {name}, which differ only in their extension, "
-                "so their results would have the same name; rename one of them in the model."
+                f"The COLMAP model in {source} has {seen[view]} and {name}, whose results would have the "
+                "same name; rename one of them in the model. (Text models cut names at a space.)"
             )
+        seen[view] = name
