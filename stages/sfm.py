@@ -294,7 +294,7 @@ def _each(job: Job, work: Callable[..., T], *columns: Any) -> Iterator[T]:
 
 SFM = Stage(
     name="sfm",
-    version=1,
+    version=2,
     about="Camera poses, lens and sparse points from photos alone (COLMAP).",
     settings=SfmSettings,
     takes=("images",),

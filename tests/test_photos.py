@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import subprocess
 import sys
@@ -47,6 +48,27 @@ def touch(folder: Path, *names: str) -> None:
 def test_photos_are_found_in_subfolders_in_fixed_order_and_hidden_ones_are_not(tmp_path):
     touch(tmp_path, "b.JPG", "a b/é.Tiff", "c.exr", "K.txt", ".hidden.png", ".trash/x.png", "d.png.bak")
     assert find_photos(tmp_path) == ["a b/é.Tiff", "b.JPG", "c.exr"]
+
+
+def test_photos_in_linked_folders_are_found(tmp_path):
+    touch(tmp_path, "elsewhere/deep/b.jpg", "images/a.jpg")
+    (tmp_path / "images/day 1").symlink_to(tmp_path / "elsewhere")
+    assert find_photos(tmp_path / "images") == ["a.jpg", "day 1/deep/b.jpg"]
+
+
+def test_a_link_that_leads_nowhere_is_named(tmp_path):
+    (tmp_path / "a.jpg").symlink_to(tmp_path / "gone.jpg")
+    with pytest.raises(UserError, match=r"a\.jpg is a link to .*gone\.jpg"):
+        find_photos(tmp_path)
+
+
+def test_a_photo_whose_name_is_not_utf_8_is_refused(tmp_path):
+    try:
+        Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9.jpg")).touch()
+    except OSError:
+        pytest.skip("this file system knows no such names")
+    with pytest.raises(UserError, match=r"called b'caf\\xe9\.jpg'; names must be UTF-8"):
+        find_photos(tmp_path)
 
 
 def test_two_photos_of_one_view_name_are_refused_by_name(tmp_path):

@@ -17,6 +17,7 @@ import OpenEXR
 from PIL import Image, UnidentifiedImageError
 
 from pipeline import UserError
+from pipeline.digest import files_below
 from stages.scene.cameras import view_name
 from stages.scene.colour import linear_from_srgb, srgb_from_linear
 from stages.scene.exr import read_exr
@@ -40,29 +41,38 @@ TIFF_SAMPLE_FORMAT = 339
 def find_photos(folder: Path) -> list[str]:
     """Photos below `folder`: relative paths with ``/``, sorted; hidden files and folders skipped.
 
+    They are the files that the key of a result knows: linked folders are followed.
+
     Raises
     ------
     UserError
-        There is no such folder, or two photos would share a view name (``a.jpg`` and ``a.png``).
+        There is no such folder, a photo's name is not UTF-8, a link leads nowhere, or two photos would share
+        a view name (``a.jpg`` and ``a.png``).
     """
     if not folder.is_dir():
         raise UserError(f"There is no folder of photos at {folder}; give the folder that holds them.")
-    names = []
-    for parent, folders, files in os.walk(folder):
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        for file in files:
-            if not file.startswith(".") and file.lower().endswith(ENCODED + LINEAR):
-                names.append((Path(parent) / file).relative_to(folder).as_posix())
-    names.sort()
     seen: dict[str, str] = {}
-    for name in names:
+    for name, path in files_below(folder, ENCODED + LINEAR).items():
+        _check_photo(name, path, folder)
         other = seen.setdefault(view_name(name), name)
         if other != name:
             raise UserError(
                 f"{other} and {name} in {folder} differ only in their extension, so their results would have "
                 "the same name; rename or remove one of them."
             )
-    return names
+    return list(seen.values())
+
+
+def _check_photo(name: str, path: Path, folder: Path) -> None:
+    """Refuse a name that no record could hold, and a link that leads nowhere."""
+    try:
+        name.encode()
+    except UnicodeEncodeError as error:
+        raise UserError(
+            f"A photo in {folder} is called {os.fsencode(name)!r}; names must be UTF-8. Rename it."
+        ) from error
+    if not path.exists():
+        raise UserError(f"{path} is a link to {path.readlink()}, where there is nothing; mend or remove it.")
 
 
 def photo_size(path: Path) -> tuple[int, int]:
