@@ -12,10 +12,10 @@ from stages.scene.cameras import (
     normals_in_cam,
     normals_in_world,
     pixel_centres,
-    pixel_index,
     project,
     rays_in_world,
     view_name,
+    xy_for_integer_centres,
 )
 
 
@@ -64,10 +64,9 @@ def test_the_first_pixel_s_centre_is_half_half():
     assert centres[2, 3].tolist() == [3.5, 2.5]
 
 
-def test_pixel_index_finds_the_pixel_that_holds_a_point():
+def test_integer_centres_are_array_indices():
     index = np.stack(np.meshgrid(np.arange(4), np.arange(3)), axis=-1)
-    assert np.array_equal(pixel_index(pixel_centres(4, 3)), index)
-    assert pixel_index(np.array([0.999, -0.001])).tolist() == [0, -1]
+    assert np.array_equal(xy_for_integer_centres(pixel_centres(4, 3)), index)
 
 
 def test_integer_centres_shift_the_principal_point_by_half_a_pixel(camera):

@@ -11,7 +11,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from stages.scene.cameras import Camera, intrinsics_for_integer_centres
+from stages.scene.cameras import (
+    Camera,
+    centres_along,
+    intrinsics_for_integer_centres,
+    xy_for_integer_centres,
+)
 
 F = np.float32
 
@@ -114,8 +119,8 @@ def resample_planes(planes: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Planes at another image size: each pixel extends the plane of the nearest, (*shape, 3), float32."""
     height, width = planes.shape[:2]
     scale_x, scale_y = width / shape[1], height / shape[0]
-    x = (np.arange(shape[1]) + 0.5) * scale_x - 0.5
-    y = (np.arange(shape[0]) + 0.5) * scale_y - 0.5
+    x = xy_for_integer_centres(centres_along(shape[1]) * scale_x)
+    y = xy_for_integer_centres(centres_along(shape[0]) * scale_y)
     column = np.clip(np.rint(x), 0, width - 1).astype(int)
     row = np.clip(np.rint(y), 0, height - 1).astype(int)
     found = planes[row[:, None], column[None, :]]

@@ -8,6 +8,8 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from stages.scene.cameras import pixel_centres, xy_for_integer_centres
+
 # Working rows resampled at a time: bounds the memory of a view, whatever its size.
 BAND_ROWS = 64
 
@@ -78,9 +80,7 @@ def resample(
 
 def _sample_grid(width: int, rows: int, top: int, samples: int) -> np.ndarray:
     """Sample positions of a band of pixels, shape (n, 2), in pixels of the wanted image."""
-    x = (np.arange(width * samples) + 0.5) / samples
-    y = (np.arange(rows * samples) + 0.5) / samples + top
-    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return (pixel_centres(width * samples, rows * samples) / samples + [0, top]).reshape(-1, 2)
 
 
 def _sample(linear: np.ndarray, kept_share: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +89,7 @@ def _sample(linear: np.ndarray, kept_share: np.ndarray, xy: np.ndarray) -> tuple
     x, y = xy[..., 0], xy[..., 1]
     with np.errstate(invalid="ignore"):
         inside = (x >= 0) & (x <= width) & (y >= 0) & (y <= height)
-    column, row = (np.where(inside, v - 0.5, 0).astype(np.float32) for v in (x, y))  # OpenCV: centres at 0
+    column, row = (np.where(inside, xy_for_integer_centres(v), 0).astype(np.float32) for v in (x, y))
     values, shares = (
         cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         for image in (linear, kept_share)

@@ -64,13 +64,17 @@ def view_name(image_name: str) -> str:
 
 def pixel_centres(width: int, height: int) -> np.ndarray:
     """Image coordinates of all pixel centres, shape (height, width, 2): (x + 0.5, y + 0.5)."""
-    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    return np.stack([x, y], axis=-1)
+    return np.stack(np.meshgrid(centres_along(width), centres_along(height)), axis=-1)
 
 
-def pixel_index(xy: np.ndarray) -> np.ndarray:
-    """Column and row of the pixel that holds each image coordinate, int64, same shape as `xy`."""
-    return np.floor(xy).astype(np.int64)
+def centres_along(count: int) -> np.ndarray:
+    """Image coordinates of the pixel centres along one side of an image, shape (count,): 0.5, 1.5, …"""
+    return np.arange(count) + 0.5
+
+
+def xy_for_integer_centres(xy: np.ndarray) -> np.ndarray:
+    """The same place for those who put the centre of the first pixel at (0, 0): OpenCV, array indices."""
+    return xy - 0.5
 
 
 def intrinsics_for_integer_centres(intrinsics: np.ndarray) -> np.ndarray:
