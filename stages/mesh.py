@@ -66,7 +66,7 @@ def run(job: Job) -> None:
     with job.progress("mesh", 4) as step:
         surface = s.poisson(points, depth)
         step()
-        surface = s.trim_to_points(surface, points, settings.trim_footprints)
+        surface = s.trim_to_points(surface, points, settings.trim_footprints, job.threads)
         if not len(surface.faces):
             raise UserError(
                 f"No surface lies within {settings.trim_footprints} footprints of a fused point; "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import open3d as o3d
 import pytest
+from scipy.spatial import cKDTree
 
 from pipeline import UserError
 from stages.geometry import surface as s
@@ -114,6 +115,19 @@ def test_surface_far_from_every_point_is_trimmed_away():
     assert surface.vertices[:, 2].min() > 0.2 - 6 * 0.03 - 1e-6
     assert len(surface.faces) > 0
     assert distance.max() < 0.4
+
+
+def test_trimming_takes_as_many_threads_as_it_is_given(monkeypatch):
+    asked = []
+
+    class Tree(cKDTree):
+        def query(self, x, workers):
+            asked.append(workers)
+            return super().query(x, workers=workers)
+
+    monkeypatch.setattr(s, "cKDTree", Tree)
+    s.trim_to_points(SQUARE, sphere_points(100), 1000.0, threads=2)
+    assert asked == [2]
 
 
 def test_crumbs_go_and_the_largest_component_stays():

@@ -73,12 +73,14 @@ def poisson(points: OrientedPoints, depth: int) -> Surface:
     return from_open3d(mesh)
 
 
-def trim_to_points(surface: Surface, points: OrientedPoints, reach_footprints: float) -> Surface:
+def trim_to_points(
+    surface: Surface, points: OrientedPoints, reach_footprints: float, threads: int = 1
+) -> Surface:
     """Drop surface farther from every point than `reach_footprints` of that point's footprints.
 
     Poisson closes what nobody saw; this takes such inventions away again.
     """
-    distance, nearest = cKDTree(points.x_in_world).query(surface.vertices, workers=-1)
+    distance, nearest = cKDTree(points.x_in_world).query(surface.vertices, workers=threads)
     supported = distance <= reach_footprints * points.footprints[nearest]
     return with_faces(surface, supported[surface.faces].all(axis=1))
 
