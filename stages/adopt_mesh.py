@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pipeline import Artefact, Job, Settings, Stage
+from stages.scene.distributions import OPEN3D
 
 
 class AdoptMeshSettings(Settings):
@@ -26,4 +27,5 @@ ADOPT_MESH = Stage(
     takes=("mesh_file",),
     gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
     run=run,
+    tools=("numpy", *OPEN3D),
 )

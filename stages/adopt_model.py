@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from stages.scene.distributions import PICTURES, PYCOLMAP
 from stages.scene.wording import listed
 
 if TYPE_CHECKING:
@@ -149,5 +150,5 @@ ADOPT_MODEL = Stage(
     takes=("colmap", "images"),
     gives=(Artefact("model", "COLMAP sparse model at the photos' own size"),),
     run=run,
-    tools=("pycolmap",),
+    tools=("numpy", *PYCOLMAP, *PICTURES),
 )

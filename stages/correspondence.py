@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, setting
+from stages.scene.distributions import PICTURES
 
 if TYPE_CHECKING:
     from stages.scene.cameras import Camera
@@ -79,5 +80,5 @@ CORRESPONDENCE = Stage(
     takes=("depth", "mask", "cameras"),
     gives=(Artefact("correspondences", "one scipy sparse matrix per pair i < j, npz, and index.json"),),
     run=run,
-    tools=("numpy", "numba"),
+    tools=("numpy", "scipy", "numba", *PICTURES),
 )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from pipeline import Artefact, Job, Stage, UserError
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.solver_settings import as_alternation, as_fast, as_sky, as_transfer, weights_at
+from stages.scene.distributions import OPEN3D, PICTURES
 
 if TYPE_CHECKING:
     import numpy as np
@@ -277,7 +278,7 @@ DECOMPOSITION = Stage(
         Artefact("energy", "energy per alternation", file="energy.json", output="energy.json"),
     ),
     run=run,
-    tools=("numpy", "scipy", "numba", "opencv-python-headless"),
+    tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
 )
 
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, setting
+from stages.scene.distributions import PICTURES, PYCOLMAP
 
 if TYPE_CHECKING:
     import numpy as np
@@ -162,4 +163,5 @@ DELIVER = Stage(
         ),
     ),
     run=run,
+    tools=("numpy", *PYCOLMAP, *PICTURES),
 )

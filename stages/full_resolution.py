@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, setting
+from stages.scene.distributions import PICTURES, PYCOLMAP
 
 if TYPE_CHECKING:
     from stages.geometry.lenses import Lens
@@ -106,5 +107,5 @@ FULL_RESOLUTION = Stage(
         ),
     ),
     run=run,
-    tools=("pycolmap", "numpy", "scipy", "opencv-python-headless"),
+    tools=("numpy", "scipy", *PYCOLMAP, *PICTURES),
 )

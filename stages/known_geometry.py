@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pipeline import Artefact, Job, Settings, Stage, setting
+from stages.scene.distributions import OPEN3D
 
 
 class KnownGeometrySettings(Settings):
@@ -45,5 +46,5 @@ KNOWN_GEOMETRY = Stage(
     takes=("true_mesh",),
     gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
     run=run,
-    tools=("open3d-cpu", "open3d"),
+    tools=("numpy", *OPEN3D),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from stages.scene.distributions import OPEN3D, PYCOLMAP
 
 FEWEST_POINTS = 100  # below this Poisson has nothing to hold on to
 
@@ -89,5 +90,5 @@ MESH = Stage(
     takes=("fused", "workspace"),
     gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
     run=run,
-    tools=("open3d-cpu", "open3d"),
+    tools=("numpy", "scipy", *PYCOLMAP, *OPEN3D),
 )

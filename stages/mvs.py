@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Literal
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from stages.scene.distributions import OPEN3D, PYCOLMAP
 
 if TYPE_CHECKING:
     from stages.geometry.fusion import FusedPoints
@@ -185,6 +186,6 @@ MVS = Stage(
         Artefact("fused", "fused points with normals and colours, world axes", file="fused.ply"),
     ),
     run=run,
-    tools=("numba", "numpy", "opencv-python-headless", "pycolmap"),
+    tools=("numpy", "scipy", "numba", "opencv-python-headless", *PYCOLMAP, *OPEN3D),
     machine=engine_of,
 )

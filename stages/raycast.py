@@ -6,6 +6,7 @@ from fnmatch import fnmatchcase
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from pipeline.settings import near
+from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
 
 
 class RaycastSettings(Settings):
@@ -100,5 +101,5 @@ RAYCAST = Stage(
         ),
     ),
     run=run,
-    tools=("open3d-cpu", "open3d", "opencv-python-headless"),
+    tools=("numpy", *PYCOLMAP, *OPEN3D, *PICTURES),
 )

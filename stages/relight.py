@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pipeline import Artefact, Job, Settings, Stage, setting
+from stages.scene.distributions import OPEN3D, PICTURES
 
 
 class RelightSettings(Settings):
@@ -72,5 +73,5 @@ RELIGHT = Stage(
     takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer", "light"),
     gives=(Artefact("relit", "the views under another light, EXR (linear) and PNG", output="relit"),),
     run=run,
-    tools=("numpy", "scipy", "numba", "opencv-python-headless"),
+    tools=("numpy", "scipy", "numba", *OPEN3D, *PICTURES),
 )

@@ -6,6 +6,7 @@ import json
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage, UserError
+from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
 from stages.synthetic.render_settings import RenderSettings
 
 if TYPE_CHECKING:
@@ -171,5 +172,5 @@ RENDER = Stage(
         Artefact("truth", "true albedo, shading, parts and masks per view", output="truth"),
     ),
     run=run,
-    tools=("mitsuba", "scikit-image", "opencv-python-headless", "open3d-cpu", "open3d"),
+    tools=("mitsuba", "drjit", "scikit-image", "numpy", "scipy", *PYCOLMAP, *OPEN3D, *PICTURES),
 )

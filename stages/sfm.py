@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from stages.scene.distributions import PICTURES, PYCOLMAP
 from stages.scene.wording import listed
 
 if TYPE_CHECKING:
@@ -303,5 +304,5 @@ SFM = Stage(
         Artefact("database", "COLMAP database of features and matches", file="database.db"),
     ),
     run=run,
-    tools=("pycolmap", "opencv-python-headless"),
+    tools=("numpy", *PYCOLMAP, *PICTURES),
 )

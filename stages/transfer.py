@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from stages.scene.distributions import OPEN3D
 
 if TYPE_CHECKING:
     import numpy as np
@@ -143,5 +144,5 @@ TRANSFER = Stage(
     takes=("mesh",),
     gives=(Artefact("transfer", "transfer vectors and form factors", file="transfer.npz"),),
     run=run,
-    tools=("numpy", "scipy", "open3d-cpu", "open3d"),
+    tools=("numpy", "scipy", "numba", *OPEN3D),
 )

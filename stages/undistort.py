@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from stages.scene.distributions import PICTURES, PYCOLMAP
 from stages.scene.wording import listed
 
 if TYPE_CHECKING:
@@ -152,5 +153,5 @@ UNDISTORT = Stage(
         Artefact("kept", "masks of the views that have one, white = keep"),
     ),
     run=run,
-    tools=("pycolmap", "opencv-python-headless"),
+    tools=("numpy", *PYCOLMAP, *PICTURES),
 )

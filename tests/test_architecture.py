@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import ast
+import sys
 from pathlib import Path
 
 import pytest
+
+from stages import ALL_STAGES
+from stages.scene.distributions import OPEN3D, PYCOLMAP
 
 ROOT = Path(__file__).parent.parent
 PIXEL_LIBRARIES = {
@@ -43,6 +47,15 @@ FOLDERS_BELOW = {  # which folders of stages/ each folder may import
     "photometry": {"photometry", "solvers", "scene"},
     "synthetic": {"synthetic", "scene", "geometry"},
 }
+DISTRIBUTIONS = {  # of what is imported by another name than it is installed by
+    "cv2": {"opencv-python-headless"},
+    "open3d": set(OPEN3D),
+    "OpenEXR": {"openexr"},
+    "PIL": {"pillow"},
+    "pycolmap": set(PYCOLMAP),
+    "skimage": {"scikit-image"},
+}
+CHANGES_NO_RESULT = {"pydantic"}  # it checks settings; what they say is in the key
 VAGUE = {"utils", "util", "common", "helpers", "helper", "base", "misc"}
 STEPS = {path.stem for path in (ROOT / "stages").glob("*.py")} - {"__init__", "cli"}
 
@@ -70,6 +83,32 @@ def imported_at_once(tree: ast.Module) -> set[str]:
 
 def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
+
+
+class WhenRun(ast.NodeTransformer):
+    """Leaves out what is imported for type checkers only."""
+
+    def visit_If(self, node: ast.If) -> ast.AST | None:
+        return None if ast.unparse(node.test) == "TYPE_CHECKING" else self.generic_visit(node)
+
+
+def source_of(name: str) -> Path:
+    """The file of a module of stages/, or of the module that something is imported from."""
+    path = ROOT.joinpath(*name.split("."))
+    return next(file for file in (path.with_suffix(".py"), path.parent.with_suffix(".py")) if file.is_file())
+
+
+def libraries_of(module: str) -> set[str]:
+    """What a module of stages/ imports from outside when it runs, itself or through others of stages/."""
+    names, libraries, seen = [module], set(), set()
+    while names:
+        name = names.pop()
+        if not name.startswith("stages."):
+            libraries.add(name.split(".")[0])
+        elif (path := source_of(name)) not in seen:
+            seen.add(path)
+            names += imported(WhenRun().visit(parsed(path)))
+    return libraries - sys.stdlib_module_names - {"pipeline"}
 
 
 @pytest.mark.parametrize("path", sources("pipeline"), ids=lambda path: path.name)
@@ -100,6 +139,12 @@ def test_nobody_imports_a_step_but_the_dataflow_and_the_command_line(path):
         return
     steps = {name.split(".")[1] for name in imported(parsed(path)) if name.startswith("stages.")} & STEPS
     assert not steps
+
+
+@pytest.mark.parametrize("stage", ALL_STAGES, ids=lambda stage: stage.name)
+def test_the_key_knows_the_version_of_every_library_that_a_stage_can_reach(stage):
+    libraries = libraries_of(stage.run.__module__) - CHANGES_NO_RESULT
+    assert set(stage.tools) == set().union(*(DISTRIBUTIONS.get(name, {name}) for name in libraries))
 
 
 def test_no_name_gathers_everything():
