@@ -64,7 +64,7 @@ def shown(default: object) -> str:
 def bounds(about: dict) -> str:
     """Range and unit of a setting."""
     found = [text.format(choices(about[key])) for key, text in BOUNDS.items() if key in about]
-    for option in about.get("anyOf", []):
+    for option in [*about.get("anyOf", []), about.get("items", {})]:
         found += [text.format(choices(option[key])) for key, text in BOUNDS.items() if key in option]
     return ", ".join(found + [about["unit"]] * bool(about.get("unit")))
 

@@ -116,9 +116,9 @@ def mode_of(settings: Mapping[str, Settings]) -> str:
     Raises
     ------
     UserError
-        The solver that was asked for does not know that mode's light.
+        The solver that was asked for does not know that mode's light, or the transfer not all of it.
     """
-    check_mode(settings[DECOMPOSITION.name])
+    check_mode(settings[DECOMPOSITION.name], settings[TRANSFER.name].degree)
     return settings[DECOMPOSITION.name].mode
 
 

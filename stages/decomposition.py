@@ -6,8 +6,8 @@ import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Stage, UserError
-from stages.photometry.decomposition_settings import DecompositionSettings
+from pipeline import Artefact, Job, Stage
+from stages.photometry.decomposition_settings import DecompositionSettings, given_or
 from stages.photometry.solver_settings import as_alternation, as_fast, as_sky, as_transfer, weights_at
 from stages.scene.distributions import OPEN3D, PICTURES
 
@@ -165,13 +165,7 @@ def _pixel_transfer(
     from stages.photometry.pixel_transfer import PixelTransfer
     from stages.photometry.transfer import Occlusion
 
-    known = int(stored.blocked.shape[1] ** 0.5) - 1
-    degree = known if job.settings.degree is None else job.settings.degree
-    if degree > known:
-        raise UserError(
-            f"decomposition.degree is {degree}, but the transfer vectors end at {known}; raise "
-            "transfer.degree or lower decomposition.degree."
-        )
+    degree = int(given_or(job.settings.degree, stored.blocked.shape[1] ** 0.5 - 1))
     seen = Occlusion(stored.blocked, stored.form_factors, stored.behind)
     transfer, opposed = PixelTransfer.of(normals, blend, seen, stored.normals, degree)
     _tell_opposed(job, opposed, len(normals))

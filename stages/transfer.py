@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from pydantic import Field
+
+from pipeline import Artefact, Job, Settings, Stage, setting
 from stages.scene.distributions import OPEN3D
 
 if TYPE_CHECKING:
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
     from stages.scene.meshes import Surface
 
 
-NEAREST = 1.5  # radii of the mesh
+Distance = Annotated[float, Field(ge=1.5)]  # nearer, the light would be inside what it lights
 
 
 class TransferSettings(Settings):
@@ -41,10 +43,11 @@ class TransferSettings(Settings):
         ge=16,
         le=4096,
     )
-    light_distances: tuple[float, ...] = setting(
+    light_distances: tuple[Distance, ...] = setting(
         (8.0, 4.0),
         "How far away the light may be, beside infinitely far: a lamp at hand lights near things more. The "
-        "decomposition takes the distance that explains the photos best. Empty: infinitely far.",
+        "decomposition takes the distance that explains the photos best. Nearer than 1.5 it would be inside "
+        "what it lights. Empty: infinitely far.",
         unit="radii of the mesh",
         max_length=8,
     )
@@ -78,7 +81,6 @@ def run(job: Job) -> None:
     from stages.scene.transfer_file import StoredTransfer, write_transfer
 
     settings: TransferSettings = job.settings
-    _check_distances(settings)
     surface = read_mesh(job.inputs["mesh"])
     proxy = proxy_of(surface, settings.max_vertices)
     normals = vertex_normals(proxy.vertices, proxy.faces)
@@ -117,15 +119,6 @@ def run(job: Job) -> None:
     )
     blocked = np.asarray(seen.form_factors.sum(axis=1)) + np.asarray(seen.behind.sum(axis=1))
     job.note(vertices=count, mean_blocked=round(float(blocked.mean()), 4))
-
-
-def _check_distances(settings: TransferSettings) -> None:
-    for distance in settings.light_distances:
-        if not distance >= NEAREST:
-            raise UserError(
-                f"transfer.light_distances holds {distance:g}; expected {NEAREST} radii of the mesh or more, "
-                "or the light would be inside what it lights."
-            )
 
 
 def _middle(surface: Surface) -> tuple[np.ndarray, float]:

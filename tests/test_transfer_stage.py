@@ -103,15 +103,17 @@ def test_only_mode_transfer_knows_the_stage(config, capsys):
 
 
 def test_what_does_not_go_together_is_said(config, capsys):
-    code, _, said = unshade(capsys, "run", config, "--set", "decomposition.solver=paper")
+    """Before anything runs: a plan refuses it already."""
+    code, _, said = unshade(capsys, "plan", config, "--set", "decomposition.solver=paper")
     assert code == 2
     assert "the paper's solver knows the paper's light only" in said.replace("\n", " ")
-    code, _, said = unshade(capsys, "run", config, "--set", "transfer.light_distances=[8, 1]")
+    code, _, said = unshade(capsys, "plan", config, "--set", "transfer.light_distances=[8, 1]")
     assert code == 2
-    assert "holds 1; expected 1.5 radii" in said.replace("\n", " ")
-    code, _, said = unshade(capsys, "run", config, *HARMONICS, "--set", "decomposition.degree=4")
+    assert "transfer.light_distances.1 is 1; expected greater than or equal to 1.5" in said.replace("\n", " ")
+    code, _, said = unshade(capsys, "plan", config, *HARMONICS, "--set", "decomposition.degree=4")
     assert code == 2
     assert "decomposition.degree is 4, but the transfer vectors end at 3" in said.replace("\n", " ")
+    assert unshade(capsys, "plan", config, "--set", "decomposition.degree=4")[0] == 0  # nobody asks for it
 
 
 def test_a_decimated_mesh_gives_nearly_the_same_albedo(config, output):

@@ -207,8 +207,8 @@ class DecompositionSettings(Settings):
         )
 
 
-def check_mode(settings: DecompositionSettings) -> None:
-    """Refuse a solver that does not know the mode's light.
+def check_mode(settings: DecompositionSettings, transfer_degree: int) -> None:
+    """Refuse a solver that does not know the mode's light, and light that the transfer does not know.
 
     Raises
     ------
@@ -219,6 +219,12 @@ def check_mode(settings: DecompositionSettings) -> None:
         raise UserError(
             "decomposition.solver is paper and decomposition.mode transfer; the paper's solver knows the "
             "paper's light only. Leave the solver out, or set the mode to paper."
+        )
+    by_transfer = settings.mode == "transfer" and settings.light == "harmonics"
+    if by_transfer and given_or(settings.degree, 0) > transfer_degree:
+        raise UserError(
+            f"decomposition.degree is {settings.degree}, but the transfer vectors end at {transfer_degree}; "
+            "raise transfer.degree or lower decomposition.degree."
         )
 
 
