@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+from pydantic import ValidationInfo, field_validator
+
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.distributions import PICTURES, PYCOLMAP
 from stages.scene.wording import listed
@@ -17,6 +19,16 @@ if TYPE_CHECKING:
     from stages.motion.photo_set import Photo
 
 T = TypeVar("T")
+
+CAMERA_PARAMS = {  # by COLMAP's camera model, in its order
+    "SIMPLE_PINHOLE": "f, cx, cy",
+    "PINHOLE": "fx, fy, cx, cy",
+    "SIMPLE_RADIAL": "f, cx, cy, k",
+    "RADIAL": "f, cx, cy, k1, k2",
+    "OPENCV": "fx, fy, cx, cy, k1, k2, p1, p2",
+    "FULL_OPENCV": "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6",
+    "OPENCV_FISHEYE": "fx, fy, cx, cy, k1, k2, k3, k4",
+}
 
 
 class SfmSettings(Settings):
@@ -83,6 +95,16 @@ class SfmSettings(Settings):
         6, "Cameras with fewer photos keep their principal point: it would trade against the poses.", ge=3
     )
     seed: int = setting(0, "Start of every random generator.", ge=0, le=2**31 - 100)
+
+    @field_validator("camera_params")
+    @classmethod
+    def _fit_the_model(cls, params: list[float] | None, others: ValidationInfo) -> list[float] | None:
+        model = others.data.get("camera_model")  # missing where it is refused itself
+        names = CAMERA_PARAMS.get(model, "")
+        count = names.count(",") + 1
+        if params is not None and model is not None and len(params) != count:
+            raise ValueError(f"the {count} numbers of {model}, in pixels of the upright photo: {names}")
+        return params
 
     @property
     def holds_cameras(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from contextlib import closing
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pycolmap
@@ -13,6 +14,7 @@ from PIL import Image
 
 from benchmarks.fountain_poses import Poses, errors, model_poses, similarity
 from pipeline import UserError
+from pipeline.config import check_settings
 from stages.motion.database import copy_name
 from stages.motion.features import in_full_photo
 from stages.motion.mapping import attempts, free_principal_point
@@ -21,7 +23,7 @@ from stages.motion.photo_set import Photo, camera_groups, exposure_for_matching,
 from stages.scene.colmap_model import read_model, registered
 from stages.scene.exr import write_exr
 from stages.scene.photos import encode_srgb8, encode_srgb16, write_png_srgb8
-from stages.sfm import SFM, SfmSettings
+from stages.sfm import CAMERA_PARAMS, SFM, SfmSettings
 from tests import painted_corner
 
 RADIAL = -0.05
@@ -189,20 +191,23 @@ def test_photos_without_overlap_are_a_sentence(make_job, tmp_path):
             run(make_job, tmp_path / f"out_{kind}", tmp_path / kind)
 
 
-@pytest.mark.parametrize(
-    ("params", "model", "sentence"),
-    [
-        ([300.0, 160.0, 120.0], "SIMPLE_RADIAL", "3 values, but SIMPLE_RADIAL takes 4: f, cx, cy, k"),
-        ([300.0] * 4, "PINHOLE", None),
-    ],
-)
-def test_camera_params_must_fit_the_model(params, model, sentence):
+def test_camera_params_must_fit_the_model_before_anything_runs():
+    """A list that does not is refused with the settings; the rest is as COLMAP has it."""
+    given = {"camera_params": [300.0, 160.0, 120.0]}
+    with pytest.raises(UserError, match="the 4 numbers of SIMPLE_RADIAL, .*: f, cx, cy, k.$"):
+        check_settings({"sfm": SfmSettings}, {"sfm": given})
+    with pytest.raises(UserError, match="^sfm.camera_model is 'NONE'; expected [^;]*$"):
+        check_settings({"sfm": SfmSettings}, {"sfm": given | {"camera_model": "NONE"}})
+    check_settings({"sfm": SfmSettings}, {"sfm": given | {"camera_model": "SIMPLE_PINHOLE"}})
+
+
+@pytest.mark.parametrize("model", get_args(SfmSettings.model_fields["camera_model"].annotation))
+def test_the_params_of_a_camera_model_are_those_that_colmap_has(model):
+    params = list(map(float, range(300, 301 + CAMERA_PARAMS[model].count(","))))
     photos = [Photo("a.png", 320, 240, Path(copy_name(0)), None)]
-    if sentence is None:
-        assert initial_cameras(photos, [0], model, params, 1.2)[0].params.tolist() == params
-        return
-    with pytest.raises(UserError, match=sentence):
-        initial_cameras(photos, [0], model, params, 1.2)
+    (camera,) = initial_cameras(photos, [0], model, params, 1.2)
+    assert camera.params_info == CAMERA_PARAMS[model]
+    assert camera.params.tolist() == params
 
 
 def test_camera_params_hold_for_one_size_only():

@@ -115,12 +115,13 @@ def initial_cameras(
 ) -> list[pycolmap.Camera]:
     """COLMAP cameras to start from, one per group, ids from 1.
 
-    `params` if given, else the EXIF focal length, else `focal_factor` × the longest side.
+    `params`, as many as the model takes, if given, else the EXIF focal length, else `focal_factor` × the
+    longest side.
 
     Raises
     ------
     UserError
-        `params` do not fit the model, or the photos have several sizes.
+        There are `params`, and the photos have several sizes.
     """
     if params is not None and len({(photo.width, photo.height) for photo in photos}) > 1:
         raise UserError(
@@ -134,15 +135,6 @@ def initial_cameras(
         camera = pycolmap.Camera.create_from_model_name(group + 1, model, focal, photo.width, photo.height)
         camera.has_prior_focal_length = photo.focal_prior_px is not None or params is not None
         if params is not None:
-            camera.params = _fitting(params, camera)
+            camera.params = list(params)
         cameras.append(camera)
     return cameras
-
-
-def _fitting(params: Sequence[float], camera: pycolmap.Camera) -> list[float]:
-    if len(params) != len(camera.params):
-        raise UserError(
-            f"camera_params has {len(params)} values, but {camera.model_name} takes {len(camera.params)}: "
-            f"{camera.params_info}. Give them in this order, in pixels of the upright photo."
-        )
-    return list(params)
