@@ -9,7 +9,9 @@ import numpy as np
 from stages.photometry.paint_edges import chroma_of
 from stages.photometry.stack import StackedViews
 
-CHROMA_STEP = 0.12  # of the logarithms of red and blue over green: two colours that pass for one
+# Of the logarithms of red and blue over green: colours in one cell of this size pass for one. Pairs are drawn
+# for the light; `decomposition.chroma_step` says what passes for an edge of paint once the light is known.
+COLOUR_CELL = 0.12
 PARTNERS = 4  # of either kind, per pixel
 NEAR = 0.1  # of a view's side: pixels that are likely to be of one paint
 
@@ -93,7 +95,7 @@ def alike_pairs(
 
 def _colour_of(albedo: np.ndarray) -> np.ndarray:
     """Number of the chromaticity's cell, (n,)."""
-    cells = np.floor(chroma_of(albedo) / CHROMA_STEP).astype(np.int64)
+    cells = np.floor(chroma_of(albedo) / COLOUR_CELL).astype(np.int64)
     return np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
 
 

@@ -27,13 +27,13 @@ class SkySettings:
 
     Attributes
     ----------
+    bounces : int
+        How often light is passed on between surfaces.
     samples : int
         Pixels that it is found from; as many again per light beyond the first, divided by four.
     scales : tuple of float
         See `light_from_pairs`: coarse first, as bounces find their place, and so that a sun's shadow, e times
         darker and more, is not at once taken for other paint; then finer.
-    bounces : int
-        How often light is passed on between surfaces.
     brightest : float
         What the brightest material reflects.
     weights : PairWeights
@@ -41,9 +41,9 @@ class SkySettings:
         Of the sample.
     """
 
+    bounces: int
     samples: int = 20_000
     scales: tuple[float, ...] = (2.4, 1.2, 0.6, 0.4, 0.4)
-    bounces: int = 6
     brightest: float = 0.9
     weights: PairWeights = PairWeights()
     seed: int = 0
