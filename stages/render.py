@@ -134,7 +134,7 @@ def _write_image(job: Job, camera: Camera, truth: Truth, image: np.ndarray) -> N
     """Save an image, and the true shading: image over albedo where the albedo is known well enough."""
     import numpy as np
 
-    from stages.evaluation.judged_views import ALBEDO_FLOOR
+    from stages.scene.albedo_floor import ALBEDO_FLOOR
     from stages.scene.exr import write_exr
 
     known = truth.albedo >= ALBEDO_FLOOR

@@ -133,6 +133,12 @@ def test_arrows_point_one_way(folder):
                 assert parts[1] in FOLDERS_BELOW[folder], f"{path} imports {name}"
 
 
+@pytest.mark.parametrize("step", sorted(STEPS))
+def test_a_step_leans_on_neither_the_command_line_nor_what_judges_it(step):
+    names = {name for name in imported(parsed(ROOT / f"stages/{step}.py")) if name.startswith("stages.")}
+    assert {name.split(".")[1] for name in names} <= FOLDERS_BELOW.keys() - {"command", "evaluation"}
+
+
 @pytest.mark.parametrize("path", sources("stages"), ids=lambda path: str(path.relative_to(ROOT)))
 def test_nobody_imports_a_step_but_the_dataflow_and_the_command_line(path):
     if path.parent == ROOT / "stages" and path.stem in ("__init__", "cli"):

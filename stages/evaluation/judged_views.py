@@ -8,12 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline import UserError
+from stages.scene.albedo_floor import ALBEDO_FLOOR
 
 CHANNELS = ("red", "green", "blue")
-
-# True albedo below this is printed but enters no ratio and no leak: light bounced from other parts outweighs
-# what such a surface reflects itself.
-ALBEDO_FLOOR = 0.02
 
 
 @dataclass(frozen=True, eq=False)

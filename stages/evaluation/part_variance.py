@@ -7,14 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.evaluation.judged_views import (
-    ALBEDO_FLOOR,
-    CHANNELS,
-    JudgedView,
-    above_floor,
-    part_values,
-    true_value,
-)
+from stages.evaluation.judged_views import CHANNELS, JudgedView, above_floor, part_values, true_value
+from stages.scene.albedo_floor import ALBEDO_FLOOR
 
 # A variance below this in the method compared with is as good as none: a ratio to it says nothing.
 VARIANCE_FLOOR = 0.0005
