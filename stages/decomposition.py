@@ -212,7 +212,7 @@ def _write_what_transfer_knows(
 ) -> None:
     """Eq. 2's own albedo, the confidence, and the light as pictures of all directions."""
     from stages.photometry.environment import picture_of_light
-    from stages.scene.lighting_file import LightSource, write_sky_lighting
+    from stages.scene.lighting_file import LightAround, write_light_around
     from stages.scene.upright import upright_from_world
     from stages.scene.view_files import write_maps, write_pictures_of_light
 
@@ -224,8 +224,9 @@ def _write_what_transfer_knows(
     else:
         sky = solved.sky
         directions, lights = sky.directions, sky.light.radiance
-        source = LightSource(stored.centre, float(stored.radii[sky.scene]))
-        write_sky_lighting(job.outputs["lighting"], cameras, sky, scale, source)
+        sphere = stored.centre, float(stored.radii[sky.scene])
+        light = LightAround(directions, lights, sky.light_of_view, sky.gains.gains, *sphere)
+        write_light_around(job.outputs["lighting"], cameras, light, scale)
         names = names if len(lights) > 1 else ["shared"]
     upright = directions @ upright_from_world(cameras).T
     pictures = {name: picture_of_light(upright, one) for name, one in zip(names, lights, strict=True)}

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from stages.scene.cameras import Camera
+from stages.scene.upright import mean_camera_up
 
 CONVENTION = (
     "shading = sum over k of light[k] (A_l / pi) Y_k(n), image = albedo * shading, linear; Y_k: real "
@@ -29,13 +28,6 @@ BY_DIRECTIONS = (
     "the angle there"
 )
 GAUGE = "in each channel the sum of |albedo| equals the sum of |image| over all masked pixels"
-
-
-def mean_camera_up(cameras: Sequence[Camera]) -> np.ndarray:
-    """World up as the photographers held it: unit mean of the cameras' up (−y) axes, shape (3,)."""
-    up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
-    length = float(np.linalg.norm(up))
-    return up / length if length > 1e-6 else -cameras[0].rotation[1]
 
 
 def write_lighting(
@@ -69,16 +61,32 @@ def write_lighting(
 
 
 @dataclass(frozen=True, eq=False)
-class LightSource:
-    """The sphere that light comes from: centre (3,) and radius, world; infinite: from far away."""
+class LightAround:
+    """Light from all around.
 
+    Attributes
+    ----------
+    directions : ndarray, shape (M, 3)
+        Unit, world axes.
+    radiance : ndarray, shape (G, M, 3)
+        Of every light from every direction.
+    light_of_view : ndarray, shape (n,)
+        Which of the lights each view stands in.
+    gains : ndarray, shape (n, 3)
+        Of every view and channel.
+    centre, radius : ndarray, shape (3,), float
+        The sphere that it comes from, world; infinite: from far away.
+    """
+
+    directions: np.ndarray
+    radiance: np.ndarray
+    light_of_view: np.ndarray
+    gains: np.ndarray
     centre: np.ndarray
     radius: float
 
 
-def write_sky_lighting(
-    path: Path, cameras: list[Camera], sky: Any, image_scale: float, source: LightSource
-) -> None:
+def write_light_around(path: Path, cameras: list[Camera], light: LightAround, image_scale: float) -> None:
     """Write light from all around.
 
     Parameters
@@ -86,22 +94,21 @@ def write_sky_lighting(
     path : Path
     cameras : list of Camera
         n views.
-    sky : SkySolution
+    light : LightAround
     image_scale : float
         As for `write_lighting`.
-    source : LightSource
     """
     names = [camera.name for camera in cameras]
-    lights = zip(names, sky.light_of_view.tolist(), sky.gains.gains.tolist(), strict=True)
+    views = zip(names, light.light_of_view.tolist(), light.gains.tolist(), strict=True)
     content = {
         "convention": BY_DIRECTIONS,
         "gauge": "in each channel the mean of shading over all masked pixels is 1",
         "image_scale": image_scale,
         "world_up": mean_camera_up(cameras).tolist(),
-        "centre": np.asarray(source.centre).tolist(),
-        "distance": source.radius if np.isfinite(source.radius) else None,
-        "directions": sky.directions.tolist(),
-        "radiance": sky.light.radiance.tolist(),
-        "views": [{"name": name, "light": light, "gain": gain} for name, light, gain in lights],
+        "centre": light.centre.tolist(),
+        "distance": light.radius if np.isfinite(light.radius) else None,
+        "directions": light.directions.tolist(),
+        "radiance": light.radiance.tolist(),
+        "views": [{"name": name, "light": number, "gain": gain} for name, number, gain in views],
     }
     path.write_text(json.dumps(content) + "\n", encoding="utf-8")

@@ -7,9 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from stages.scene.cameras import Camera
-from stages.scene.lighting_file import mean_camera_up
 
 NEAR_AXIS_DEG = 20.0
+
+
+def mean_camera_up(cameras: Sequence[Camera]) -> np.ndarray:
+    """World up as the photographers held it: unit mean of the cameras' up (−y) axes, shape (3,)."""
+    up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
+    length = float(np.linalg.norm(up))
+    return up / length if length > 1e-6 else -cameras[0].rotation[1]
 
 
 def upright_from_world(cameras: Sequence[Camera]) -> np.ndarray:
