@@ -37,8 +37,9 @@ def from_edges(size: int, tail: np.ndarray, head: np.ndarray, weight: np.ndarray
     """Build the graph from its edges, (E,) each; weights of edges between the same two pixels add up.
 
     They add up in the order they come in, at both ends: the two weigh the same to the last bit. Edges that
-    weigh nothing are dropped. Linear in the edges. Every thread looks through all edges for those that end
-    among the pixels it owns; where weights add up, the result is held twice for a moment.
+    weigh nothing are dropped. Every thread looks through all edges for those that end among the pixels it
+    owns, and sorts a pixel's by insertion: linear in the edges while pixels have a few dozen each, quadratic
+    in those of a single pixel. Where weights add up, the result is held twice for a moment.
     """
     tail, head = tail.astype(np.int32, copy=False), head.astype(np.int32, copy=False)
     owned = _shares(size)
@@ -129,7 +130,7 @@ def _merge(first, other, weight):
 
 @numba.njit(inline="always")
 def _sort_by_neighbour(other, weight, begin, end):
-    """By insertion: a pixel has a few dozen edges at most."""
+    """By insertion: a pixel has a few dozen edges."""
     for k in range(begin + 1, end):
         key, own, at = other[k], weight[k], k
         while at > begin and other[at - 1] > key:
