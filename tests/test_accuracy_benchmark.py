@@ -9,10 +9,13 @@ import pytest
 
 from benchmarks.accuracy.__main__ import main
 from benchmarks.accuracy.relighting import in_another_light
+from benchmarks.accuracy.report import worst_variance
 from benchmarks.accuracy.scenes import paper_rows
 from benchmarks.paper.laboratory import TINY
+from stages.evaluation.part_variance import part_variances
 from stages.photometry.environment import directions_of_picture
 from stages.scene.exr import write_exr
+from tests.judged_scene import PARTS, predicted, truth_views
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +53,19 @@ def test_views_relit_from_the_albedo_are_nearer_to_the_truth_than_from_the_photo
     assert relit.from_albedo > relit.from_photos + 3
     assert relit.picture.dtype == np.uint8
     assert relit.picture.std() > 10
+
+
+def test_variances_that_are_not_known_are_counted_and_hide_no_worst_ratio():
+    """One that is not known must not be the largest, wherever it stands; one channel of three is too dark."""
+    rng = np.random.default_rng(1)
+    noise = [rng.standard_normal((*view.judged.shape, 1)) for view in truth_views()]
+    ours = part_variances(predicted(lambda view, i: view.truth * (1 + 0.2 * noise[i])), PARTS)
+    paper = part_variances(predicted(lambda view, i: view.truth * (1 + 0.1 * noise[i])), PARTS)
+    black = part_variances(predicted(lambda view, i: 0 * view.truth), PARTS)
+    known = worst_variance(ours[3:], paper[3:])
+    assert known.startswith("4.0")
+    assert worst_variance((*black[:3], *ours[3:]), paper) == f"{known}, 2 unknown"
+    assert worst_variance(paper, part_variances(truth_views(), PARTS)) == "–"
 
 
 def test_a_row_that_is_not_there_is_refused_by_name(tmp_path):

@@ -10,10 +10,10 @@ import numpy as np
 
 from benchmarks.accuracy.methods import IMAGE, OURS, PAPER, Judged, JudgedRow
 from benchmarks.paper.tables import markdown
-from stages.evaluation.scores import Scores
+from stages.evaluation.judged_views import above_floor
+from stages.evaluation.part_variance import PartVariance, variance_ratios
 from stages.scene.photos import write_png8
 
-LEAST_VARIANCE = 5e-4  # of the method compared with: below, a ratio says nothing (EVALUATION)
 HEAD = """# Albedo against truth, scene by scene
 
 Written by `python -m benchmarks.accuracy`. Linear values; si-RMSE after one scale per channel for all views.
@@ -65,11 +65,10 @@ def _ratios(rows: Sequence[JudgedRow]) -> str:
     table = []
     for row in rows:
         ours, paper, image = (row.by(method).scores for method in (OURS, PAPER, IMAGE))
-        variances = _variance_ratios(ours, paper)
         cells = [
             f"{np.mean(ours.si_rmse) / np.mean(paper.si_rmse):.2f}",
             f"{max(np.array(ours.si_rmse) / np.array(image.si_rmse)):.2f}",
-            f"{max(variances):.2f} ({np.median(variances):.2f})" if variances else "–",
+            worst_variance(ours.variances, paper.variances),
             _distance(row.by(OURS).facts.get("light_distance", "")),
         ]
         table.append([row.name, *cells])
@@ -81,10 +80,9 @@ def _distance(found: float | str) -> str:
     return found if isinstance(found, str) else f"{found:.2f}"
 
 
-def _variance_ratios(ours: Scores, paper: Scores) -> list[float]:
-    """Of all parts and channels that count."""
-    return [
-        mine.variance / theirs.variance
-        for mine, theirs in zip(ours.variances, paper.variances, strict=True)
-        if theirs.enters_ratios and theirs.variance >= LEAST_VARIANCE
-    ]
+def worst_variance(ours: Sequence[PartVariance], paper: Sequence[PartVariance]) -> str:
+    """Largest and median ratio of all parts and channels that count, and how many ours has no variance of."""
+    ratios = [one.ratio for one in variance_ratios(ours, paper) if not np.isnan(one.ratio)]
+    unknown = sum(np.isnan(one.variance) and above_floor(one.true_albedo) for one in ours)
+    said = f"{max(ratios):.2f} ({np.median(ratios):.2f})" if ratios else "–"
+    return said + f", {unknown} unknown" * bool(unknown)
