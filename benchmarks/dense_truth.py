@@ -15,12 +15,12 @@ import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import open3d as o3d
 
+from benchmarks.similarity import Similarity, similarity
 from pipeline import Job, Silence, UserError
 from stages.mvs import MVS
 from stages.scene.cameras import Camera, footprint, normals_in_world, rays_in_world
@@ -28,32 +28,6 @@ from stages.scene.colmap_model import cameras_of, pinhole_model, read_model, reg
 from stages.scene.depth_maps import read_map
 from stages.scene.meshes import read_mesh, to_open3d
 from stages.scene.photos import read_photo, write_png_srgb8
-
-
-@dataclass(frozen=True)
-class Similarity:
-    """``x_in_truth = scale · rotation @ x_in_model + shift``."""
-
-    scale: float
-    rotation: np.ndarray
-    shift: np.ndarray
-
-    def camera(self, camera: Camera) -> Camera:
-        """A camera of the model, posed in the truth's frame (its depths are `scale` times as large there)."""
-        rotation = camera.rotation @ self.rotation.T
-        centre = self.scale * self.rotation @ camera.centre_in_world + self.shift
-        return replace(camera, cam_from_world=np.column_stack([rotation, -rotation @ centre]))
-
-
-def similarity(x_in_model: np.ndarray, x_in_truth: np.ndarray) -> Similarity:
-    """Least-squares similarity of matched points (Umeyama 1991), both (n, 3)."""
-    mean_model, mean_truth = x_in_model.mean(0), x_in_truth.mean(0)
-    a, b = x_in_model - mean_model, x_in_truth - mean_truth
-    u, values, vt = np.linalg.svd(b.T @ a)
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    rotation = u @ np.diag(signs) @ vt
-    scale = float(np.sum(values * signs) / np.sum(a**2))
-    return Similarity(scale, rotation, mean_truth - scale * rotation @ mean_model)
 
 
 def newest(workspace: Path, stage: str) -> Path:

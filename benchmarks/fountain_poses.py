@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.similarity import similarity
 from pipeline import UserError
 from pipeline.store import Store
 from stages.scene.colmap_model import find_model, read_model, registered
@@ -53,17 +54,6 @@ def model_poses(folder: Path) -> Poses:
     )
 
 
-def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Scale s, rotation R, translation t with target ≈ s R source + t, least squares (Umeyama 1991)."""
-    source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
-    source, target = source - source_mean, target - target_mean
-    u, d, vt = np.linalg.svd(target.T @ source)
-    signs = np.array([1, 1, np.linalg.det(u) * np.linalg.det(vt)])
-    rotation = (u * signs) @ vt
-    scale = float((d * signs).sum() / (source**2).sum())
-    return scale, rotation, target_mean - scale * rotation @ source_mean
-
-
 def errors(estimate: Poses, truth: Poses) -> tuple[np.ndarray, np.ndarray]:
     """Errors of the photos that both have, after similarity alignment of the centres.
 
@@ -78,10 +68,9 @@ def errors(estimate: Poses, truth: Poses) -> tuple[np.ndarray, np.ndarray]:
         )
     ours = [estimate.names.index(name) for name in both]
     theirs = [truth.names.index(name) for name in both]
-    scale, rotation, translation = similarity(estimate.centres[ours], truth.centres[theirs])
-    aligned = scale * estimate.centres[ours] @ rotation.T + translation
-    centre_mm = 1000 * np.linalg.norm(aligned - truth.centres[theirs], axis=1)
-    residual = truth.cam_from_world[theirs] @ rotation @ estimate.cam_from_world[ours].transpose(0, 2, 1)
+    fit = similarity(estimate.centres[ours], truth.centres[theirs])
+    centre_mm = 1000 * np.linalg.norm(fit.points(estimate.centres[ours]) - truth.centres[theirs], axis=1)
+    residual = truth.cam_from_world[theirs] @ fit.rotation @ estimate.cam_from_world[ours].transpose(0, 2, 1)
     # The skew part keeps small angles that the trace rounds away.
     skew = (residual - residual.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]] / 2
     sine, cosine = np.linalg.norm(skew, axis=1), (np.trace(residual, axis1=1, axis2=2) - 1) / 2

@@ -12,7 +12,8 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from benchmarks.fountain_poses import Poses, errors, model_poses, similarity
+from benchmarks.fountain_poses import Poses, errors, model_poses
+from benchmarks.similarity import similarity
 from pipeline import UserError
 from pipeline.config import check_settings
 from stages.motion.database import copy_name
@@ -297,10 +298,13 @@ def test_similarity_alignment_recovers_a_known_one():
     rng = np.random.default_rng(1)
     source = rng.normal(size=(7, 3))
     R = pycolmap.Rotation3d(np.array([0.1, -0.4, 0.2, 0.9]) / np.linalg.norm([0.1, -0.4, 0.2, 0.9])).matrix()
-    scale, rotation, translation = similarity(source, 2.5 * source @ R.T + [1, 2, 3])
-    assert scale == pytest.approx(2.5)
-    np.testing.assert_allclose(rotation, R, atol=1e-12)
-    np.testing.assert_allclose(translation, [1, 2, 3], atol=1e-12)
+    target = 2.5 * source @ R.T + [1, 2, 3]
+    fit = similarity(source, target)
+    assert fit.scale == pytest.approx(2.5)
+    np.testing.assert_allclose(fit.rotation, R, atol=1e-12)
+    np.testing.assert_allclose(fit.shift, [1, 2, 3], atol=1e-12)
+    np.testing.assert_allclose(fit.points(source), target, atol=1e-12)
+    assert np.linalg.det(similarity(source, source * [1, 1, -1]).rotation) == pytest.approx(1)  # no mirror
 
 
 @pytest.mark.slow
