@@ -52,8 +52,8 @@ def find_photos(folder: Path) -> list[str]:
     if not folder.is_dir():
         raise UserError(f"There is no folder of photos at {folder}; give the folder that holds them.")
     seen: dict[str, str] = {}
-    for name, path in files_below(folder, ENCODED + LINEAR).items():
-        _check_photo(name, path, folder)
+    for name in files_below(folder, ENCODED + LINEAR):
+        _check_name(name, folder)
         other = seen.setdefault(view_name(name), name)
         if other != name:
             raise UserError(
@@ -63,16 +63,14 @@ def find_photos(folder: Path) -> list[str]:
     return list(seen.values())
 
 
-def _check_photo(name: str, path: Path, folder: Path) -> None:
-    """Refuse a name that no record could hold, and a link that leads nowhere."""
+def _check_name(name: str, folder: Path) -> None:
+    """Refuse a name that no record could hold."""
     try:
         name.encode()
     except UnicodeEncodeError as error:
         raise UserError(
             f"A photo in {folder} is called {os.fsencode(name)!r}; names must be UTF-8. Rename it."
         ) from error
-    if not path.exists():
-        raise UserError(f"{path} is a link to {path.readlink()}, where there is nothing; mend or remove it.")
 
 
 def photo_size(path: Path) -> tuple[int, int]:
