@@ -331,8 +331,8 @@ def test_texture_is_told_from_relief_and_its_detail_comes_back():
     shading = np.exp(0.2 * np.sin(across))[:, None] * np.ones(3)
     grain = np.exp(np.clip(rng.normal(0, 0.5, (count, 1)), -0.9, 0.9)) * np.array([0.5, 0.4, 0.3])
     edges, trusted = PaintEdges(coarse=10.0), np.ones(count, bool)
-    textured = appearance_of(views, grain * shading, shading, trusted, edges).textured
-    plain = appearance_of(views, 0.4 * shading, shading, trusted, edges).textured
+    textured = appearance_of(views, grain * shading, shading, trusted, edges, True).textured
+    plain = appearance_of(views, 0.4 * shading, shading, trusted, edges, True).textured
     assert np.mean(textured) > 0.9
     assert np.max(plain) == 0
     smooth = np.tile(np.median(grain, axis=0), (count, 1))
@@ -353,7 +353,7 @@ def test_what_views_contradict_each_other_about_is_disputed_and_nothing_else(lit
     linked = np.unique(np.concatenate([np.concatenate(ends) for ends in views.linked_pixels()]))
 
     def disputed(image, light=shading):
-        return appearance_of(views, image, light, everywhere, edges).disputed[linked]
+        return appearance_of(views, image, light, everywhere, edges, True).disputed[linked]
 
     image, dim = albedo * shading, np.ones((len(albedo), 1))
     dim[views.view(1)] = 0.3
@@ -364,6 +364,24 @@ def test_what_views_contradict_each_other_about_is_disputed_and_nothing_else(lit
     assert np.median(disputed(glossy)) > 0.8
     grain = np.exp(np.random.default_rng(6).uniform(-0.9, 0.9, (len(albedo), 1)))
     assert np.median(disputed(grain * image)) < 0.1  # fine paint that no two views see alike
+
+
+def test_fine_paint_that_views_misplace_is_texture_unless_it_may_be_gloss():
+    scene = sphere_scene(view_count=3, width=192, height=160)
+    views, albedo = scene.stacked(), np.stack(scene.true_channels(), axis=1)
+    everywhere, edges = np.ones(len(albedo), bool), PaintEdges(coarse=10.0)
+    linked = np.unique(np.concatenate([np.concatenate(ends) for ends in views.linked_pixels()]))
+    grain = np.random.default_rng(6).normal(0, 0.4, (len(albedo), 1))
+    image = albedo * np.exp(grain)  # no two views see it alike
+
+    def textured(image, glossy):
+        lit = np.ones_like(albedo)
+        return np.median(appearance_of(views, image, lit, everywhere, edges, glossy).textured[linked])
+
+    assert textured(image, glossy=False) > 0.4
+    assert textured(image, glossy=True) < 0.15
+    image[views.view(0)] *= 1.5
+    assert textured(image, glossy=False) < 0.05
 
 
 def test_disputed_pixels_believe_the_other_views(lit):

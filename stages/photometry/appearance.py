@@ -34,7 +34,12 @@ class Appearance:
 
 
 def appearance_of(
-    views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, edges: PaintEdges
+    views: StackedViews,
+    image: np.ndarray,
+    shading: np.ndarray,
+    trusted: np.ndarray,
+    edges: PaintEdges,
+    glossy: bool,
 ) -> Appearance:
     """Tell surface by what the shading leaves over, and by what its views make of that.
 
@@ -48,6 +53,8 @@ def appearance_of(
         Pixels by which views are compared.
     edges : PaintEdges
         Its step of chroma.
+    glossy : bool
+        Whether there may be gloss: it was found, or not looked for.
 
     Notes
     -----
@@ -55,10 +62,12 @@ def appearance_of(
     ``1 − exp(−(|Δ log I − Δ log S| / (|Δ log S| + 0.06))²)``, or in colour; the weight rises with the share
     of such edges in a neighbourhood. In surface of one paint there are few of them, whatever its relief: at
     the rims of shadows and at parts' borders, lines. So texture is told from errors of the light.
-    Views are compared by the quotient I/S, where there is light enough, in small squares. Highlights are told
-    from texture by how much they differ, ``d = mean |excess|``: ``textured = g exp(−(d / 0.05)²)``, g the
-    share of paint. They contradict each other where all around they differ one way, ``e = |mean excess|``;
-    fine paint half a pixel off makes them differ both ways: ``disputed = (1 − g) (1 − exp(−(e / 0.05)²))``.
+    Views are compared by the quotient I/S, where there is light enough, in small squares. They contradict
+    each other where all around they differ one way, ``e = |mean excess|``; fine paint half a pixel off makes
+    them differ both ways: ``disputed = (1 − g) (1 − exp(−(e / 0.05)²))``, g the share of paint. Glossy curls,
+    whose highlights differ both ways, too, pass for paint; where there may be such, they are told from
+    texture by how much views differ at all, ``d = mean |excess|``: ``textured = g exp(−(d / 0.05)²)``, and
+    elsewhere ``g exp(−(e / 0.05)²)``.
     """
     brightness, light = (np.maximum(each.mean(axis=1), 0) for each in (image, shading))
     lit, seen = np.log(np.maximum(light, NO_SHADING)), np.log(brightness + DARK)
@@ -78,7 +87,7 @@ def appearance_of(
     quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # the same in any amount of light
     excess = Linked.of(views, sure).excess(quotient)
     return Appearance(
-        textured=grained * _near(patch_means(views, np.abs(excess))),
+        textured=grained * _near(patch_means(views, np.abs(excess) if glossy else excess)),
         disputed=(1 - grained) * (1 - _near(patch_means(views, excess))),
     )
 

@@ -83,6 +83,11 @@ class PaintedSheen:
         """Whether any paint has some."""
         return any(sheen.believed for sheen in self.of_paint)
 
+    @property
+    def ruled_out(self) -> bool:
+        """Whether it was looked for, and there was none."""
+        return bool(self.of_paint) and not self.believed
+
     def image(self, mirror: Mirror) -> np.ndarray:
         """What the sheen adds to the image, (N, 3), float32."""
         added = np.zeros((len(self.paint), 3), np.float32)

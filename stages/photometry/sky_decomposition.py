@@ -149,7 +149,7 @@ def decompose_by_sky(
     light = _scaled(found.radiance, shading * of_pixel)
     light_found = (light, best, left, gains, sheen, photos.brightening, photos.light_of_view)
     del image  # `photos` has what follows
-    albedo_found = _albedo(photos, light, of_pixel, settings, threads, step)
+    albedo_found = _albedo(photos, not sheen.ruled_out, light, of_pixel, settings, threads, step)
     return SkySolution(*light_found, *albedo_found, scene.pixels.directions)
 
 
@@ -174,6 +174,7 @@ def _best_explanation(
 
 def _albedo(
     photos: Photos,
+    glossy: bool,
     light: SkyLight,
     of_pixel: np.ndarray,
     settings: SkyDecomposition,
@@ -185,7 +186,7 @@ def _albedo(
     lit = photos.looks.without(shading.mean(axis=1) <= UNLIT * np.median(shading))
     seen, matt = photos.seen * of_pixel, photos.matt * of_pixel
     shown, white = (in_white_light(one, shading) for one in (seen, matt))
-    surface = appearance_of(views, shown, shading, lit.trusted, settings.edges)
+    surface = appearance_of(views, shown, shading, lit.trusted, settings.edges, glossy)
     by_edge = EdgeWeights(
         smoothness_of_edges(views, white, shading, surface.textured, settings.edges),
         agreement_of_links(views, settings.descent.weights.consistency, surface.disputed),
