@@ -18,6 +18,7 @@ SCANS = {
 }
 SCAN_SIZE = Size(180, 180, views=8)
 STRIPES = {"paint": "stripes", "striped_part": None, "stripe_period": 0.15}
+TEXTURE = {"paint": "texture"}
 GLOSSY = {"gloss": 0.2, "glossy_parts": ()}
 SMOOTHED = {"smoothing": 20}
 
@@ -25,23 +26,27 @@ SMOOTHED = {"smoothing": 20}
 COMBINATIONS: tuple[tuple[str, str, dict[str, Any], dict[str, Any]], ...] = (
     ("gutenberg", "dome", {}, {}),
     ("gutenberg", "four_lamps", STRIPES, {}),
-    ("gutenberg", "apartment", {"paint": "texture"}, {}),
+    ("gutenberg", "apartment", TEXTURE, {}),
     ("plato", "city", {}, {}),
-    ("plato", "one_lamp", {"paint": "texture"}, {}),
+    ("plato", "one_lamp", TEXTURE, {}),
     ("plato", "park", STRIPES | GLOSSY, {}),
     ("skull", "studio", {}, {}),
-    ("skull", "venice", {"paint": "texture"}, SMOOTHED),
+    ("skull", "venice", TEXTURE, SMOOTHED),
     ("skull", "workshop", STRIPES, {}),
     ("gutenberg", "one_lamp", STRIPES | GLOSSY, {}),
-    ("gutenberg", "studio", {"paint": "texture"}, {}),
+    ("gutenberg", "studio", TEXTURE, {}),
     ("gutenberg", "venice", {}, SMOOTHED),
     ("plato", "four_lamps", GLOSSY, {}),
-    ("plato", "dome", {"paint": "texture"}, {}),
+    ("plato", "dome", TEXTURE, {}),
     ("plato", "workshop", STRIPES, {}),
     ("skull", "one_lamp", {}, {}),
-    ("skull", "four_lamps", {"paint": "texture"}, {}),
+    ("skull", "four_lamps", TEXTURE, {}),
     ("skull", "apartment", STRIPES, SMOOTHED),
     ("plato", "park", STRIPES, {}),
+    ("skull", "city", TEXTURE | GLOSSY, {}),
+    ("gutenberg", "four_lamps", TEXTURE | GLOSSY, {}),
+    ("plato", "venice", GLOSSY, {}),
+    ("skull", "four_lamps", GLOSSY, {}),
 )
 LIGHTS_OF_OUR_OWN = ("dome", "four_lamps", "one_lamp")
 

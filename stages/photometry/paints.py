@@ -8,7 +8,7 @@ from scipy.cluster.vq import kmeans, vq
 from stages.photometry.stack import StackedViews
 
 PALETTE = 10  # paints at most; more would part one where light is a little wrong
-BRIGHTNESS = 0.5  # of a step of colour: how much an equal step of brightness, which light may feign, counts
+BRIGHTNESS = 0.2  # of a step of colour: how much one of brightness counts, which light may feign
 FLOOR = 0.04  # of the typical brightness, under the logarithms
 DARK = 0.01  # of the scaled shading: a quotient by less says nothing
 SEEDS = 20_000  # pixels that the palette is made from, or up to twice as many
@@ -27,7 +27,7 @@ def paints_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, trust
 
     Notes
     -----
-    k-means of ``(b/2, log R/G, log B/G)``, b the mean logarithm, of what a pixel and all that it is linked to
+    k-means of ``(b/5, log R/G, log B/G)``, b the mean logarithm, of what a pixel and all that it is linked to
     make of the albedo together, so that a highlight in one view is no paint of its own.
     """
     colours = _colours(_albedo_seen_together(views, image, shading, trusted))
