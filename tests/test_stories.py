@@ -230,6 +230,21 @@ def test_a_later_failure_keeps_earlier_results(own_copy, capsys):
     assert unshade(capsys, *words)[0] == 0
 
 
+@pytest.mark.parametrize("workspace", [None, ".", "results/first"])
+def test_a_workspace_among_the_photos_is_refused_before_anything_is_written(
+    workspace, tmp_path, monkeypatch, capsys
+):
+    photos = shutil.copytree(SAMPLE / "photos", tmp_path / "shoot")
+    monkeypatch.chdir(photos)
+    before = sorted(photos.iterdir())
+    chosen = [] if workspace is None else ["--workspace", workspace]
+    for verb in ("plan", "run"):
+        code, _, said = unshade(capsys, verb, "--images", ".", *chosen)
+        assert code == 2
+        assert f"lies in {photos}, the folder of the source 'images'" in said
+    assert sorted(photos.iterdir()) == before
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

@@ -78,12 +78,14 @@ def _request(
         flow = stages.with_full_resolution(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
+    workspace = workspace_of(command, config, sources)
+    check_apart(workspace, sources)
     return Request(
         flow=flow,
         settings=settings,
         sources=sources,
         kinds=kinds,
-        workspace=workspace_of(command, config, sources),
+        workspace=workspace,
         threads=threads_of(command),
         selection=selection,
     )
@@ -150,6 +152,22 @@ def workspace_of(command: Given, config: Config, sources: dict[str, Path]) -> Pa
         return Path("workspaces", command.config.stem if command.config else "render")
     photos = sources["images"].resolve()
     return Path("workspaces", photos.parent.name if photos.name == "images" else photos.name)
+
+
+def check_apart(workspace: Path, sources: dict[str, Path]) -> None:
+    """Refuse a workspace in the folder of a source: the next run would read its results as that source.
+
+    Raises
+    ------
+    UserError
+        It lies there.
+    """
+    for name, place in sources.items():
+        if workspace.resolve().is_relative_to(place.resolve()):
+            raise UserError(
+                f"The workspace {workspace} lies in {place.resolve()}, the folder of the source {name!r}, "
+                "which would come to hold results; expected a place outside. Choose one with --workspace DIR."
+            )
 
 
 def existing_workspace(command: Given) -> Path:
