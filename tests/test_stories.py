@@ -230,6 +230,31 @@ def test_a_later_failure_keeps_earlier_results(own_copy, capsys):
     assert unshade(capsys, *words)[0] == 0
 
 
+@pytest.fixture
+def project(tmp_path, monkeypatch) -> Path:
+    """The current folder: photos, a configuration that names them but no workspace, nothing run yet."""
+    (tmp_path / "statue").mkdir()
+    (tmp_path / "statue/a.jpg").write_bytes(b"")
+    (tmp_path / "job.yaml").write_text("sources: {images: statue}\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("words", [["--images", "statue"], ["job.yaml"], []])
+def test_what_is_there_is_found_by_the_words_that_it_was_run_with_or_none(words, project, capsys):
+    (project / "workspaces/statue/cache").mkdir(parents=True)
+    assert unshade(capsys, "status", *words, "--json")[:2] == (0, "[]\n")
+
+
+def test_of_several_workspaces_one_must_be_named(project, capsys):
+    for name in ("statue", "gate"):
+        (project / f"workspaces/{name}/cache").mkdir(parents=True)
+    code, _, said = unshade(capsys, "status")
+    assert code == 2
+    assert "No workspace was named" in said
+    assert "There are workspaces/gate, workspaces/statue." in said
+
+
 @pytest.mark.parametrize("workspace", [None, ".", "results/first"])
 def test_a_workspace_among_the_photos_is_refused_before_anything_is_written(
     workspace, tmp_path, monkeypatch, capsys

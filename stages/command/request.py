@@ -11,6 +11,7 @@ from pipeline.config import Config, check_settings, override, read_config
 from pipeline.request import Request, Selection, check_flow
 from stages.command.words import Given, Plan, Relight, Run
 from stages.scene.datasets import dataset_folder
+from stages.scene.wording import listed
 
 SOURCE_OF_FLAG = {
     "images": "images",
@@ -22,6 +23,7 @@ SOURCE_OF_FLAG = {
 }
 FILES = {"mesh", "object", "environment", "light"}
 DATASET_PHOTOS = "images"
+WORKSPACES = Path("workspaces")  # below the current folder
 
 
 def request_of(command: Run) -> Request:
@@ -114,7 +116,7 @@ def sources_of(command: Given, config: Config) -> dict[str, Path]:
     """Every source that was given, on the command line before the configuration, and exists."""
     sources = {}
     if "dataset" in config.sources and command.images is None:
-        fetch = not isinstance(command, Plan)
+        fetch = isinstance(command, Run | Relight) and not isinstance(command, Plan)
         sources["images"] = dataset_folder(config.sources["dataset"], fetch) / DATASET_PHOTOS
     for flag, name in SOURCE_OF_FLAG.items():
         given = getattr(command, flag)
@@ -149,9 +151,9 @@ def workspace_of(command: Given, config: Config, sources: dict[str, Path]) -> Pa
     if config.workspace is not None:
         return beside(config, config.workspace)
     if "images" not in sources:
-        return Path("workspaces", command.config.stem if command.config else "render")
+        return WORKSPACES / (command.config.stem if command.config else "render")
     photos = sources["images"].resolve()
-    return Path("workspaces", photos.parent.name if photos.name == "images" else photos.name)
+    return WORKSPACES / (photos.parent.name if photos.name == "images" else photos.name)
 
 
 def check_apart(workspace: Path, sources: dict[str, Path]) -> None:
@@ -171,20 +173,41 @@ def check_apart(workspace: Path, sources: dict[str, Path]) -> None:
 
 
 def existing_workspace(command: Given) -> Path:
-    """The workspace that a verb looks at.
+    """The workspace that a verb looks at: the one that `run` takes, given the same words.
 
     Raises
     ------
     UserError
-        None was named, or it is not there.
+        None was named though there is not just one, or it is not there.
     """
     config = config_of(command)
-    if command.workspace is None and config.workspace is None:
-        raise UserError("No workspace was named; expected a configuration, or --workspace DIR.")
-    workspace = workspace_of(command, config, {})
+    named = command.workspace is not None or config.workspace is not None
+    sources = {} if named else sources_of(command, config)
+    if named or sources or command.config is not None:
+        workspace = workspace_of(command, config, sources)
+    else:
+        workspace = only_workspace()
     if not (workspace / "cache").is_dir():
         raise UserError(f"{workspace} holds no results yet; `unshade run` makes them, or check the path.")
     return workspace
+
+
+def only_workspace() -> Path:
+    """The workspace below `workspaces/`, where there is one alone.
+
+    Raises
+    ------
+    UserError
+        There is none, or there are several.
+    """
+    found = sorted(cache.parent for cache in WORKSPACES.glob("*/cache"))
+    if len(found) != 1:
+        there = f" There are {listed(list(map(str, found)))}." if found else ""
+        raise UserError(
+            "No workspace was named; expected a configuration, --images DIR as it was run, or --workspace "
+            f"DIR.{there}"
+        )
+    return found[0]
 
 
 def threads_of(command: Given) -> int:
