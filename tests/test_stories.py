@@ -17,6 +17,8 @@ import pytest
 from pipeline.store import Store
 from stages import dataflow
 from stages.cli import main
+from stages.command.request import request_of
+from stages.command.words import Plan
 from stages.scene.exr import read_exr
 from stages.scene.meshes import read_points
 from stages.scene.photos import read_mask
@@ -238,6 +240,14 @@ def project(tmp_path, monkeypatch) -> Path:
     (tmp_path / "job.yaml").write_text("sources: {images: statue}\n")
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.mark.parametrize(
+    "photos", ["statue", "statue/images", "statue/photos", "statue/Input", "statue/images/JPG"]
+)
+def test_a_folder_whose_name_says_nothing_lends_the_name_above_it_to_the_workspace(photos, project):
+    (project / photos).mkdir(parents=True, exist_ok=True)
+    assert request_of(Plan(images=Path(photos))).workspace == Path("workspaces/statue")
 
 
 @pytest.mark.parametrize("words", [["--images", "statue"], ["job.yaml"], []])

@@ -24,6 +24,8 @@ SOURCE_OF_FLAG = {
 FILES = {"mesh", "object", "environment", "light"}
 DATASET_PHOTOS = "images"
 WORKSPACES = Path("workspaces")  # below the current folder
+# Names of folders that do not say of what the photos are: projects so called would share a workspace.
+SAY_NOTHING = {"images", "img", "photos", "photo", "pictures", "input", "jpg", "jpeg", "png", "tif", "tiff"}
 
 
 def request_of(command: Run) -> Request:
@@ -145,7 +147,7 @@ def existing(flag: str, path: Path) -> Path:
 
 
 def workspace_of(command: Given, config: Config, sources: dict[str, Path]) -> Path:
-    """The workspace that was asked for, or `workspaces/` and the name of the photo folder's project."""
+    """The workspace that was asked for, or `workspaces/` and the first name upwards that says something."""
     if command.workspace is not None:
         return command.workspace
     if config.workspace is not None:
@@ -153,7 +155,8 @@ def workspace_of(command: Given, config: Config, sources: dict[str, Path]) -> Pa
     if "images" not in sources:
         return WORKSPACES / (command.config.stem if command.config else "render")
     photos = sources["images"].resolve()
-    return WORKSPACES / (photos.parent.name if photos.name == "images" else photos.name)
+    names = [folder.name for folder in (photos, *photos.parents) if folder.name]
+    return WORKSPACES / next((name for name in names if name.lower() not in SAY_NOTHING), photos.name)
 
 
 def check_apart(workspace: Path, sources: dict[str, Path]) -> None:

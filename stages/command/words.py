@@ -28,7 +28,8 @@ class Given:
     config
         YAML configuration; without it the defaults are good for a folder of photos.
     workspace
-        Folder for the cache and the output; by default the configuration's, else `workspaces/NAME-OF-PHOTOS`.
+        Folder for the cache and the output; by default the configuration's, else `workspaces/NAME` in the
+        current folder: as the photos' folder is called, or the one above it where that is `photos` or so.
     images
         Folder of photos.
     colmap
