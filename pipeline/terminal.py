@@ -91,8 +91,8 @@ def megabytes(size: int | None) -> str:
 
 
 def table_of(rows: list[dict[str, Any]], columns: dict[str, str]) -> Table:
-    """A plain table: `columns` maps headings to keys of the rows."""
-    table = Table(box=None, pad_edge=False)
+    """A plain table: `columns` maps headings, all blank for a table without, to keys of the rows."""
+    table = Table(box=None, pad_edge=False, show_header=any(map(str.strip, columns)))
     for heading in columns:
         table.add_column(heading, overflow="fold")
     for row in rows:

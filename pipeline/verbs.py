@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from pipeline.inspect import compare, find_record, overview, prune, two_newest
@@ -15,9 +16,13 @@ from pipeline.terminal import Terminal, megabytes, table_of
 
 
 def run_verb(request: Request, terminal: Terminal) -> None:
-    """Bring everything selected up to date."""
+    """Bring everything selected up to date, and say where it is."""
+    begun = perf_counter()
     done = run(request, terminal)
-    terminal.answer({"stages": [one.as_json() for one in done], "output": str(request.workspace / "output")})
+    output = request.workspace / "output"
+    place = output if output.is_dir() else request.workspace / "cache"  # not every stage shows something
+    table = table_of([{"what": f"Up to date after {perf_counter() - begun:.1f} s: {place}"}], {"": "what"})
+    terminal.answer({"stages": [one.as_json() for one in done], "output": str(output)}, table)
 
 
 def plan_verb(request: Request, terminal: Terminal) -> None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from rich.console import Console
 
-from pipeline.terminal import number, table_of
+from pipeline.terminal import Terminal, number, table_of
+from pipeline.verbs import run_verb
+from tests.toy_flow import request, write_words
 
 
 @pytest.mark.parametrize(
@@ -29,6 +33,14 @@ from pipeline.terminal import number, table_of
 )
 def test_four_digits_count(value, shown):
     assert number(value) == shown
+
+
+def test_a_run_ends_with_where_its_results_are_and_how_long_it_took(tmp_path, capsys):
+    write_words(tmp_path, a="apple")
+    for last, place in (("join", "cache"), ("count", "output")):
+        run_verb(request(tmp_path, last=last), Terminal())
+        line = " ".join(capsys.readouterr().out.split())
+        assert re.fullmatch(rf"Up to date after \d+\.\d s: {tmp_path}/workspace/{place}", line)
 
 
 def test_cells_hold_numbers_lists_words_and_nothing(capsys):

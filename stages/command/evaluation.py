@@ -36,20 +36,14 @@ def evaluate_verb(command: Evaluate, terminal: Terminal) -> None:
 def table_of_report(report: Report) -> Table:
     """The facts, the numbers, and what is to be said about them, one below the other."""
     page = Table.grid()
-    page.add_row(without_header(table_of(fact_rows(report), {"": "what", " ": "value"})))
+    page.add_row(table_of(fact_rows(report), {"": "what", " ": "value"}))
     columns = {"": "measure", "red": "red", "green": "green", "blue": "blue"}
     page.add_row()
     page.add_row(table_of(score_rows(report.scores), columns))
     page.add_row()
     remarks = [{"remark": sentence} for sentence in (*report.notes, *report.scores.remarks())]
-    page.add_row(without_header(table_of(remarks, {"": "remark"})))
+    page.add_row(table_of(remarks, {"": "remark"}))
     return page
-
-
-def without_header(table: Table) -> Table:
-    """The same table, its headings not shown."""
-    table.show_header = False
-    return table
 
 
 def fact_rows(report: Report) -> list[Row]:
