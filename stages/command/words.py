@@ -43,7 +43,7 @@ class Given:
     environment
         Picture of all directions (EXR, HDR) that lights a rendered scene.
     assignments
-        A setting, as in `--set decomposition.lambda=2`; repeatable.
+        A setting, as in `--set decomposition.coarse_lambda=5`; repeatable.
     threads
         Processor threads; by default all. Never changes a result.
     json
