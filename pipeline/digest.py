@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from blake3 import blake3
 
@@ -35,7 +35,8 @@ def _canonical(value: Any) -> str:
 def digest_file(path: Path) -> str:
     """Digest of a file's bytes."""
     hasher = blake3(max_threads=blake3.AUTO)
-    hasher.update_mmap(path)
+    with path.open("rb"):  # whose error names the file; the library's own does not
+        hasher.update_mmap(path)
     return hasher.hexdigest()[:DIGEST_HEX_DIGITS]
 
 
@@ -69,7 +70,7 @@ def _entries_below(root: Path) -> Iterator[Path]:
     A link to a folder above ends there, and of two ways to a folder the first in the order of names counts.
     """
     entered = set()
-    for folder, subfolders, names in os.walk(root, followlinks=True):
+    for folder, subfolders, names in os.walk(root, onerror=_raise, followlinks=True):
         stat = Path(folder).stat()
         if (stat.st_dev, stat.st_ino) in entered:
             subfolders.clear()
@@ -77,6 +78,11 @@ def _entries_below(root: Path) -> Iterator[Path]:
         entered.add((stat.st_dev, stat.st_ino))
         subfolders[:] = sorted(name for name in subfolders if not name.startswith("."))
         yield from (Path(folder, name) for name in names if not name.startswith("."))
+
+
+def _raise(error: OSError) -> NoReturn:
+    """What a walk does about a folder that cannot be read, instead of passing over it."""
+    raise error
 
 
 def digest_files(digests: Mapping[str, str]) -> str:

@@ -8,6 +8,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from pipeline.errors import UserError
 from pipeline.key import FileDigests, Ingredients, ingredients
 from pipeline.reasons import why_run
 from pipeline.record import Record
@@ -103,7 +104,13 @@ def _givers(artefacts: list[str], request: Request) -> str:
 
 
 def read_sources(request: Request, store: Store, seen: Any = None) -> Available:
-    """Digests of the files of every source that the dataflow takes."""
+    """Digests of the files of every source that the dataflow takes.
+
+    Raises
+    ------
+    UserError
+        A file or a folder of them cannot be read.
+    """
     wanted = {name for stage in request.flow for name in (*stage.takes, *stage.may_take)}
     return {
         kind.name: _digests(kind, request.sources[kind.name], store, seen)
@@ -114,7 +121,14 @@ def read_sources(request: Request, store: Store, seen: Any = None) -> Available:
 
 def _digests(kind: Source, path: Path, store: Store, seen: Any) -> FileDigests:
     """A source's files; one that is itself a file goes by its kind, as its own name changes no result."""
-    digests = store.memo.tree(path, kind.suffixes, seen)
+    try:
+        digests = store.memo.tree(path, kind.suffixes, seen)
+    except OSError as error:
+        raise UserError(
+            f"{error.filename or path}, of the source {kind.name}, cannot be read "
+            f"({error.strerror or error}); expected files and folders that may be read. Change its "
+            "permissions, or move it elsewhere."
+        ) from error
     if path.is_file():
         (digest,) = digests.values()
         return {kind.name + path.suffix: digest}

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -124,6 +125,22 @@ def test_linked_files_and_folders_are_read_and_each_folder_once(root):
 def test_a_link_that_leads_nowhere_is_named(root, name):
     (root / "words" / name).symlink_to(root / "nowhere")
     with pytest.raises(UserError, match=f"words/{name} is a link to .*nowhere, which is not there"):
+        run_toy(root)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read anything")
+@pytest.mark.parametrize("name", ["b.txt", "more words"])
+def test_a_source_that_may_not_be_read_is_named(root, name):
+    (root / "words/more words").mkdir()
+    (root / "words" / name).chmod(0)
+    with pytest.raises(UserError, match=f"words/{name}, of the source words, cannot be read .Permission"):
+        run_toy(root)
+    (root / "words" / name).chmod(0o700)
+
+
+def test_a_source_that_is_nothing_to_read_is_named(root):
+    os.mknod(root / "words/c.txt", stat.S_IFSOCK | 0o600)
+    with pytest.raises(UserError, match="words/c.txt, of the source words, cannot be read .No such device"):
         run_toy(root)
 
 
