@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pipeline.job import Job
@@ -31,9 +31,10 @@ def logged(stage: Stage, job: Job, path: Path, failures: Path) -> Iterator[None]
         log.info("facts %s", job.facts)
     except BaseException:
         log.exception("failed")
-        handler.flush()
-        failures.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, failures / f"{stage.name}.txt")
+        with suppress(OSError):  # why the stage failed is what counts
+            handler.flush()
+            failures.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, failures / f"{stage.name}.txt")
         raise
     finally:
         root.removeHandler(handler)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -25,6 +26,9 @@ from pipeline.record import Record
 from pipeline.request import Request
 from pipeline.stage import Stage
 from pipeline.store import Store
+
+NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS}  # only what is written meets these
+NOT_ALLOWED = {errno.EACCES, errno.EPERM}
 
 
 class Listener(Progress, Protocol):
@@ -251,7 +255,7 @@ def locked(workspace: Path) -> Iterator[None]:
     Raises
     ------
     UserError
-        It cannot be written, or another run holds it.
+        It cannot be written, now or later on, or another run holds it.
     """
     try:
         workspace.mkdir(parents=True, exist_ok=True)
@@ -270,5 +274,17 @@ def locked(workspace: Path) -> Iterator[None]:
         ) from error
     try:
         yield
+    except OSError as error:
+        if error.errno in NO_ROOM or (error.errno in NOT_ALLOWED and _is_below(error.filename, workspace)):
+            raise UserError(
+                f"{error.filename or workspace} cannot be used ({error.strerror}); expected a place to "
+                "write. Make room there, or allow it, or choose another folder with --workspace; earlier "
+                "results are kept."
+            ) from error
+        raise
     finally:
         lock.release()
+
+
+def _is_below(place: str | None, workspace: Path) -> bool:
+    return place is not None and Path(place).resolve().is_relative_to(workspace.resolve())

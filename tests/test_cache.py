@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -204,6 +205,40 @@ def test_a_failing_stage_keeps_what_earlier_runs_made_and_leaves_a_log(root):
     assert "poison" in (root / "workspace/logs/join.txt").read_text()
     (root / "words/c.txt").unlink()
     assert run_toy(root).ran == []
+
+
+def test_a_failure_that_leaves_no_log_is_still_told(root):
+    (root / "workspace").mkdir()
+    (root / "workspace/logs").write_text("in the way of a folder")
+    write_words(root, c="poison")
+    with pytest.raises(UserError, match="poison"):
+        run_toy(root)
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES])
+def test_a_disk_that_refuses_is_a_sentence_with_the_place(root, number):
+    def refused(job):
+        raise OSError(number, os.strerror(number), str(job.outputs["text"]))
+
+    with pytest.raises(UserError, match=rf"/workspace/cache/join/\S+ cannot be used .{os.strerror(number)}"):
+        run_toy(root, flow=(replace(JOIN, run=refused), COUNT, REPORT))
+
+
+def test_a_disk_that_is_full_need_not_say_where(root):
+    def refused(job):
+        with Path("/dev/full").open("w") as file:
+            file.write("a word")
+
+    with pytest.raises(UserError, match="/workspace cannot be used .No space left"):
+        run_toy(root, flow=(replace(JOIN, run=refused), COUNT, REPORT))
+
+
+def test_what_is_refused_elsewhere_is_a_fault(root):
+    def refused(job):
+        raise PermissionError(errno.EACCES, "Permission denied", "/elsewhere")
+
+    with pytest.raises(PermissionError):
+        run_toy(root, flow=(replace(JOIN, run=refused), COUNT, REPORT))
 
 
 def test_nothing_half_done_is_ever_visible(root):
