@@ -11,15 +11,32 @@ from typing import Any
 
 import yaml
 from pydantic import ValidationError
+from yaml.error import MarkedYAMLError
 
 from pipeline.errors import UserError
 from pipeline.settings import Settings, near
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML in which 1e-6 is a number: the library's own rule wants 1.0e-6 and makes text of it."""
+    """Safe YAML in which 1e-6 is a number, none is null, and no name may stand twice.
+
+    The library wants 1.0e-6 and null, makes text of the others, and drops the first of two equal names.
+    """
+
+    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+        """The library's, where no name stands twice."""
+        node = super().compose_mapping_node(anchor)
+        names = [name.value for name, _ in node.value]
+        for place, (name, _) in enumerate(node.value):
+            if name.value in names[:place]:
+                raise MarkedYAMLError(
+                    problem=f"{name.value!r} stands twice; expected one of each name. Join or remove them",
+                    problem_mark=name.start_mark,
+                )
+        return node
 
 
+_Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile("[nN]one$"), ["n", "N"])
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
 )
@@ -53,7 +70,10 @@ def read_config(path: Path, source_names: Iterable[str], stage_names: Iterable[s
     UserError
         The file cannot be read, is not YAML, has an unknown section or source, or a path that is no text.
     """
-    values = _read_yaml(path)
+    values = {
+        name: {} if section is None and name != "workspace" else section
+        for name, section in _read_yaml(path).items()
+    }
     source_names = list(source_names)
     sections = ["workspace", "sources", *stage_names]
     for name, section in values.items():
@@ -143,7 +163,7 @@ def _validated(stage: str, kind: type[Settings], values: Mapping[str, Any]) -> S
         faults = [_sentence(stage, kind, fault) for fault in error.errors(include_url=False)]
         raise UserError(" ".join(faults)) from None
     except TypeError as error:  # YAML dates and the like have no JSON
-        raise UserError(f"{stage}: {error}; expected numbers, words, true, false, null or lists.") from None
+        raise UserError(f"{stage}: {error}; expected numbers, words, true, false, none or lists.") from None
 
 
 def _sentence(stage: str, kind: type[Settings], fault: Mapping[str, Any]) -> str:

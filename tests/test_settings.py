@@ -9,6 +9,7 @@ from pipeline import UserError
 from pipeline.config import check_settings, override, read_config
 from pipeline.digest import digest_value
 from pipeline.settings import settings_that_matter
+from stages.undistort import UndistortSettings
 from tests.toy_flow import CountSettings, JoinSettings
 
 DECLARED = {"join": JoinSettings, "count": CountSettings}
@@ -23,6 +24,12 @@ def test_assignments_are_read_as_yaml():
     assert checked("count.lambda=2")["count"].lambda_ == 2.0
     assert checked("count.lambda=1e-6")["count"].lambda_ == 1e-6  # the library alone would make text of it
     assert checked("join.chatty=true")["join"].chatty is True
+
+
+@pytest.mark.parametrize("nothing", ["none", "None", "null", "~"])
+def test_none_is_written_as_the_documentation_writes_it(nothing):
+    given = override({}, [f"undistort.max_size_px={nothing}"])
+    assert check_settings({"undistort": UndistortSettings}, given)["undistort"].max_size_px is None
 
 
 @pytest.mark.parametrize(
@@ -67,6 +74,13 @@ def test_a_config_keeps_its_folder_for_relative_paths(tmp_path):
     assert config.settings == {"count": {"times": 2}}
 
 
+def test_an_empty_section_is_one_without_settings(tmp_path):
+    path = tmp_path / "job.yaml"
+    path.write_text("sources:\ncount:\n")
+    config = read_config(path, ["words"], DECLARED)
+    assert (config.sources, config.settings) == ({}, {"count": {}})
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
@@ -79,6 +93,11 @@ def test_a_config_keeps_its_folder_for_relative_paths(tmp_path):
         ("sources: {words: }", "words is None; expected a path or a name"),
         ("sources: {words: 2024}", "words is 2024; expected a path or a name, in quotes where"),
         ("sources: {words: ''}", "words is ''; expected a path or a name"),
+        (
+            "count: {times: 2}\njoin: {}\ncount: {lambda: 2}",
+            "'count' stands twice; expected one of each name",
+        ),
+        ("count: {times: 2, times: 3}", "'times' stands twice"),
         ("a: [", "is not YAML"),
         ("a: !!python/object:os.system {}", "is not YAML"),
     ],

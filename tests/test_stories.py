@@ -250,6 +250,13 @@ def test_a_folder_whose_name_says_nothing_lends_the_name_above_it_to_the_workspa
     assert request_of(Plan(images=Path(photos))).workspace == Path("workspaces/statue")
 
 
+def test_a_configuration_may_name_the_users_own_folder(project, monkeypatch):
+    monkeypatch.setenv("HOME", str(project))
+    (project / "job.yaml").write_text("workspace: ~/results\nsources: {images: ~/statue}\n")
+    request = request_of(Plan(config=Path("job.yaml")))
+    assert (request.workspace, request.sources["images"]) == (project / "results", project / "statue")
+
+
 @pytest.mark.parametrize("words", [["--images", "statue"], ["job.yaml"], []])
 def test_what_is_there_is_found_by_the_words_that_it_was_run_with_or_none(words, project, capsys):
     (project / "workspaces/statue/cache").mkdir(parents=True)

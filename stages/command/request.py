@@ -132,8 +132,8 @@ def sources_of(command: Given, config: Config) -> dict[str, Path]:
 
 
 def beside(config: Config, path: str) -> Path:
-    """A path that a configuration names, relative to its folder."""
-    return Path(os.path.normpath(config.folder / path))
+    """A path that a configuration names, relative to its folder; ~ is the user's own."""
+    return Path(os.path.normpath(config.folder / Path(path).expanduser()))
 
 
 def existing(flag: str, path: Path) -> Path:
