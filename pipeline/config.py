@@ -30,7 +30,7 @@ class _Loader(yaml.SafeLoader):
         for place, (name, _) in enumerate(node.value):
             if name.value in names[:place]:
                 raise MarkedYAMLError(
-                    problem=f"{name.value!r} stands twice; expected one of each name. Join or remove them",
+                    problem=f"a second {name.value!r}, but each was expected once (join them or remove one)",
                     problem_mark=name.start_mark,
                 )
         return node

@@ -95,9 +95,9 @@ def test_an_empty_section_is_one_without_settings(tmp_path):
         ("sources: {words: ''}", "words is ''; expected a path or a name"),
         (
             "count: {times: 2}\njoin: {}\ncount: {lambda: 2}",
-            "'count' stands twice; expected one of each name",
+            "a second 'count', but each was expected once",
         ),
-        ("count: {times: 2, times: 3}", "'times' stands twice"),
+        ("count: {times: 2, times: 3}", "a second 'times'"),
         ("a: [", "is not YAML"),
         ("a: !!python/object:os.system {}", "is not YAML"),
     ],
