@@ -130,16 +130,19 @@ def _survey(job: Job) -> list[Photo]:
     """The readable photos, with their reduced copies in `scratch`; the others are named aloud."""
     from stages.motion.database import copy_name
     from stages.motion.photo_set import exposure_for_matching, survey, write_linear_copy
-    from stages.scene.photos import find_photos
+    from stages.scene.photos import find_photos, unread_photos
 
     settings: SfmSettings = job.settings
     folder = job.inputs["images"]
     names = find_photos(folder)
+    unread = unread_photos(folder, names)
     if not names:
         raise UserError(
-            f"There are no photos in {folder}: expected JPEG, PNG, TIFF, EXR or HDR files. Give the folder "
-            "that holds them."
+            f"There are no photos in {folder}: expected JPEG, PNG, TIFF, EXR or HDR files. "
+            + (unread or "Give the folder that holds them.")
         )
+    if unread:
+        job.warn(unread)
     photos: list[Photo] = []
     with job.progress("reading photos", len(names)) as step:
         copies = [job.scratch / copy_name(index) for index in range(len(names))]

@@ -25,6 +25,7 @@ from stages.scene.photos import (
     photo_size,
     read_mask,
     read_photo,
+    unread_photos,
     upright,
     write_mask,
     write_png8,
@@ -75,6 +76,13 @@ def test_two_photos_of_one_view_name_are_refused_by_name(tmp_path):
     touch(tmp_path, "s/a.jpg", "s/a.PNG")
     with pytest.raises(UserError, match=r"s/a\.PNG and s/a\.jpg .* extension"):
         find_photos(tmp_path)
+
+
+def test_photos_of_kinds_that_are_not_read_are_counted_unless_they_lie_there_in_another(tmp_path):
+    touch(tmp_path, "a.jpg", "a.CR2", "b.NEF", "s/c.nef", "d.heic", ".hidden.dng", "K.txt")
+    sentence = unread_photos(tmp_path, find_photos(tmp_path))
+    assert sentence.startswith(f"{tmp_path} holds photos of kinds that are not read: 1 .heic, 2 .nef. Export")
+    assert unread_photos(tmp_path, ["a.jpg", "b.jpg", "s/c.jpg", "d.png"]) == ""
 
 
 def test_a_missing_folder_is_said(tmp_path):

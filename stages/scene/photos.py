@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import struct
+from collections import Counter
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -21,9 +23,13 @@ from pipeline.digest import files_below
 from stages.scene.cameras import view_name
 from stages.scene.colour import linear_from_srgb, srgb_from_linear
 from stages.scene.exr import read_exr
+from stages.scene.wording import listed
 
 ENCODED = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 LINEAR = (".exr", ".hdr")
+
+# Cameras and telephones write these too, and no decoder here knows them.
+UNREAD = (".heic", ".heif", ".cr2", ".cr3", ".nef", ".arw", ".dng", ".raf", ".orf", ".rw2")
 
 # Three floats per pixel: 3 GB at this size. Checked from the header, before anything is allocated; Pillow's
 # own guard is switched off because it warns at a third of this.
@@ -61,6 +67,20 @@ def find_photos(folder: Path) -> list[str]:
                 "the same name; rename or remove one of them."
             )
     return list(seen.values())
+
+
+def unread_photos(folder: Path, read: Sequence[str]) -> str:
+    """A sentence on the photos below `folder` of kinds that are not read, empty without any.
+
+    Those that lie there in a kind that is `read` as well, as cameras write them, are not missed.
+    """
+    known = {view_name(name) for name in read}
+    missed = [name for name in files_below(folder, UNREAD) if view_name(name) not in known]
+    if not missed:
+        return ""
+    kinds = Counter(Path(name).suffix.lower() for name in missed)
+    counted = listed([f"{count} {suffix}" for suffix, count in sorted(kinds.items())])
+    return f"{folder} holds photos of kinds that are not read: {counted}. Export them as JPEG, TIFF or EXR."
 
 
 def _check_name(name: str, folder: Path) -> None:
