@@ -53,10 +53,14 @@ class Terminal:
             self._bars.stop()
 
     def deciding(self, decision: Decision) -> None:
-        """One line: what happens to a stage, and why."""
+        """One line: what happens to a stage, why, and how many warnings are reused with it."""
         colour, verb = COLOURS[decision.action], decision.action.value
         name = f"[bold]{decision.stage.name:<15}[/bold]"
-        self._console.print(f"{name} [{colour}]{verb:<6}[/{colour}] {escape(decision.reason)}")
+        reason = decision.reason
+        if decision.record is not None and decision.record.warnings:
+            number = len(decision.record.warnings)
+            reason += f"; {number} warning(s), see `unshade show … --stage {decision.stage.name}`"
+        self._console.print(f"{name} [{colour}]{verb:<6}[/{colour}] {escape(reason)}")
 
     def finished(self, decision: Decision, record: Record) -> None:
         """One line after a stage that ran: what it cost."""

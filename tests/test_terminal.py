@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
 from pipeline.terminal import Terminal, number, table_of
-from pipeline.verbs import run_verb
-from tests.toy_flow import request, write_words
+from pipeline.verbs import run_verb, show_verb
+from tests import toy_flow
+from tests.toy_flow import COUNT, JOIN, REPORT, request, write_words
 
 
 @pytest.mark.parametrize(
@@ -41,6 +43,23 @@ def test_a_run_ends_with_where_its_results_are_and_how_long_it_took(tmp_path, ca
         run_verb(request(tmp_path, last=last), Terminal())
         line = " ".join(capsys.readouterr().out.split())
         assert re.fullmatch(rf"Up to date after \d+\.\d s: {tmp_path}/workspace/{place}", line)
+
+
+def test_a_reused_result_says_how_many_warnings_it_holds_and_they_can_be_read(tmp_path, capsys):
+    def doubtful(job):
+        toy_flow.join(job)
+        job.warn("A word is long.")
+
+    write_words(tmp_path, a="apple")
+    wishes = request(tmp_path, flow=(replace(JOIN, run=doubtful), COUNT, REPORT))
+    run_verb(wishes, Terminal())
+    assert "A word is long." in capsys.readouterr().err
+    run_verb(wishes, Terminal())
+    joined, counted, _ = capsys.readouterr().err.splitlines()
+    assert joined.endswith("has changed; 1 warning(s), see `unshade show … --stage join`")
+    assert counted.endswith("has changed")
+    show_verb(wishes.workspace, "join", None, Terminal())
+    assert "A word is long." in capsys.readouterr().out
 
 
 def test_cells_hold_numbers_lists_words_and_nothing(capsys):
