@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -80,9 +80,11 @@ def prune(store: Store, everything: bool = False) -> dict[str, Any]:
     return {"removed": removed, "freed_bytes": freed}
 
 
-def overview(store: Store) -> list[dict[str, Any]]:
-    """Per stage that has results: the current one, how many there are, their size."""
-    return [_row(store, stage) for stage in _stages(store)]
+def overview(store: Store, order: Sequence[str]) -> list[dict[str, Any]]:
+    """Per stage that has results: the current one, how many there are, their size; unknown stages last."""
+    there = _stages(store)
+    known = [stage for stage in order if stage in there]
+    return [_row(store, stage) for stage in dict.fromkeys((*known, *there))]
 
 
 def _row(store: Store, stage: str) -> Mapping[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -32,9 +33,9 @@ def plan_verb(request: Request, terminal: Terminal) -> None:
     terminal.answer(rows, table_of(rows, {"stage": "stage", "": "action", "because": "reason"}))
 
 
-def status_verb(workspace: Path, terminal: Terminal) -> None:
-    """Say what is there and what it cost."""
-    rows = overview(Store(workspace))
+def status_verb(workspace: Path, order: Sequence[str], terminal: Terminal) -> None:
+    """Say what is there and what it cost, stage by stage in this order."""
+    rows = overview(Store(workspace), order)
     for row in rows:
         row["peak"] = megabytes(row["peak_bytes"])
         row["size"] = megabytes(row["bytes"])

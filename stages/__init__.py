@@ -64,6 +64,7 @@ ENTRY_POINTS = (ADOPT_MODEL, ADOPT_MESH)
 EXPERIMENT = (RENDER, KNOWN_GEOMETRY)  # instead of photos: scenes whose truth is known
 AFTERWARDS = (FULL_RESOLUTION, RELIGHT)  # what is made of a result when one asks for it
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
+IN_ORDER = (*EXPERIMENT, *ENTRY_POINTS, *DATAFLOW, *AFTERWARDS)  # each after all that it can take from
 
 
 def dataflow(given: Collection[str], mode: str = "transfer") -> tuple[Stage, ...]:

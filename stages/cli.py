@@ -11,13 +11,18 @@ import tyro
 from tyro.conf import FlagCreatePairsOff
 
 from pipeline import UserError, verbs
+from pipeline.key import tool_version
 from pipeline.terminal import Terminal
+from stages import IN_ORDER
 from stages.command.evaluation import evaluate_verb
 from stages.command.request import existing_workspace, relighting_of, request_of
 from stages.command.words import Clean, Command, Diff, Evaluate, Plan, Relight, Run, Show, Status
 
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130
-ABOUT = "Per-view albedo from photos or a COLMAP workspace: the light and the shading apart."
+ABOUT = (
+    "Per-view albedo from photos or a COLMAP workspace: the light and the shading apart. "
+    "`unshade --version` says which unshade this is."
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -26,6 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     # the stages are parallel over views, rows or channels anyway. Read when numpy is first imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = list(sys.argv[1:] if argv is None else argv)
+    if words == ["--version"]:
+        sys.stdout.write(f"unshade {tool_version('unshade')}\n")
+        return 0
     command = tyro.cli(Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,))
     terminal = Terminal(command.json)
     try:
@@ -55,7 +63,7 @@ def obey(command: Command, terminal: Terminal) -> None:
         case Relight():
             verbs.run_verb(relighting_of(command), terminal)
         case Status():
-            verbs.status_verb(existing_workspace(command), terminal)
+            verbs.status_verb(existing_workspace(command), [stage.name for stage in IN_ORDER], terminal)
         case Show():
             verbs.show_verb(existing_workspace(command), command.stage, command.key, terminal)
         case Diff():

@@ -183,6 +183,15 @@ def test_every_setting_has_a_reason_and_can_be_reached_from_the_command_line():
             assert check_settings(declared, override({}, [f"{stage}.{public}={text}"])) == defaults
 
 
+def test_no_stage_takes_what_one_after_it_in_order_gives():
+    from stages import IN_ORDER
+
+    assert {stage.name for stage in IN_ORDER} == {stage.name for stage in ALL_STAGES}
+    for place, stage in enumerate(IN_ORDER):
+        later = {artefact.name for other in IN_ORDER[place:] for artefact in other.gives}
+        assert not later & {*stage.takes, *stage.may_take}, stage.name
+
+
 def test_every_dataflow_is_sound():
     import stages
     from pipeline.request import check_flow

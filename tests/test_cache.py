@@ -19,6 +19,7 @@ import pytest
 
 from pipeline import Artefact, Stage, UserError
 from pipeline.digest import files_below
+from pipeline.inspect import overview
 from pipeline.store import Store
 from tests import toy_flow
 from tests.toy_flow import COUNT, FLOW, JOIN, REPORT, Settings, run_toy, write_words
@@ -364,6 +365,12 @@ def test_a_workspace_below_a_file_is_refused(root):
     (root / "workspace").write_text("a file")
     with pytest.raises(UserError, match="cannot be written.*choose another folder"):
         run_toy(root)
+
+
+def test_the_overview_has_the_stages_in_the_given_order_and_unknown_ones_last(root):
+    run_toy(root)
+    rows = overview(Store(root / "workspace"), ["relight", "report", "join"])
+    assert [row["stage"] for row in rows] == ["report", "join", "count"]
 
 
 def test_output_follows_the_newest_result_and_leaves_other_files_alone(root):

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -255,6 +256,10 @@ def test_a_configuration_may_name_the_users_own_folder(project, monkeypatch):
     (project / "job.yaml").write_text("workspace: ~/results\nsources: {images: ~/statue}\n")
     request = request_of(Plan(config=Path("job.yaml")))
     assert (request.workspace, request.sources["images"]) == (project / "results", project / "statue")
+
+
+def test_the_version_is_said(capsys):
+    assert unshade(capsys, "--version") == (0, f"unshade {version('unshade')}\n", "")
 
 
 @pytest.mark.parametrize("words", [["--images", "statue"], ["job.yaml"], []])
