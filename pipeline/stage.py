@@ -53,7 +53,7 @@ class Stage:
     name, version : str, int
         Identity; raise the version when the same inputs and settings would give another result.
     about : str
-        One sentence for `unshade plan --help` and the README's table.
+        One sentence for the README's table and the page of settings.
     settings : type of Settings
     takes : tuple of str
         Artefacts or sources that it needs.
@@ -89,12 +89,9 @@ class Source:
     ----------
     name : str
         Stages take it by this name.
-    about : str
-        One phrase for the command line's help.
     suffixes : tuple of str
         The files of a folder that count; all of them if empty.
     """
 
     name: str
-    about: str
     suffixes: tuple[str, ...] = ()

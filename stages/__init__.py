@@ -36,17 +36,13 @@ MODEL_FILES = tuple(  # not *.bin: a dense workspace holds gigabytes of depth ma
 )
 
 SOURCES = (
-    Source("images", "folder of photos: JPEG, PNG, TIFF (sRGB) or EXR, HDR (linear)", IMAGE_SUFFIXES),
-    Source(
-        "colmap",
-        "folder with a COLMAP model, used instead of running structure from motion",
-        MODEL_FILES,
-    ),
-    Source("mesh_file", "mesh in the frame of the COLMAP model, used instead of reconstructing one"),
-    Source("masks", "folder of masks named like the photos, white = keep", IMAGE_SUFFIXES),
-    Source("object", "mesh to render instead of the bust, in a scene of known truth"),
-    Source("environment", "picture of all directions, EXR or HDR, that lights a rendered scene"),
-    Source("light", "picture of all directions, EXR or HDR, under which the views are shown anew"),
+    Source("images", IMAGE_SUFFIXES),
+    Source("colmap", MODEL_FILES),
+    Source("mesh_file"),
+    Source("masks", IMAGE_SUFFIXES),
+    Source("object"),
+    Source("environment"),
+    Source("light"),
 )
 
 DATAFLOW = (

@@ -58,7 +58,7 @@ REPORT = Stage(
     report,
 )
 FLOW = (JOIN, COUNT, REPORT)
-WORDS = Source("words", "folder of words", (".txt",))
+WORDS = Source("words", (".txt",))
 
 
 @dataclass
