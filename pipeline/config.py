@@ -42,6 +42,14 @@ _Loader.add_implicit_resolver(
 )
 
 
+A_LIST = 'a list, as in [1.5, 2] or ["001", "b"]'
+AS_ONE_WRITES_IT = {  # by pydantic's type of fault, where YAML may have made something else of what was meant
+    "list_type": A_LIST,
+    "tuple_type": A_LIST,
+    "string_type": 'text, in quotes where it would pass for something else, as in "001"',
+}
+
+
 @dataclass
 class Config:
     """A configuration before its settings are checked.
@@ -172,5 +180,6 @@ def _sentence(stage: str, kind: type[Settings], fault: Mapping[str, Any]) -> str
     if fault["type"] == "extra_forbidden":
         known = [field.alias or name for name, field in kind.model_fields.items()]
         return f"There is no setting {stage}.{name}; {near(name, known)}"
-    expected = fault["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    said = fault["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    expected = AS_ONE_WRITES_IT.get(fault["type"], said)
     return f"{stage}.{name} is {fault['input']!r}; expected {expected}."

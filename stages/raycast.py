@@ -14,8 +14,8 @@ class RaycastSettings(Settings):
 
     views: tuple[str, ...] = setting(
         (),
-        "The views to decompose, by name without extension; * and ? allowed. Empty: all. The other views "
-        "still serve the geometry.",
+        'The views to decompose, by name without extension, as in ["001", "b*"]; * and ? allowed. Empty: '
+        "all. The other views still serve the geometry.",
     )
     reduce: int = setting(
         1,

@@ -9,6 +9,7 @@ from pipeline import UserError
 from pipeline.config import check_settings, override, read_config
 from pipeline.digest import digest_value
 from pipeline.settings import settings_that_matter
+from stages.raycast import RaycastSettings
 from stages.undistort import UndistortSettings
 from tests.toy_flow import CountSettings, JoinSettings
 
@@ -24,6 +25,21 @@ def test_assignments_are_read_as_yaml():
     assert checked("count.lambda=2")["count"].lambda_ == 2.0
     assert checked("count.lambda=1e-6")["count"].lambda_ == 1e-6  # the library alone would make text of it
     assert checked("join.chatty=true")["join"].chatty is True
+
+
+@pytest.mark.parametrize(
+    ("assignment", "sentence"),
+    [
+        ("raycast.views=001", """raycast.views is 1; expected a list, as in [1.5, 2] or ["001", "b"]."""),
+        ("raycast.views=[001]", """raycast.views.0 is 1; expected text, in quotes where it would pass for"""),
+    ],
+)
+def test_what_yaml_makes_of_a_name_of_digits_is_explained(assignment, sentence):
+    with pytest.raises(UserError) as error:
+        check_settings({"raycast": RaycastSettings}, override({}, [assignment]))
+    assert sentence in str(error.value)
+    given = override({}, ['raycast.views=["001"]'])
+    assert check_settings({"raycast": RaycastSettings}, given)["raycast"].views == ("001",)
 
 
 @pytest.mark.parametrize("nothing", ["none", "None", "null", "~"])
