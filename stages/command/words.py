@@ -145,7 +145,7 @@ class Diff(Given):
 
 @dataclass(frozen=True)
 class Clean(Given):
-    """Delete results that are no longer current.
+    """Delete the results that the newest run of their stage did not use: those of other settings, too.
 
     Attributes
     ----------
