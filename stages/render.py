@@ -65,8 +65,8 @@ def _require_mitsuba() -> None:
 
     if find_spec("mitsuba") is None or find_spec("skimage") is None:
         raise UserError(
-            "Rendering needs Mitsuba and scikit-image, which are not installed; install unshade with its "
-            "extra: pip install 'unshade[synthetic]'."
+            "Rendering needs Mitsuba and scikit-image, which are not installed; install them with "
+            "`sh setup.sh synthetic`, in the folder that holds unshade."
         )
 
 

@@ -442,4 +442,4 @@ def test_without_the_extra_the_command_names_it(missing, tmp_path, monkeypatch, 
     )
     code, _, said = unshade(capsys, "run", write_config(tmp_path / "c.yaml", render=TINY))
     assert code == 2
-    assert "pip install 'unshade[synthetic]'" in said
+    assert "`sh setup.sh synthetic`" in said
