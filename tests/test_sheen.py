@@ -157,6 +157,10 @@ def test_a_paint_is_what_has_one_albedo_whatever_light_and_sheen_make_of_it(glos
     true = np.unique(np.round(matt / shading, 3), axis=0, return_inverse=True)[1].ravel()
     mixed = sum(len(of) - np.bincount(of).max() for of in (true[paint == k] for k in np.unique(paint)))
     assert mixed < 0.02 * len(paint)
+    few = np.arange(len(paint)) % (len(paint) // 3) == 0
+    assert len(np.unique(paints_of(views, matt + sheen, shading, few))) <= few.sum()
+    nothing = np.zeros_like(matt)
+    assert len(np.unique(paints_of(views, nothing, nothing, everything(matt)))) == 1
 
 
 def test_what_is_matt_hides_no_sheen_of_other_paint(glossy_in_part):

@@ -32,7 +32,8 @@ def paints_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, trust
     """
     colours = _colours(_albedo_seen_together(views, image, shading, trusted))
     seeds = colours[trusted]
-    palette, _ = kmeans(seeds[:: max(1, len(seeds) // SEEDS)], PALETTE, iter=DRAWS, rng=0)
+    seeds = seeds[:: max(1, len(seeds) // SEEDS)]
+    palette, _ = kmeans(seeds, min(PALETTE, len(seeds)), iter=DRAWS, rng=0)
     return vq(colours, palette)[0].astype(np.int32)
 
 
