@@ -53,7 +53,7 @@ def _scaled(matt: np.ndarray, sheen: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def sheen_of_all(*given) -> Sheen:
-    return Differences.of(*given).sheen()
+    return Differences.of(*given).sheen
 
 
 def everything(image: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ and of which paints.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -168,6 +169,7 @@ class Differences:
         mirrored = (mirror.image(roughness, p) - f * mirror.image(roughness, q) for roughness in ROUGHNESSES)
         return cls(p, q, seen[p] - f * seen[q], tuple(mirrored))
 
+    @cached_property
     def sheen(self) -> Sheen:
         """The sheen of all surface that explains best how views differ.
 
@@ -185,7 +187,7 @@ class Differences:
     def sheen_of(self, paint: np.ndarray) -> PaintedSheen:
         """The sheen of every paint by itself, (N,) their numbers: what is matt hides that of the rest."""
         numbers = range(int(paint.max(initial=-1)) + 1)
-        return PaintedSheen(paint, tuple(self._within(paint, number).sheen() for number in numbers))
+        return PaintedSheen(paint, tuple(self._within(paint, number).sheen for number in numbers))
 
     def _within(self, paint: np.ndarray, number: int) -> Differences:
         both = (paint[self.p] == number) & (paint[self.q] == number)

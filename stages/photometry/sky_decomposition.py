@@ -18,7 +18,7 @@ from stages.photometry.paint_edges import (
     smoothness_of_edges,
 )
 from stages.photometry.saddle import ALIKE, EdgeWeights
-from stages.photometry.sheen import NOT_SOUGHT, PaintedSheen
+from stages.photometry.sheen import NOT_SOUGHT, Differences, PaintedSheen
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks, Photos
 from stages.photometry.stack import StackedViews
@@ -140,12 +140,14 @@ def decompose_by_sky(
     gains = view_gains(views, image, looks.trusted)
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
     photos = Photos.of(views, looks, image / of_pixel, gains.spread, settings.lighting)
-    best, left, found, sheen = _best_explanation(photos, scenes, settings, step)
+    best, left, found, differences = _best_explanation(photos, scenes, settings, step)
     scene = scenes[best]
+    shading = photos.shading(scene, found)
+    sheen = NOT_SOUGHT if differences is None else photos.sheen(differences, shading)
     if sheen.believed:
         photos = photos.without_sheen(sheen, photos.mirror(scene, found))
         found = photos.light(scene, settings.light, step)
-    shading = photos.shading(scene, found)
+        shading = photos.shading(scene, found)
     light = _scaled(found.radiance, shading * of_pixel)
     light_found = (light, best, left, gains, sheen, photos.brightening, photos.light_of_view)
     del image  # `photos` has what follows
@@ -155,8 +157,10 @@ def decompose_by_sky(
 
 def _best_explanation(
     photos: Photos, scenes: Sequence[SkyScene], settings: SkyDecomposition, step: Callable[[], None]
-) -> tuple[int, list[float], FoundLight, PaintedSheen]:
-    """Which scene it is, what each leaves unexplained, and of that one the light and the sheen.
+) -> tuple[int, list[float], FoundLight, Differences | None]:
+    """Which scene it is, what each leaves unexplained, and of that one the light and how views then differ.
+
+    None where no sheen is sought.
 
     What pairs of like paint disagree by is told by the shading; how views differ, by highlights, which are a
     sharper witness of where light comes from, where there are some. The two are multiplied.
@@ -165,11 +169,11 @@ def _best_explanation(
     left = photos.disagreements(scenes, lights, settings.light)
     if not (settings.sheen and photos.in_one_light):
         best = explained_best(left)
-        return best, left, lights[best], NOT_SOUGHT
+        return best, left, lights[best], None
     differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
-    left = [one * by_views.sheen().unexplained for one, by_views in zip(left, differences, strict=True)]
+    left = [one * by_views.sheen.unexplained for one, by_views in zip(left, differences, strict=True)]
     best = explained_best(left)
-    return best, left, lights[best], photos.sheen(differences[best], scenes[best], lights[best])
+    return best, left, lights[best], differences[best]
 
 
 def _albedo(

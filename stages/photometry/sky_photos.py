@@ -124,12 +124,10 @@ class Photos:
         shading, trusted = self.shading(scene, found), self.looks.trusted
         return Differences.of(self.views, self.seen, shading, trusted, self.mirror(scene, found))
 
-    def sheen(self, differences: Differences, scene: SkyScene, found: FoundLight) -> PaintedSheen:
+    def sheen(self, differences: Differences, shading: np.ndarray) -> PaintedSheen:
         """That of all surface alike, if there is one: it is surer than one for each paint."""
-        sheen = PaintedSheen.of_all(differences.sheen(), len(self.seen))
-        if sheen.believed:
-            return sheen
-        shading = self.shading(scene, found)
+        if differences.sheen.believed:
+            return PaintedSheen.of_all(differences.sheen, len(self.seen))
         return differences.sheen_of(paints_of(self.views, self.matt, shading, self.looks.trusted))
 
     def without_sheen(self, sheen: PaintedSheen, mirror: Mirror) -> Photos:
