@@ -66,7 +66,7 @@ def run(job: Job) -> None:
 def _photo_of_each(job: Job, names: list[str], source: Path) -> dict[str, str]:
     """The photo of every image of the model: the same name, or the same but for the extension."""
     from stages.scene.cameras import view_name
-    from stages.scene.photos import find_photos
+    from stages.scene.photo_folder import find_photos
 
     by_view = {view_name(photo): photo for photo in find_photos(job.inputs["images"])}
     found = {name: by_view[view_name(name)] for name in names if view_name(name) in by_view}

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from pydantic import ValidationInfo, field_validator
-
-from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from pipeline import Artefact, Job, Stage, UserError
+from stages.motion.sfm_settings import SfmSettings
 from stages.scene.distributions import PICTURES, PYCOLMAP
 from stages.scene.wording import listed
 
@@ -19,97 +18,6 @@ if TYPE_CHECKING:
     from stages.motion.photo_set import Photo
 
 T = TypeVar("T")
-
-CAMERA_PARAMS = {  # by COLMAP's camera model, in its order
-    "SIMPLE_PINHOLE": "f, cx, cy",
-    "PINHOLE": "fx, fy, cx, cy",
-    "SIMPLE_RADIAL": "f, cx, cy, k",
-    "RADIAL": "f, cx, cy, k1, k2",
-    "OPENCV": "fx, fy, cx, cy, k1, k2, p1, p2",
-    "FULL_OPENCV": "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6",
-    "OPENCV_FISHEYE": "fx, fy, cx, cy, k1, k2, k3, k4",
-}
-
-
-class SfmSettings(Settings):
-    """Settings of the `sfm` stage."""
-
-    max_size_px: int = setting(
-        1600,
-        "Longest side at which features are sought; full resolution gained nothing on fountain-P11.",
-        unit="px",
-        ge=200,
-        le=8192,
-    )
-    max_features: int = setting(8192, "Features kept per photo, COLMAP's default.", ge=256, le=65536)
-    linear_white_percentile: float = setting(
-        99.0,
-        "Linear photos (EXR, HDR) are scaled so that this percentile of the set becomes white.",
-        gt=50,
-        le=100,
-    )
-    cameras: Literal["shared", "per_folder", "per_image"] = setting(
-        "shared",
-        "Who shares a lens. Photos of another size, orientation or EXIF focal length never do.",
-    )
-    camera_model: Literal[
-        "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE"
-    ] = setting("SIMPLE_RADIAL", "COLMAP camera model; one radial coefficient suffices for most lenses.")
-    camera_params: list[float] | None = setting(
-        None,
-        "Known intrinsics, in COLMAP's order for camera_model, in pixels of the upright photo; held fixed.",
-    )
-    refine_camera: bool = setting(False, "Refine camera_params instead of holding them.")
-    focal_factor: float = setting(
-        1.2, "First guess of the focal length without EXIF, in longest sides.", gt=0.1, le=10
-    )
-    matching: Literal["auto", "exhaustive", "sequential"] = setting(
-        "auto",
-        "Which photos are compared: all pairs, neighbours in name order, or one of the two by their number.",
-    )
-    exhaustive_up_to: int = setting(
-        200, "With matching: auto, more photos than this are taken for a sequence.", ge=2, le=5000
-    )
-    overlap: int = setting(
-        10, "Neighbours each photo of a sequence is compared with; powers of two besides.", ge=1, le=20
-    )
-    mapper: Literal["incremental", "global"] = setting(
-        "incremental", "COLMAP's incremental mapper, or its global one, which pays for large sets."
-    )
-    attempts: int = setting(
-        4,
-        "Starts of the incremental mapper, with other seeds and looser thresholds, before giving up.",
-        ge=1,
-        le=20,
-    )
-    enough: float = setting(
-        0.9, "An attempt that places this share of the photos is good enough to stop.", gt=0, le=1
-    )
-    free_principal_point: bool = setting(
-        True, "A last bundle adjustment moves the principal point off the centre."
-    )
-    largest_principal_shift: float = setting(
-        0.03, "A larger shift of the principal point is refused.", unit="image width or height", gt=0, le=0.5
-    )
-    principal_point_views: int = setting(
-        6, "Cameras with fewer photos keep their principal point: it would trade against the poses.", ge=3
-    )
-    seed: int = setting(0, "Start of every random generator.", ge=0, le=2**31 - 100)
-
-    @field_validator("camera_params")
-    @classmethod
-    def _fit_the_model(cls, params: list[float] | None, others: ValidationInfo) -> list[float] | None:
-        model = others.data.get("camera_model")  # missing where it is refused itself
-        names = CAMERA_PARAMS.get(model, "")
-        count = names.count(",") + 1
-        if params is not None and model is not None and len(params) != count:
-            raise ValueError(f"the {count} numbers of {model}, in pixels of the upright photo: {names}")
-        return params
-
-    @property
-    def holds_cameras(self) -> bool:
-        """Whether the intrinsics are known and stay as given."""
-        return self.camera_params is not None and not self.refine_camera
 
 
 def run(job: Job) -> None:
@@ -130,7 +38,7 @@ def _survey(job: Job) -> list[Photo]:
     """The readable photos, with their reduced copies in `scratch`; the others are named aloud."""
     from stages.motion.database import copy_name
     from stages.motion.photo_set import exposure_for_matching, survey, write_linear_copy
-    from stages.scene.photos import find_photos, unread_photos
+    from stages.scene.photo_folder import find_photos, unread_photos
 
     settings: SfmSettings = job.settings
     folder = job.inputs["images"]

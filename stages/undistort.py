@@ -123,7 +123,7 @@ def _pinhole_cameras(model: pycolmap.Reconstruction, settings: UndistortSettings
 
 def _find_masks(job: Job, names: list[str]) -> dict[str, Path]:
     """The mask of every photo that has one; photos without are named aloud."""
-    from stages.scene.photos import find_mask
+    from stages.scene.photo_folder import find_mask
 
     folder = job.inputs.get("masks")
     if folder is None:

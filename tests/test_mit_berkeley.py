@@ -19,7 +19,8 @@ from pipeline.terminal import Terminal
 from stages.geometry.rays import RayCaster
 from stages.scene.colmap_model import cameras_of, read_model
 from stages.scene.meshes import read_mesh
-from stages.scene.photos import find_photos, read_photo
+from stages.scene.photo_folder import find_photos
+from stages.scene.photos import read_photo
 
 
 def test_a_plane_has_its_one_normal_up_to_its_rim_and_around_holes():

@@ -17,15 +17,13 @@ from PIL import Image, ImageOps
 from pipeline import UserError
 from stages.scene.colour import linear_from_srgb
 from stages.scene.exr import write_exr
+from stages.scene.photo_folder import find_mask, find_photos, unread_photos
 from stages.scene.photos import (
     encode_srgb8,
     encode_srgb16,
-    find_mask,
-    find_photos,
     photo_size,
     read_mask,
     read_photo,
-    unread_photos,
     upright,
     write_mask,
     write_png8,

@@ -13,7 +13,8 @@ from stages.scene.cameras import Camera, footprint, view_name
 from stages.scene.colmap_model import cameras_of, read_model
 from stages.scene.exr import read_exr
 from stages.scene.meshes import read_mesh
-from stages.scene.photos import find_photos, read_photo
+from stages.scene.photo_folder import find_photos
+from stages.scene.photos import read_photo
 from stages.synthetic.sample import halved, rounded, sample_cameras, sample_scene
 from stages.synthetic.truth import PaintedSurface
 

@@ -12,7 +12,8 @@ import numpy as np
 from pipeline import UserError
 from stages.scene.cameras import view_name
 from stages.scene.part_maps import read_part_map, read_part_names
-from stages.scene.photos import ENCODED, LINEAR, find_mask, read_mask, read_photo
+from stages.scene.photo_folder import ENCODED, LINEAR, find_mask
+from stages.scene.photos import read_mask, read_photo
 
 
 @dataclass(frozen=True)

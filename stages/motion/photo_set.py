@@ -11,7 +11,8 @@ import pycolmap
 
 from pipeline import UserError
 from stages.motion.features import write_reduced
-from stages.scene.photos import LINEAR, read_photo
+from stages.scene.photo_folder import LINEAR
+from stages.scene.photos import read_photo
 
 # Of every photo, so many values are enough for a percentile of the whole set.
 EXPOSURE_SAMPLES = 4096
