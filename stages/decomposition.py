@@ -95,7 +95,7 @@ def _by_transfer(
     import numpy as np
 
     from stages.photometry import transfer_solutions
-    from stages.photometry.sky_photos import Looks
+    from stages.photometry.sky_photos import TURNS, Looks
     from stages.photometry.sky_scenes import pixels_on_proxy, sky_scenes
     from stages.scene.meshes import read_mesh
     from stages.scene.view_files import read_surface_points, ways_to_cameras
@@ -118,7 +118,7 @@ def _by_transfer(
         _tell_opposed(job, opposed, len(normals))
         looks = Looks(trusted, towards)
         how = as_sky(settings, weights, views.side)
-        steps = len(how.light.scales) * (len(scenes) + 1) + 2 * settings.stopping.rounds
+        steps = len(how.light.scales) * (len(scenes) + 1) + TURNS + 2 * settings.stopping.rounds
         with job.progress("steps", steps) as step:
             solved = transfer_solutions.by_sky(views, images, scenes, looks, how, job.threads, step)
         _note_light(job, stored, solved.sky)
@@ -138,7 +138,7 @@ def _note_light(job: Job, stored: StoredTransfer, sky: SkySolution) -> None:
         lights=int(sky.light_of_view.max()) + 1,
         spread_between_views=round(sky.gains.spread, 4),
         brightening_between_views=round(sky.brightening, 3),
-        sheen=sky.sheen.as_json(),
+        sheen=[sky.sheen.as_json()] if sky.sheen else [],
     )
 
 
@@ -279,7 +279,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 8,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 9,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

@@ -7,24 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stages.photometry.light_from_pairs import PairObjective
+from stages.photometry.light_in_gloss import light_in_gloss
+from stages.photometry.light_search import Search
 from stages.photometry.paints import PALETTE, paints_of
-from stages.photometry.sheen import (
-    NO_SHEEN,
-    NOT_SOUGHT,
-    Differences,
-    Mirror,
-    PaintedSheen,
-    Sheen,
-    highlights_of,
-    without_sheen,
-)
+from stages.photometry.sheen import Mirror, Sheen, highlights_of, without_sheen
 from stages.photometry.sky import Sphere, even_directions, offsets_in
 from stages.photometry.sky_decomposition import decompose_by_sky
-from stages.photometry.sky_light import SkyScene
-from stages.photometry.sky_photos import Looks
+from stages.photometry.sky_light import FoundLight, SkyScene
+from stages.photometry.sky_photos import Lighting, Looks, Photos
+from stages.photometry.view_differences import ROUGHNESSES, Differences
 from stages.scene.view_files import ways_to_cameras
 from tests.sphere_scene import PAINTS, SphereScene, sphere_scene
-from tests.test_sky_light import DIRECTIONS, HOW, error, in_shadow_of, looks, normals_of, open_scene
+from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, in_shadow_of, looks, normals_of, open_scene
 
 STRENGTH, ROUGHNESS = np.array([0.12, 0.1, 0.08]), 0.2
 
@@ -52,8 +47,17 @@ def _scaled(matt: np.ndarray, sheen: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return (matt / scale).astype(np.float32), (sheen / scale).astype(np.float32)
 
 
-def sheen_of_all(*given) -> Sheen:
-    return Differences.of(*given).sheen
+def differences_of(views, seen, shading, trusted, mirror) -> Differences:
+    return Differences.of(views, seen, trusted, mirror.towards, mirror.pixels, lambda some: shading[some])
+
+
+def photos_of(views, seen, mirror) -> Photos:
+    looked = Looks(everything(seen), mirror.towards)
+    return Photos.of(views, looked, seen, 0.0, Lighting("shared", 1.0))
+
+
+def light_of(mirror: Mirror) -> FoundLight:
+    return FoundLight(mirror.radiance[None], np.zeros((1, 1, 3), np.float32))
 
 
 def everything(image: np.ndarray) -> np.ndarray:
@@ -112,31 +116,98 @@ def test_the_lobe_is_that_of_facets_and_smiths_shadowing(glossy, sphere):
     assert np.allclose(mirror.image(ROUGHNESS, some)[facing], expected[facing], rtol=2e-3)
 
 
-def test_strength_and_roughness_are_found_by_how_views_differ(glossy):
+def test_lobes_are_what_the_mirrored_image_is_made_of(glossy):
+    mirror = glossy[2]
+    some = np.arange(0, len(mirror.towards), 31)
+    lobes = mirror.pixels.lobes(mirror.towards, ROUGHNESS, some)
+    assert np.allclose(lobes @ mirror.radiance, mirror.image(ROUGHNESS, some), rtol=1e-4)
+
+
+def test_how_views_differ_tells_the_mirror_and_what_is_seen_in_it(glossy):
+    """Without any light to begin with; what all views have in common of it is not told."""
     views, _, mirror, shading, matt, sheen = glossy
-    found = sheen_of_all(views, matt + sheen, shading, everything(matt), mirror)
-    scale = np.median(sheen / mirror.image(ROUGHNESS, np.arange(len(matt))), axis=0) / STRENGTH
-    assert found.believed is True  # a plain one: it goes into the record
+    differences = differences_of(views, matt + sheen, shading, everything(matt), mirror)
+    found = differences.mirrored
     assert found.roughness == ROUGHNESS
-    assert np.allclose(found.strength, STRENGTH * scale, rtol=0.05)
-    added = PaintedSheen.of_all(found, len(matt)).image(mirror)
+    assert found.left < 0.2
+    assert np.argmax(found.radiance.sum(axis=1)) == np.argmax(mirror.radiance.sum(axis=1))
+    assert found.radiance.min() >= 0
+
+
+def test_the_slope_of_what_a_light_leaves_is_that_of_its_value(glossy):
+    views, _, mirror, shading, matt, sheen = glossy
+    differences = differences_of(views, matt + sheen, shading, everything(matt), mirror)
+    rng = np.random.default_rng(0)
+    light, way = 0.1 * rng.random((2, DIRECTIONS, 3))
+    _, slope = differences.left(1, light)
+    ahead, behind = (differences.left(1, light + side * 1e-2 * way)[0] for side in (1, -1))
+    assert (ahead - behind) / 2e-2 == pytest.approx((slope * way).sum(), rel=1e-2)
+    assert differences.left(1, 0 * light)[0] == pytest.approx(1)
+
+
+def test_light_and_sheen_are_found_together(glossy):
+    """From a light that is wrong by half: wherever it should be dim it is three times as bright."""
+    views, sky, mirror, shading, matt, sheen = glossy
+    photos, wrong = photos_of(views, matt + sheen, mirror), light_of(mirror)
+    wrong = replace(wrong, radiance=np.maximum(wrong.radiance, 1.0))
+    differences = photos.differences(sky, wrong)
+    found, light = photos.sheen(
+        sky, wrong, differences, sky.pixels.shading(wrong.radiance[0]), FEW, lambda: None
+    )
+    assert found.glossy.all()
+    assert found.roughness == ROUGHNESS
+    foretold, before = (
+        replace(mirror, radiance=one.radiance[0]).image(ROUGHNESS, np.arange(len(matt)))
+        for one in (light, wrong)
+    )
+    assert error(foretold, sheen) < 0.1
+    assert error(before, sheen) > 3 * error(foretold, sheen)
+
+
+def test_both_witnesses_are_heard(glossy):
+    """What pairs and differences are left with together falls, and neither is left as it was."""
+    views, sky, mirror, shading, matt, sheen = glossy
+    photos, start = photos_of(views, matt + sheen, mirror), np.ones((1, DIRECTIONS, 3))
+    even = FoundLight(start, np.zeros((1, 1, 3), np.float32))
+    objective = Search.of(sky, views, photos.matt, everything(matt), photos.light_of_view, FEW).objective(
+        even
+    )
+    assert isinstance(objective, PairObjective)
+    differences, strength = photos.differences(sky, light_of(mirror)), 0.1 * np.ones(3)
+    number = ROUGHNESSES.index(ROUGHNESS)
+    light = light_in_gloss(objective, differences, number, strength, start)
+    assert light.min() >= 0
+    for loss in (lambda e: objective(e.ravel())[0], lambda e: differences.left(number, strength * e[0])[0]):
+        assert loss(light) < loss(start)
+
+
+def test_what_is_taken_off_is_the_sheen_and_never_adds(glossy):
+    _, _, mirror, _, matt, sheen = glossy
+    scale = np.median(sheen / mirror.image(ROUGHNESS, np.arange(len(matt))), axis=0)
+    known = Sheen(scale, ROUGHNESS, 0.1, everything(matt))
+    added = known.image(mirror)
+    assert error(added, sheen) < 1e-3
     seen, share = without_sheen(matt + sheen, added)
     assert error(seen, matt) < 0.2 * error(matt + sheen, matt)
     below = np.where(np.arange(len(matt))[:, None] % 5, matt + sheen, -0.01).astype(np.float32)
     assert np.all(without_sheen(below, added)[0] <= below)
     assert np.corrcoef(share, (sheen / (matt + sheen)).mean(axis=1))[0, 1] > 0.95
+    half = replace(known, glossy=np.arange(len(matt)) % 2 == 0)
+    assert not half.image(mirror)[1::2].any()
+    assert half.as_json()["pixels"] == half.glossy.sum()
 
 
 def test_matt_surface_has_none_nor_has_what_no_other_view_sees(glossy):
     views, _, mirror, shading, matt, sheen = glossy
-    assert not sheen_of_all(views, matt, shading, everything(matt), mirror).believed
+    assert differences_of(views, matt, shading, everything(matt), mirror).mirrored is None
     alone = replace(views, links={})
-    assert sheen_of_all(alone, matt + sheen, shading, everything(matt), mirror) is NO_SHEEN
+    assert differences_of(alone, matt + sheen, shading, everything(matt), mirror).mirrored is None
     nobody = np.zeros(len(matt), bool)
-    assert sheen_of_all(views, matt + sheen, shading, nobody, mirror) is NO_SHEEN
-    lamp = np.zeros_like(shading)
+    assert differences_of(views, matt + sheen, shading, nobody, mirror).mirrored is None
+    lamp = np.full_like(shading, 1e-6)
     lamp[0] = 1  # all else is dark beside it
-    assert sheen_of_all(views, matt + sheen, lamp, everything(matt), mirror) is NO_SHEEN
+    some = differences_of(views, matt + sheen, lamp, everything(matt), mirror)
+    assert some.mirrored is None or some.p.size > 200
 
 
 @pytest.fixture(scope="module")
@@ -165,29 +236,33 @@ def test_a_paint_is_what_has_one_albedo_whatever_light_and_sheen_make_of_it(glos
 
 def test_what_is_matt_hides_no_sheen_of_other_paint(glossy_in_part):
     views, mirror, shading, matt, sheen, part = glossy_in_part
-    seen, trusted = matt + sheen, everything(matt)
-    differences = Differences.of(views, seen, shading, trusted, mirror)
-    found = differences.sheen_of(paints_of(views, seen, shading, trusted))
-    assert found.believed
-    added = found.image(mirror)
-    assert np.count_nonzero(added[~part].any(axis=1)) < 0.001 * len(part)  # where paints meet
-    assert error(added[part], sheen[part]) < 0.05
-    assert sum(one["pixels"] for one in found.as_json()) == pytest.approx(part.sum(), rel=0.01)
-    two = differences.sheen_of((~part).astype(np.int32))
-    assert [one.believed for one in two.of_paint] == [True, False]
+    seen = matt + sheen
+    photos, differences = (
+        photos_of(views, seen, mirror),
+        differences_of(views, seen, shading, everything(matt), mirror),
+    )
+    if differences.mirrored is None:
+        glossy = photos.glossy(differences, shading, light_of(mirror))
+        assert np.mean(glossy == part) > 0.99
+    assert not differences.within(~part).shows(mirror.radiance)
+    assert differences.within(part).shows(mirror.radiance)
+    assert differences.within(part).mirrored.roughness == ROUGHNESS
 
 
-def test_a_few_links_or_views_side_by_side_prove_nothing(glossy):
-    """Noise is explained by any three numbers if there is little of it, or by an endless strength."""
+def test_noise_and_few_links_prove_nothing(glossy):
     views, _, mirror, shading, matt, _ = glossy
     rng = np.random.default_rng(0)
     noisy = (matt * rng.normal(1, 0.2, matt.shape)).astype(np.float32)
+    all_links = differences_of(views, noisy, shading, everything(matt), mirror)
+    assert all_links.mirrored is None
+    assert not all_links.shows(mirror.radiance)
     for count in (1, 3, 10, 30):
         some = np.zeros(len(matt), bool)
         one, other = next(iter(views.linked_pixels()))
         some[one[:count]] = some[other[:count]] = True
-        assert not sheen_of_all(views, noisy, shading, some, mirror).believed
-    assert not Sheen(np.array([0.1, 0.1, 4.8]), ROUGHNESS, 0.5).believed
+        few = differences_of(views, noisy, shading, some, mirror)
+        assert few.mirrored is None
+        assert not few.shows(mirror.radiance)
 
 
 def test_some_pixels_always_stay_trusted():
@@ -226,8 +301,8 @@ def test_the_albedo_comes_nearer_the_paint(glossy):
         )
         for sheen in (True, False)
     )
-    assert with_it.sheen.believed
-    assert without.sheen is NOT_SOUGHT
+    assert with_it.sheen is not None
+    assert without.sheen is None
     assert error(with_it.albedo, albedo) < 0.8 * error(without.albedo, albedo)
     assert error(with_it.seen, matt) < error(without.seen, matt)
     two_threads = decompose_by_sky(views, images, [sky], looks(everything(matt)), HOW, 2, lambda: None)

@@ -15,7 +15,8 @@ from stages.photometry.appearance import appearance_of
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
 from stages.photometry.highlights import Linked, brightening, without_highlights
-from stages.photometry.light_from_pairs import PairWeights, Sample, _Objective
+from stages.photometry.light_from_pairs import PairObjective, PairWeights, Sample
+from stages.photometry.light_search import disagreements, sky_light
 from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
     PaintEdges,
@@ -27,7 +28,7 @@ from stages.photometry.paint_edges import (
 from stages.photometry.saddle import ALIKE, EdgeWeights, graph_of
 from stages.photometry.sky import even_directions
 from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky, explained_best
-from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, disagreements, sky_light
+from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks
 from stages.photometry.stack import StackedViews
 from stages.photometry.transfer import Occlusion
@@ -179,7 +180,7 @@ def test_the_slope_of_what_is_minimised_is_right():
         np.full(60, 1 / 60),
     )
     weights = PairWeights(neutrality=0.3, evenness=0.2)
-    objective = _Objective(sample, 0.1 * rng.random((30, 3)), pairs, 0.4, weights, (2, 8, 3))
+    objective = PairObjective(sample, 0.1 * rng.random((30, 3)), pairs, 0.4, weights, (2, 8, 3))
     light = 0.5 + rng.random(48)
     slope = objective(light)[1]
     for direction in rng.normal(size=(5, 48)):
@@ -191,7 +192,7 @@ def test_the_slope_of_what_is_minimised_is_right():
 def test_an_even_neutral_light_costs_nothing_beside_the_pairs():
     sample = Sample(np.ones((2, 3)), np.ones((2, 8), np.float32), np.zeros(2, int))
     pairs = Pairs(np.array([0], np.int32), np.array([1], np.int32), np.array([1.0]))
-    objective = _Objective(sample, np.zeros((2, 3)), pairs, 0.4, PairWeights(), (1, 8, 3))
+    objective = PairObjective(sample, np.zeros((2, 3)), pairs, 0.4, PairWeights(), (1, 8, 3))
     value, slope = objective((np.ones((1, 8, 1)) * np.array([1.0, 2.0, 0.5])).ravel())
     assert value == pytest.approx(0, abs=1e-12)
     assert np.allclose(slope, 0, atol=1e-9)

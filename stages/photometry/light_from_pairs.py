@@ -89,7 +89,7 @@ def light_from_pairs(
     quite wrong. Neither an albedo nor its smoothness enters, so no λ weighs against the paint; and
     since light is at least 0 everywhere, so is the shading.
     """
-    objective = _Objective(sample, bounced, pairs, scale, weights, start.shape)
+    objective = PairObjective(sample, bounced, pairs, scale, weights, start.shape)
     found = minimize(
         objective,
         start.ravel(),
@@ -124,7 +124,7 @@ class _Losses:
         return loss, (-by_log / shading).astype(np.float32)
 
 
-class _Objective:
+class PairObjective:
     """Value and slope of what `light_from_pairs` minimises."""
 
     def __init__(
@@ -148,7 +148,7 @@ class _Objective:
     def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         light = values.reshape(self._shape)
         loss, slope = self.disagreement(light)
-        for term, weight in ((_colour, self._weights.neutrality), (_contrast, self._weights.evenness)):
+        for term, weight in ((_colour, self._weights.neutrality), (contrast, self._weights.evenness)):
             price, own = term(light)
             loss, slope = loss + weight * price, slope + weight * own
         return loss, slope.ravel()
@@ -173,7 +173,7 @@ def _colour(light: np.ndarray) -> tuple[float, np.ndarray]:
     return float(size * (off**2).sum()), (by_part - (by_part * part).sum(axis=1, keepdims=True)) / total
 
 
-def _contrast(light: np.ndarray) -> tuple[float, np.ndarray]:
+def contrast(light: np.ndarray) -> tuple[float, np.ndarray]:
     """Mean of ``√(1 + d²) − 1``, d the light's deviation from its mean in units of the mean; all channels.
 
     What differs a little costs its square; a sun what it is bright, for by its square it would become broad.

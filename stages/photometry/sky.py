@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from stages.photometry.sky_loops import gather_irradiance, gather_mirrored, gather_shares
+from stages.photometry.sky_loops import gather_irradiance, gather_lobes, gather_mirrored, gather_shares
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 FARTHEST = np.float32(2 / 3)  # of the sphere's radius: nearer to it, the light would be endless
@@ -182,6 +182,13 @@ class SkyTransport:
         scene = (self.normals, self.offsets, self._blend, self.visible, self.directions)
         light = np.ascontiguousarray(radiance, np.float32)
         gather_mirrored(np.asarray(points), *scene, towards, np.float32(roughness), light, out)
+        return out
+
+    def lobes(self, towards: np.ndarray, roughness: float, points: np.ndarray) -> np.ndarray:
+        """What each direction's light adds to that, per unit, (n, M), float32; see `mirrored`."""
+        out = np.empty((len(points), len(self.directions)), np.float32)
+        scene = (self.normals, self.offsets, self._blend, self.visible, self.directions)
+        gather_lobes(np.asarray(points), *scene, towards, np.float32(roughness), out)
         return out
 
     @property

@@ -18,10 +18,11 @@ from stages.photometry.paint_edges import (
     smoothness_of_edges,
 )
 from stages.photometry.saddle import ALIKE, EdgeWeights
-from stages.photometry.sheen import NOT_SOUGHT, Differences, PaintedSheen
+from stages.photometry.sheen import Sheen
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks, Photos
 from stages.photometry.stack import StackedViews
+from stages.photometry.view_differences import Differences
 from stages.photometry.view_gains import ViewGains, view_gains
 from stages.solvers.threading_layer import use_threads
 
@@ -38,7 +39,7 @@ class SkyDecomposition:
     light : SkySettings
     lighting : Lighting
     sheen : bool
-        Whether it is looked for, where there is one light; see `sheen_of`.
+        Whether it is looked for, where there is one light; see `Photos.sheen`.
     edges : PaintEdges
         Of `albedo`.
     descent : FastSettings
@@ -73,8 +74,8 @@ class SkySolution:
     disagreements : list of float
         Of all scenes; see `_best_explanation`.
     gains : ViewGains
-    sheen : PaintedSheen
-        That was found; taken off where it is to be believed.
+    sheen : Sheen or None
+        That was found and taken off.
     brightening : float
         Of the views, after these.
     light_of_view : ndarray, shape (n,), int64
@@ -96,7 +97,7 @@ class SkySolution:
     scene: int
     disagreements: list[float]
     gains: ViewGains
-    sheen: PaintedSheen
+    sheen: Sheen | None
     brightening: float
     light_of_view: np.ndarray
     trusted: np.ndarray
@@ -143,15 +144,18 @@ def decompose_by_sky(
     best, left, found, differences = _best_explanation(photos, scenes, settings, step)
     scene = scenes[best]
     shading = photos.shading(scene, found)
-    sheen = NOT_SOUGHT if differences is None else photos.sheen(differences, shading)
-    if sheen.believed:
-        photos = photos.without_sheen(sheen, photos.mirror(scene, found))
-        found = photos.light(scene, settings.light, step)
+    glossy = differences and photos.sheen(scene, found, differences, shading, settings.light, step)
+    sheen, in_gloss = glossy or (None, found)
+    ruled_out = differences is not None and sheen is None
+    del differences  # many lobes
+    if sheen is not None:
+        photos = photos.without_sheen(sheen, photos.mirror(scene, in_gloss))
+        found = photos.light(scene, settings.light, step, near=in_gloss)
         shading = photos.shading(scene, found)
     light = _scaled(found.radiance, shading * of_pixel)
     light_found = (light, best, left, gains, sheen, photos.brightening, photos.light_of_view)
     del image  # `photos` has what follows
-    albedo_found = _albedo(photos, not sheen.ruled_out, light, of_pixel, settings, threads, step)
+    albedo_found = _albedo(photos, not ruled_out, light, of_pixel, settings, threads, step)
     return SkySolution(*light_found, *albedo_found, scene.pixels.directions)
 
 
@@ -171,7 +175,8 @@ def _best_explanation(
         best = explained_best(left)
         return best, left, lights[best], None
     differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
-    left = [one * by_views.sheen.unexplained for one, by_views in zip(left, differences, strict=True)]
+    mirrored = [each.mirrored for each in differences]
+    left = [one * (light.left if light else 1.0) for one, light in zip(left, mirrored, strict=True)]
     best = explained_best(left)
     return best, left, lights[best], differences[best]
 

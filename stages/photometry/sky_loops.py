@@ -56,6 +56,23 @@ def gather_mirrored(points, normals, offsets, blend, visible, directions, toward
             out[k] /= total
 
 
+@numba.njit(parallel=True, cache=True, nogil=True)
+def gather_lobes(points, normals, offsets, blend, visible, directions, towards, roughness, out):
+    """``V_d m_d / Σ_d m_d`` of chosen points and all directions, (n, M), with m of `_mirroring`."""
+    for chunk in numba.prange((len(points) + CHUNK - 1) // CHUNK):
+        seen = np.empty(8 * visible.shape[1], np.float32)
+        for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(points))):
+            p = points[k]
+            _look(p, blend, visible, seen)
+            total = np.float32(1e-12)
+            for d in range(len(directions)):
+                share = _mirroring(normals[p], offsets[p], directions[d], towards[p], roughness)
+                total += share
+                out[k, d] = seen[d] * share
+            for d in range(len(directions)):
+                out[k, d] /= total
+
+
 @numba.njit(cache=True, nogil=True)
 def pair_losses(values, trust, first, second, weight, scale, slope):
     """Sum of ``weight · u/(1 + u)``, u the squared disagreement over scale²; adds its slope by the values."""

@@ -9,12 +9,16 @@ from typing import Literal
 import numpy as np
 
 from stages.photometry.highlights import Linked, brightening, without_highlights
+from stages.photometry.light_in_gloss import light_in_gloss
+from stages.photometry.light_search import Search, disagreements, sky_light
 from stages.photometry.paints import paints_of
-from stages.photometry.sheen import Differences, Mirror, PaintedSheen, highlights_of, without_sheen
-from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings, disagreements, sky_light
+from stages.photometry.sheen import Mirror, Sheen, highlights_of, without_sheen
+from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.stack import StackedViews
+from stages.photometry.view_differences import ROUGHNESSES, Differences
 
 GLOSSY = 1.05  # `brightening` above which it is gloss that makes views differ
+TURNS = 2  # of taking the sheen off and finding light and sheen together
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +107,16 @@ class Photos:
         """Matt surface then looks the same in all views."""
         return not self.light_of_view.any()
 
-    def light(self, scene: SkyScene, settings: SkySettings, step: Callable[[], None]) -> FoundLight:
-        """What they were taken in."""
+    def light(
+        self,
+        scene: SkyScene,
+        settings: SkySettings,
+        step: Callable[[], None],
+        near: FoundLight | None = None,
+    ) -> FoundLight:
+        """What they were taken in; one that is `near` it is gone on from."""
         trusted = self.looks.trusted
-        return sky_light(scene, self.views, self.matt, trusted, self.light_of_view, settings, step)
+        return sky_light(scene, self.views, self.matt, trusted, self.light_of_view, settings, step, near)
 
     def disagreements(
         self, scenes: Sequence[SkyScene], lights: Sequence[FoundLight], settings: SkySettings
@@ -121,16 +131,56 @@ class Photos:
 
     def differences(self, scene: SkyScene, found: FoundLight) -> Differences:
         """How views differ under the one light found, and how mirrors would make them differ."""
-        shading, trusted = self.shading(scene, found), self.looks.trusted
-        return Differences.of(self.views, self.seen, shading, trusted, self.mirror(scene, found))
+        views, looks, pixels = self.views, self.looks, scene.pixels
+        return Differences.of(
+            views, self.seen, looks.trusted, looks.towards, pixels, lambda some: found.shading_at(scene, some)
+        )
 
-    def sheen(self, differences: Differences, shading: np.ndarray) -> PaintedSheen:
-        """That of all surface alike, if there is one: it is surer than one for each paint."""
-        if differences.sheen.believed:
-            return PaintedSheen.of_all(differences.sheen, len(self.seen))
-        return differences.sheen_of(paints_of(self.views, self.matt, shading, self.looks.trusted))
+    def glossy(self, differences: Differences, shading: np.ndarray, found: FoundLight) -> np.ndarray:
+        """Pixels of glossy surface, (N,): all, if that explains how views differ; else of paints that are."""
+        everything = np.ones(len(self.seen), bool)
+        if differences.mirrored:
+            return everything
+        paint = paints_of(self.views, self.matt, shading, self.looks.trusted)
+        of_paint = (everything if paint.max() == 0 else paint == k for k in range(int(paint.max()) + 1))
+        shown = [own for own in of_paint if differences.within(own).shows(found.radiance[0])]
+        return np.any(shown, axis=0) if shown else ~everything
 
-    def without_sheen(self, sheen: PaintedSheen, mirror: Mirror) -> Photos:
+    def sheen(
+        self,
+        scene: SkyScene,
+        found: FoundLight,
+        differences: Differences,
+        shading: np.ndarray,
+        settings: SkySettings,
+        step: Callable[[], None],
+    ) -> tuple[Sheen, FoundLight] | None:
+        """The sheen, and the light in which it and the paint are seen at once; None where nothing is glossy.
+
+        The mirror's light and that on the paint are one but for the mirror's strength. Differences alone do
+        not tell all of it, nor do pairs while gloss is in what is seen; so they look for it together, and
+        what the sheen takes off the photos is found anew before each turn.
+        """
+        glossy = self.glossy(differences, shading, found)
+        own = differences.within(glossy)
+        mirrored = own.mirrored
+        if mirrored is None:
+            return None
+        number = ROUGHNESSES.index(mirrored.roughness)
+        strength = mirrored.radiance.sum(axis=0) / np.maximum(found.radiance[0].sum(axis=0), 1e-12)
+        sheen = Sheen(strength, mirrored.roughness, mirrored.left, glossy)
+        for _ in range(TURNS):
+            matt = self.without_sheen(sheen, self.mirror(scene, found)).matt
+            search = Search.of(scene, self.views, matt, self.looks.trusted, self.light_of_view, settings)
+            light = light_in_gloss(search.objective(found), own, number, sheen.strength, found.radiance)
+            left, _ = own.left(number, sheen.strength * light[0])
+            settled = search.settled(light, found)
+            sheen = replace(sheen, strength=sheen.strength * light.sum() / settled.radiance.sum(), left=left)
+            found = settled
+            step()
+        return sheen, found
+
+    def without_sheen(self, sheen: Sheen, mirror: Mirror) -> Photos:
         """The photos without it; what it hides in one view and not in another is no longer trusted."""
         seen, share = without_sheen(self.seen, sheen.image(mirror))
         looks = self.looks.without(highlights_of(self.views, share, self.looks.trusted))

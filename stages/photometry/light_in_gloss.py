@@ -1,0 +1,52 @@
+"""The light of glossy surface: the one by which like paint comes out alike, and views differ as they do."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import minimize
+
+from stages.photometry.light_from_pairs import PairObjective
+from stages.photometry.view_differences import Differences
+
+SAY = 0.3  # of how views differ, against how pairs of like paint do
+STEPS = 100  # of the descent
+
+
+def light_in_gloss(
+    pairs: PairObjective, differences: Differences, number: int, strength: np.ndarray, start: np.ndarray
+) -> np.ndarray:
+    """Descend from a light to one that both kinds of witnesses agree on.
+
+    Parameters
+    ----------
+    pairs : PairObjective
+        Of what is seen without the sheen, as it is known so far.
+    differences : Differences
+        Between views of the glossy surface.
+    number : int
+        Of the mirror's roughness.
+    strength : ndarray, shape (3,)
+        Of the sheen.
+    start : ndarray, shape (1, M, 3)
+
+    Returns
+    -------
+    ndarray, shape (1, M, 3)
+        At least 0.
+
+    Notes
+    -----
+    Adds `SAY` times what the light in the mirror leaves of the differences to what `light_from_pairs`
+    minimises. Pairs know the light up to a scale, which the differences choose: the strength is held, and
+    both stay as easy as they are alone.
+    """
+
+    def objective(values: np.ndarray) -> tuple[float, np.ndarray]:
+        loss, slope = pairs(values)
+        left, own = differences.left(number, strength * values.reshape(start.shape[1:]))
+        return loss + SAY * left, slope + SAY * (own * strength).ravel()
+
+    bounds = [(0.0, None)] * start.size
+    options = {"maxiter": STEPS}
+    found = minimize(objective, start.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    return found.x.reshape(start.shape)
