@@ -164,6 +164,21 @@ def test_the_same_light_again(lit):
     assert np.array_equal(one[0].radiance, two[0].radiance)
 
 
+def test_a_light_that_is_near_is_gone_on_from(lit):
+    views, sky, albedo, shading, _ = lit
+    image, everything = (albedo * shading).astype(np.float32), np.ones(len(albedo), bool)
+    one_light, steps = np.zeros(views.view_count, int), []
+    towards = even_directions(DIRECTIONS) @ [0.4, 0.5, 0.77]
+    dimmed = np.tile((0.5 + 1.5 * np.maximum(towards, 0) ** 6)[:, None], 3)
+    near = FoundLight(dimmed[None], np.zeros((1, 1, 3), np.float32))
+    again = sky_light(sky, views, image, everything, one_light, FEW, lambda: steps.append(1), near).shading(
+        sky, views.starts, one_light
+    )
+    assert len(steps) < len(FEW.scales)
+    before = near.shading(sky, views.starts, one_light)
+    assert error(again, shading) < 0.05 < error(before, shading)
+
+
 def test_brighter_photos_of_the_same_give_a_brighter_light_and_the_same_pairs(lit):
     views, sky, albedo, shading, _ = lit
     image = (albedo * shading).astype(np.float32)

@@ -56,7 +56,7 @@ class DecompositionSettings(Settings):
         True,
         "`light: directions`, one light for all views: whether the light's image in the surface, which is "
         "taken for a rough mirror, is taken off where it explains how views differ: on all of it, or else on "
-        "the paints where it does.",
+        "the paints where it does. How views differ there then has a say in the light, too.",
     )
     samples: int = setting(
         20_000,
