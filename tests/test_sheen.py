@@ -242,7 +242,7 @@ def test_what_is_matt_hides_no_sheen_of_other_paint(glossy_in_part):
         differences_of(views, seen, shading, everything(matt), mirror),
     )
     if differences.mirrored is None:
-        glossy = photos.glossy(differences, shading, light_of(mirror))
+        glossy, _ = photos.glossy(differences, shading, light_of(mirror))
         assert np.mean(glossy == part) > 0.99
     assert not differences.within(~part).shows(mirror.radiance)
     assert differences.within(part).shows(mirror.radiance)

@@ -54,7 +54,7 @@ def appearance_of(
     edges : PaintEdges
         Its step of chroma.
     glossy : bool
-        Whether there may be gloss: it was found, or not looked for.
+        Whether there may be gloss of some paints: they were found, or not looked for.
 
     Notes
     -----

@@ -146,7 +146,7 @@ def decompose_by_sky(
     shading = photos.shading(scene, found)
     glossy = differences and photos.sheen(scene, found, differences, shading, settings.light, step)
     sheen, in_gloss = glossy or (None, found)
-    ruled_out = differences is not None and sheen is None
+    unsure = differences is None if sheen is None else not sheen.glossy.all()
     del differences  # many lobes
     if sheen is not None:
         photos = photos.without_sheen(sheen, photos.mirror(scene, in_gloss))
@@ -155,7 +155,7 @@ def decompose_by_sky(
     light = _scaled(found.radiance, shading * of_pixel)
     light_found = (light, best, left, gains, sheen, photos.brightening, photos.light_of_view)
     del image  # `photos` has what follows
-    albedo_found = _albedo(photos, not ruled_out, light, of_pixel, settings, threads, step)
+    albedo_found = _albedo(photos, unsure, light, of_pixel, settings, threads, step)
     return SkySolution(*light_found, *albedo_found, scene.pixels.directions)
 
 
@@ -183,7 +183,7 @@ def _best_explanation(
 
 def _albedo(
     photos: Photos,
-    glossy: bool,
+    unsure: bool,
     light: SkyLight,
     of_pixel: np.ndarray,
     settings: SkyDecomposition,
@@ -195,7 +195,7 @@ def _albedo(
     lit = photos.looks.without(shading.mean(axis=1) <= UNLIT * np.median(shading))
     seen, matt = photos.seen * of_pixel, photos.matt * of_pixel
     shown, white = (in_white_light(one, shading) for one in (seen, matt))
-    surface = appearance_of(views, shown, shading, lit.trusted, settings.edges, glossy)
+    surface = appearance_of(views, shown, shading, lit.trusted, settings.edges, unsure)
     by_edge = EdgeWeights(
         smoothness_of_edges(views, white, shading, surface.textured, settings.edges),
         agreement_of_links(views, settings.descent.weights.consistency, surface.disputed),

@@ -136,15 +136,20 @@ class Photos:
             views, self.seen, looks.trusted, looks.towards, pixels, lambda some: found.shading_at(scene, some)
         )
 
-    def glossy(self, differences: Differences, shading: np.ndarray, found: FoundLight) -> np.ndarray:
-        """Pixels of glossy surface, (N,): all, if that explains how views differ; else of paints that are."""
-        everything = np.ones(len(self.seen), bool)
+    def glossy(
+        self, differences: Differences, shading: np.ndarray, found: FoundLight
+    ) -> tuple[np.ndarray, Differences]:
+        """Pixels of glossy surface, (N,), and how their views differ.
+
+        All of it, if that explains the differences; else of the paints that the light found shows in.
+        """
         if differences.mirrored:
-            return everything
+            return np.ones(len(self.seen), bool), differences
         paint = paints_of(self.views, self.matt, shading, self.looks.trusted)
-        of_paint = (everything if paint.max() == 0 else paint == k for k in range(int(paint.max()) + 1))
+        of_paint = (paint == number for number in range(int(paint.max()) + 1))
         shown = [own for own in of_paint if differences.within(own).shows(found.radiance[0])]
-        return np.any(shown, axis=0) if shown else ~everything
+        glossy = np.any([np.zeros(len(self.seen), bool), *shown], axis=0)
+        return glossy, differences.within(glossy)
 
     def sheen(
         self,
@@ -161,8 +166,7 @@ class Photos:
         not tell all of it, nor do pairs while gloss is in what is seen; so they look for it together, and
         what the sheen takes off the photos is found anew before each turn.
         """
-        glossy = self.glossy(differences, shading, found)
-        own = differences.within(glossy)
+        glossy, own = self.glossy(differences, shading, found)
         mirrored = own.mirrored
         if mirrored is None:
             return None
@@ -170,13 +174,13 @@ class Photos:
         strength = mirrored.radiance.sum(axis=0) / np.maximum(found.radiance[0].sum(axis=0), 1e-12)
         sheen = Sheen(strength, mirrored.roughness, mirrored.left, glossy)
         for _ in range(TURNS):
-            matt = self.without_sheen(sheen, self.mirror(scene, found)).matt
+            matt, _ = without_sheen(self.seen, sheen.image(self.mirror(scene, found)))
             search = Search.of(scene, self.views, matt, self.looks.trusted, self.light_of_view, settings)
             light = light_in_gloss(search.objective(found), own, number, sheen.strength, found.radiance)
             left, _ = own.left(number, sheen.strength * light[0])
             settled = search.settled(light, found)
-            sheen = replace(sheen, strength=sheen.strength * light.sum() / settled.radiance.sum(), left=left)
-            found = settled
+            dimmed = light.sum() / max(settled.radiance.sum(), 1e-12)
+            sheen, found = replace(sheen, strength=sheen.strength * dimmed, left=left), settled
             step()
         return sheen, found
 
