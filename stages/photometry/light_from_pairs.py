@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
 from stages.photometry.alike_pairs import Pairs
 from stages.photometry.sky_loops import pair_losses
+from stages.solvers.non_negative import descend_above_zero
 
 DARKEST = 1e-4  # of the scaled image, or of the shading: what logarithms do not go below
 
@@ -89,16 +89,8 @@ def light_from_pairs(
     quite wrong. Neither an albedo nor its smoothness enters, so no λ weighs against the paint; and
     since light is at least 0 everywhere, so is the shading.
     """
-    objective = PairObjective(sample, bounced, pairs, scale, weights, start.shape)
-    found = minimize(
-        objective,
-        start.ravel(),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[(0.0, None)] * start.size,
-        options={"maxiter": weights.max_steps},
-    )
-    return found.x.reshape(start.shape)
+    objective = PairObjective(sample, bounced, pairs, scale, weights, len(start))
+    return descend_above_zero(objective, start, weights.max_steps)
 
 
 def disagreement(image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, noise: float) -> float:
@@ -134,24 +126,23 @@ class PairObjective:
         pairs: Pairs,
         scale: float,
         weights: PairWeights,
-        shape: tuple[int, ...],
+        lights: int,
     ) -> None:
         self._sample, self._bounced, self._pairs = sample, bounced, pairs
-        self._scale, self._weights, self._shape = scale, weights, shape
+        self._scale, self._weights = scale, weights
         self._losses = _Losses(sample.image, weights.noise)
         order = np.argsort(sample.light_of, kind="stable")
-        ends = np.searchsorted(sample.light_of[order], np.arange(shape[0] + 1))
+        ends = np.searchsorted(sample.light_of[order], np.arange(lights + 1))
         self._rows = [order[a:b] for a, b in zip(ends, ends[1:], strict=False)]
         whole = len(self._rows) == 1
         self._shares = [sample.shares] if whole else [sample.shares[rows] for rows in self._rows]
 
-    def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        light = values.reshape(self._shape)
+    def __call__(self, light: np.ndarray) -> tuple[float, np.ndarray]:
         loss, slope = self.disagreement(light)
         for term, weight in ((_colour, self._weights.neutrality), (contrast, self._weights.evenness)):
             price, own = term(light)
             loss, slope = loss + weight * price, slope + weight * own
-        return loss, slope.ravel()
+        return loss, slope
 
     def disagreement(self, light: np.ndarray) -> tuple[float, np.ndarray]:
         """Loss of the pairs, and its slope by the light."""

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import minimize
 
 from stages.photometry.light_from_pairs import PairObjective
-from stages.photometry.view_differences import Differences
+from stages.photometry.view_differences import InMirror
+from stages.solvers.non_negative import descend_above_zero
 
 SAY = 0.3  # of how views differ, against how pairs of like paint do
 STEPS = 100  # of the descent
 
 
 def light_in_gloss(
-    pairs: PairObjective, differences: Differences, number: int, strength: np.ndarray, start: np.ndarray
+    pairs: PairObjective, mirror: InMirror, strength: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
     """Descend from a light to one that both kinds of witnesses agree on.
 
@@ -21,12 +21,10 @@ def light_in_gloss(
     ----------
     pairs : PairObjective
         Of what is seen without the sheen, as it is known so far.
-    differences : Differences
-        Between views of the glossy surface.
-    number : int
-        Of the mirror's roughness.
+    mirror : InMirror
+        How views of the glossy surface differ.
     strength : ndarray, shape (3,)
-        Of the sheen.
+        Of the mirror.
     start : ndarray, shape (1, M, 3)
 
     Returns
@@ -41,12 +39,9 @@ def light_in_gloss(
     both stay as easy as they are alone.
     """
 
-    def objective(values: np.ndarray) -> tuple[float, np.ndarray]:
-        loss, slope = pairs(values)
-        left, own = differences.left(number, strength * values.reshape(start.shape[1:]))
-        return loss + SAY * left, slope + SAY * (own * strength).ravel()
+    def objective(light: np.ndarray) -> tuple[float, np.ndarray]:
+        loss, slope = pairs(light)
+        left, own = mirror.left(strength * light[0])
+        return loss + SAY * left, slope + SAY * strength * own
 
-    bounds = [(0.0, None)] * start.size
-    options = {"maxiter": STEPS}
-    found = minimize(objective, start.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    return found.x.reshape(start.shape)
+    return descend_above_zero(objective, start, STEPS)

@@ -99,7 +99,7 @@ class Search:
     def objective(self, now: FoundLight) -> PairObjective:
         """What pairs disagree by at the finest scale, and the priors; by the bounces of the light so far."""
         bounce, pairs, finest = self.bounce(now), self.pairs(now), self.settings.scales[-1]
-        return PairObjective(self.sample, bounce, pairs, finest, self.settings.weights, now.radiance.shape)
+        return PairObjective(self.sample, bounce, pairs, finest, self.settings.weights, len(now.radiance))
 
     def settled(self, light: np.ndarray, before: FoundLight) -> FoundLight:
         """A light, (G, M, 3), at the scale that `brightest` asks for, with the bounces that it then has.
@@ -143,9 +143,9 @@ def sky_light(
 
     Notes
     -----
-    Starting from even light, at every scale: pairs are drawn by what the albedo seems to be; the light
-    descends; then albedo and bounces settle under it, the albedo's scale being set by `brightest`. The cost
-    does not grow with the number of pixels beyond `LOOKED_AT`.
+    Starting from even light, or from one that is near, at every scale: pairs are drawn by what the albedo
+    seems to be; the light descends; then albedo and bounces settle under it, the albedo's scale being set by
+    `brightest`. The cost does not grow with the number of pixels beyond `LOOKED_AT`.
     """
     search, now = Search.of(scene, views, image, trusted, light_of_view, settings), near
     for scale in settings.scales if near is None else settings.scales[-REFINED:]:

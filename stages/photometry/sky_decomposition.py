@@ -20,7 +20,7 @@ from stages.photometry.paint_edges import (
 from stages.photometry.saddle import ALIKE, EdgeWeights
 from stages.photometry.sheen import Sheen
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
-from stages.photometry.sky_photos import Lighting, Looks, Photos
+from stages.photometry.sky_photos import MOST_EXPLAINED, Lighting, Looks, Photos
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_differences import Differences
 from stages.photometry.view_gains import ViewGains, view_gains
@@ -144,8 +144,10 @@ def decompose_by_sky(
     best, left, found, differences = _best_explanation(photos, scenes, settings, step)
     scene = scenes[best]
     shading = photos.shading(scene, found)
-    glossy = differences and photos.sheen(scene, found, differences, shading, settings.light, step)
-    sheen, in_gloss = glossy or (None, found)
+    sheen, in_gloss = None, found
+    if differences is not None:
+        gloss = photos.sheen(scene, found, differences, shading, settings.light, step)
+        sheen, in_gloss = gloss or (None, found)
     unsure = differences is None if sheen is None else not sheen.glossy.all()
     del differences  # many lobes
     if sheen is not None:
@@ -176,7 +178,9 @@ def _best_explanation(
         return best, left, lights[best], None
     differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
     mirrored = [each.mirrored for each in differences]
-    left = [one * (light.left if light else 1.0) for one, light in zip(left, mirrored, strict=True)]
+    if any(light and light.left < MOST_EXPLAINED for light in mirrored):
+        by_views = (min(light.left, 1.0) if light else 1.0 for light in mirrored)
+        left = [one * other for one, other in zip(left, by_views, strict=True)]
     best = explained_best(left)
     return best, left, lights[best], differences[best]
 

@@ -1,4 +1,4 @@
-"""Photos made ready for the light to be found: how many lights they were taken in, what in them is gloss."""
+"""Photos as light is sought from them: how many lights they were taken in, what in them is gloss."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ from stages.photometry.paints import paints_of
 from stages.photometry.sheen import Mirror, Sheen, highlights_of, without_sheen
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.stack import StackedViews
-from stages.photometry.view_differences import ROUGHNESSES, Differences
+from stages.photometry.view_differences import Differences, MirrorStrength
 
 GLOSSY = 1.05  # `brightening` above which it is gloss that makes views differ
 TURNS = 2  # of taking the sheen off and finding light and sheen together
+MOST_EXPLAINED = 0.7  # light in a mirror leaves no more of views' differences where all surface is glossy
+PAINT_GLOSSY = 0.98  # one strength leaves no more of a paint's, that knows less of the light
+STRENGTHS = (0.01, 1.0)  # of a mirror: less is not seen, more is views too near one another to tell
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,20 +139,28 @@ class Photos:
             views, self.seen, looks.trusted, looks.towards, pixels, lambda some: found.shading_at(scene, some)
         )
 
-    def glossy(
+    def gloss(
         self, differences: Differences, shading: np.ndarray, found: FoundLight
-    ) -> tuple[np.ndarray, Differences]:
-        """Pixels of glossy surface, (N,), and how their views differ.
+    ) -> tuple[Sheen, Differences] | None:
+        """A first guess at the sheen, and how views of what has it differ; None where nothing is glossy.
 
-        All of it, if that explains the differences; else of the paints that the light found shows in.
+        Of all surface, if light in a mirror explains most of the differences; else of those paints whose
+        differences the light found explains in a mirror, though it is known by shading alone.
         """
-        if differences.mirrored:
-            return np.ones(len(self.seen), bool), differences
+        mirrored, light = differences.mirrored, found.radiance[0]
+        if mirrored and mirrored.left < MOST_EXPLAINED:
+            strength = mirrored.radiance.sum(axis=0) / np.maximum(light.sum(axis=0), 1e-12)
+            everything = np.ones(len(self.seen), bool)
+            return Sheen(strength, mirrored.roughness, mirrored.left, everything), differences
         paint = paints_of(self.views, self.matt, shading, self.looks.trusted)
         of_paint = (paint == number for number in range(int(paint.max()) + 1))
-        shown = [own for own in of_paint if differences.within(own).shows(found.radiance[0])]
-        glossy = np.any([np.zeros(len(self.seen), bool), *shown], axis=0)
-        return glossy, differences.within(glossy)
+        shown = [own for own in of_paint if _shows(differences.within(own).strength(light))]
+        if not shown:
+            return None
+        glossy = np.any(shown, axis=0)
+        own = differences.within(glossy)
+        of_all = own.strength(light)
+        return Sheen(of_all.strength, of_all.roughness, of_all.left, glossy), own
 
     def sheen(
         self,
@@ -164,25 +175,25 @@ class Photos:
 
         The mirror's light and that on the paint are one but for the mirror's strength. Differences alone do
         not tell all of it, nor do pairs while gloss is in what is seen; so they look for it together, and
-        what the sheen takes off the photos is found anew before each turn.
+        what the sheen takes off the photos is found anew before each turn. Highlights are not compared until
+        the light is known: that costs more than a turn, and changes little.
         """
-        glossy, own = self.glossy(differences, shading, found)
-        mirrored = own.mirrored
-        if mirrored is None:
+        gloss = self.gloss(differences, shading, found)
+        if gloss is None:
             return None
-        number = ROUGHNESSES.index(mirrored.roughness)
-        strength = mirrored.radiance.sum(axis=0) / np.maximum(found.radiance[0].sum(axis=0), 1e-12)
-        sheen = Sheen(strength, mirrored.roughness, mirrored.left, glossy)
+        sheen, own = gloss
+        mirror = own.in_mirror(sheen.roughness)
         for _ in range(TURNS):
             matt, _ = without_sheen(self.seen, sheen.image(self.mirror(scene, found)))
             search = Search.of(scene, self.views, matt, self.looks.trusted, self.light_of_view, settings)
-            light = light_in_gloss(search.objective(found), own, number, sheen.strength, found.radiance)
-            left, _ = own.left(number, sheen.strength * light[0])
+            light = light_in_gloss(search.objective(found), mirror, sheen.strength, found.radiance)
+            left, _ = mirror.left(sheen.strength * light[0])
             settled = search.settled(light, found)
             dimmed = light.sum() / max(settled.radiance.sum(), 1e-12)
             sheen, found = replace(sheen, strength=sheen.strength * dimmed, left=left), settled
             step()
-        return sheen, found
+        explains = sheen.left < (MOST_EXPLAINED if sheen.glossy.all() else PAINT_GLOSSY)
+        return (sheen, found) if explains and _likely(sheen.strength) else None
 
     def without_sheen(self, sheen: Sheen, mirror: Mirror) -> Photos:
         """The photos without it; what it hides in one view and not in another is no longer trusted."""
@@ -194,3 +205,13 @@ class Photos:
     def mirror(self, scene: SkyScene, found: FoundLight) -> Mirror:
         """What the one light found would show in the surface."""
         return Mirror(scene.pixels, found.radiance[0], self.looks.towards)
+
+
+def _shows(fit: MirrorStrength | None) -> bool:
+    """Whether a paint is glossy."""
+    return fit is not None and fit.left < PAINT_GLOSSY and _likely(fit.strength)
+
+
+def _likely(strength: np.ndarray) -> bool:
+    weakest, strongest = STRENGTHS
+    return bool(weakest < strength.max() < strongest)

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import minimize
 
 from stages.photometry.light_from_pairs import contrast
 from stages.photometry.sky import SkyTransport
 from stages.photometry.stack import Pixels, StackedViews
+from stages.solvers.non_negative import descend_above_zero
 
 ROUGHNESSES = (0.15, 0.2, 0.3)  # α of GGX: a sharper lobe falls between 256 directions
+MIDDLE = 1  # of them: what it hardly explains no other does
 LINKS = 15_000  # that are looked at, or up to twice as many
-FEWEST = 200  # of them: what fewer differ by is as well explained by chance
+FEWEST = 200  # of them for one strength: what fewer differ by is as well explained by chance
+FEWEST_PER_DIRECTION = 10  # of them for a light of its own: as many numbers per channel explain noise
 LIT = 0.1  # of the mean shading, per channel: what a link's ends have at least
 ALIKE = 5.0  # times: what one end is lit by more than the other where they show the same surface
 NOISE = 0.02  # of the scaled image: differences below this count by their square
+SOME = 1e-3  # of `NOISE`: views that differ by less, typically, do not differ
 EVENNESS = 1e-3  # price of light that differs from direction to direction, where views do not tell
 STEPS = 60  # of the descent
-BELIEVED = 0.9  # of the views' differences; mirrors that leave more are none
+HARDLY = 0.9  # of the differences: where the middle mirror leaves more, the others are not asked
 ROUNDS = 10  # of reweighting
-PAINT_BELIEVED = 0.98  # as `BELIEVED`, of one paint, for one number instead of one for each direction
-STRONGEST = 1.0  # of a mirror: more is no sheen on paint, but views too near one another to tell
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +39,95 @@ class MirroredLight:
     roughness : float
         α.
     left : float
-        What it leaves of the differences: 1 where there is nothing of a mirror.
+        What it leaves of the differences: 1 where it explains nothing.
     """
 
     radiance: np.ndarray
     roughness: float
     left: float
+
+
+@dataclass(frozen=True, eq=False)
+class MirrorStrength:
+    """How strong a mirror of one roughness has to be for a known light to make views differ as they do.
+
+    Attributes
+    ----------
+    strength : ndarray, shape (3,)
+        k of each channel.
+    roughness : float
+        α.
+    left : float
+        What it leaves of the differences.
+    """
+
+    strength: np.ndarray
+    roughness: float
+    left: float
+
+
+@dataclass(frozen=True, eq=False)
+class InMirror:
+    """How views differ along links, and how a mirror of one roughness would make them differ.
+
+    Attributes
+    ----------
+    roughness : float
+        α.
+    seen : ndarray, shape (L, 3), float32
+        ``I_p − f I_q`` with ``f = S_p / S_q``, of the brightness.
+    lobes : ndarray, shape (L, M), float32
+        ``m_p − f m_q``, m as `SkyTransport.lobes` has it: what light of each direction would add to `seen`.
+    """
+
+    roughness: float
+    seen: np.ndarray
+    lobes: np.ndarray
+
+    def left(self, radiance: np.ndarray) -> tuple[float, np.ndarray]:
+        """What light (M, 3) in the mirror leaves, of 1 where it is dark, and the slope by the light.
+
+        ``Σ (√(d² + 0.02²) − 0.02)``, d what is not explained, over the same of what is seen.
+        """
+        off = self.seen - self.lobes @ radiance.astype(np.float32)
+        root = np.sqrt(off**2 + NOISE**2, dtype=np.float32)
+        left = float((root - NOISE).sum(dtype=np.float64))
+        slope = -(self.lobes.T @ (off / root)) / self._all
+        return left / self._all, slope.astype(np.float64)
+
+    @cached_property
+    def _all(self) -> float:
+        size = np.sqrt(self.seen**2 + NOISE**2, dtype=np.float32) - NOISE
+        return max(float(size.sum(dtype=np.float64)), 1e-12)
+
+    def light(self) -> MirroredLight:
+        """The light that leaves least of the differences.
+
+        Convex, but for a small price of light that differs between directions, where views do not tell.
+        """
+
+        def objective(radiance: np.ndarray) -> tuple[float, np.ndarray]:
+            left, slope = self.left(radiance)
+            price, own = contrast(radiance[None])
+            return left + EVENNESS * price, slope + EVENNESS * own[0]
+
+        start = np.full((self.lobes.shape[1], 3), 0.1 * float(np.abs(self.seen).mean()))
+        radiance = descend_above_zero(objective, start, STEPS)
+        return MirroredLight(radiance, self.roughness, self.left(radiance)[0])
+
+    def strength(self, radiance: np.ndarray) -> MirrorStrength:
+        """The strength k ≥ 0 for which ``Σ |seen − k H|`` is least, H of known light (M, 3).
+
+        By reweighted least squares.
+        """
+        mirrored = self.lobes @ radiance.astype(np.float32)
+        weight = np.ones_like(self.seen)
+        for _ in range(ROUNDS):
+            squares = np.maximum((weight * mirrored**2).sum(axis=0), 1e-12)
+            strength = np.maximum((weight * self.seen * mirrored).sum(axis=0) / squares, 0)
+            weight = 1 / np.maximum(np.abs(self.seen - strength * mirrored), NOISE / 2)
+        before, after = np.abs(self.seen).sum(), np.abs(self.seen - strength * mirrored).sum()
+        return MirrorStrength(strength, self.roughness, float(after / before) if before > 0 else 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,17 +138,13 @@ class Differences:
     ----------
     p, q : ndarray, shape (L,)
         Pixels.
-    seen : ndarray, shape (L, 3), float32
-        ``I_p − f I_q`` with ``f = S_p / S_q``, of the brightness.
-    lobes : tuple of ndarray, shape (L, M), float32
-        ``m_p − f m_q`` of every roughness, m as `SkyTransport.lobes` has it: what light of each direction
-        would add to `seen` in a mirror.
+    mirrors : tuple of InMirror
+        Of `ROUGHNESSES`.
     """
 
     p: np.ndarray
     q: np.ndarray
-    seen: np.ndarray
-    lobes: tuple[np.ndarray, ...]
+    mirrors: tuple[InMirror, ...]
 
     @classmethod
     def of(
@@ -88,7 +168,8 @@ class Differences:
             Unit vectors to the cameras.
         pixels : SkyTransport
         shading_at : callable
-            Of chosen pixels by that light, as far as it is known.
+            Of chosen pixels by that light, as far as it is known: both ends of a link show one point, and
+            are lit about alike by any light.
         """
         p, q = _some_links(views, trusted)
         of_p, of_q = shading_at(p), shading_at(q)
@@ -96,83 +177,45 @@ class Differences:
         f = of_p.mean(axis=1) / np.maximum(of_q.mean(axis=1), 1e-12)
         lit = (np.minimum(of_p, of_q) > least).all(axis=1) & (f < ALIKE) & (f > 1 / ALIKE)
         p, q, f = p[lit], q[lit], f[lit, None].astype(np.float32)
-        ends = ((pixels.lobes(towards, each, p), pixels.lobes(towards, each, q)) for each in ROUGHNESSES)
-        return cls(p, q, seen[p] - f * seen[q], tuple(one - f * other for one, other in ends))
+        apart = seen[p] - f * seen[q]
+        lobes = (pixels.lobes(towards, a, p) - f * pixels.lobes(towards, a, q) for a in ROUGHNESSES)
+        return cls(p, q, tuple(InMirror(a, apart, each) for a, each in zip(ROUGHNESSES, lobes, strict=True)))
 
     def within(self, glossy: np.ndarray) -> Differences:
         """Those with both ends among some of the pixels, (N,) bool."""
         both = glossy[self.p] & glossy[self.q]
-        return Differences(self.p[both], self.q[both], self.seen[both], tuple(m[both] for m in self.lobes))
+        mirrors = (replace(each, seen=each.seen[both], lobes=each.lobes[both]) for each in self.mirrors)
+        return Differences(self.p[both], self.q[both], tuple(mirrors))
 
     @cached_property
     def mirrored(self) -> MirroredLight | None:
-        """The light that explains most of them, in the mirror for which it does; None if there is no such.
+        """The light that leaves least of them, in the mirror in which it does.
 
-        Notes
-        -----
-        Minimises ``Σ |I_p − f I_q − Σ_d (m_p − f m_q)_d s_d|`` over s ≥ 0, for each of some roughnesses:
-        convex, and needs to know neither the light nor the paint. Matt surface is not explained by any: the
-        mirror in the middle tells.
+        None where there are too few to tell, or views do not differ.
+        """
+        middle = self.mirrors[MIDDLE]
+        enough = FEWEST_PER_DIRECTION * middle.lobes.shape[1]
+        if self.p.size < enough or np.abs(middle.seen).mean() < SOME * NOISE:
+            return None
+        found = middle.light()
+        if found.left >= HARDLY:
+            return found
+        others = (mirror.light() for mirror in self.mirrors if mirror is not middle)
+        return min((found, *others), key=lambda light: light.left)
+
+    def strength(self, radiance: np.ndarray) -> MirrorStrength | None:
+        """How strong which mirror has to be for a known light (M, 3); None where there are too few to tell.
+
+        Three numbers instead of the hundreds of `mirrored`: for paints with few links.
         """
         if self.p.size < FEWEST:
             return None
-        middle = self._mirrored_in(len(ROUGHNESSES) // 2)
-        if middle.left >= BELIEVED:
-            return None
-        rougher_or_less = (self._mirrored_in(number) for number in (0, 2))
-        return min((middle, *rougher_or_less), key=lambda light: light.left)
+        found = (mirror.strength(radiance) for mirror in self.mirrors)
+        return min(found, key=lambda fit: fit.left)
 
-    def _mirrored_in(self, number: int) -> MirroredLight:
-        lobes = self.lobes[number]
-        shape = (lobes.shape[1], 3)
-
-        def objective(values: np.ndarray) -> tuple[float, np.ndarray]:
-            radiance = values.reshape(shape)
-            left, slope = self.left(number, radiance)
-            price, own = contrast(radiance[None])
-            return left + EVENNESS * price, (slope + EVENNESS * own[0]).ravel()
-
-        start = np.full(shape[0] * 3, 0.1 * float(np.abs(self.seen).mean()))
-        bounds = [(0.0, None)] * start.size
-        found = minimize(
-            objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}
-        )
-        radiance = found.x.reshape(shape)
-        return MirroredLight(radiance, ROUGHNESSES[number], self.left(number, radiance)[0])
-
-    def left(self, number: int, radiance: np.ndarray) -> tuple[float, np.ndarray]:
-        """What light (M, 3) leaves in the mirror of that number, 0 to 1 and beyond, and the slope by it."""
-        off = self.seen - self.lobes[number] @ radiance.astype(np.float32)
-        root = np.sqrt(off**2 + NOISE**2, dtype=np.float32)
-        left = float((root - NOISE).sum(dtype=np.float64))
-        slope = -(self.lobes[number].T @ (off / root)) / self._all
-        return left / self._all, slope.astype(np.float64)
-
-    @cached_property
-    def _all(self) -> float:
-        size = np.sqrt(self.seen**2 + NOISE**2, dtype=np.float32) - NOISE
-        return max(float(size.sum(dtype=np.float64)), 1e-12)
-
-    def shows(self, radiance: np.ndarray) -> bool:
-        """Whether a mirror of known light (M, 3) explains enough of them, of one strength for each channel.
-
-        Two or three numbers instead of the hundreds of `mirrored`: for paints with few links.
-        """
-        if self.p.size < FEWEST:
-            return False
-        light = radiance.astype(np.float32)
-        return any(_fits(self.seen, lobes @ light) for lobes in self.lobes)
-
-
-def _fits(apart: np.ndarray, mirrored: np.ndarray) -> bool:
-    """Whether ``|apart − k mirrored|``, k ≥ 0 by reweighted least squares, is enough below ``|apart|``."""
-    weight = np.ones_like(apart)
-    for _ in range(ROUNDS):
-        squares = np.maximum((weight * mirrored**2).sum(axis=0), 1e-12)
-        strength = np.maximum((weight * apart * mirrored).sum(axis=0) / squares, 0)
-        weight = 1 / np.maximum(np.abs(apart - strength * mirrored), NOISE / 2)
-    before, after = np.abs(apart).sum(), np.abs(apart - strength * mirrored).sum()
-    return bool(after < PAINT_BELIEVED * before and strength.max() < STRONGEST)
+    def in_mirror(self, roughness: float) -> InMirror:
+        """That of one of `ROUGHNESSES`."""
+        return next(mirror for mirror in self.mirrors if mirror.roughness == roughness)
 
 
 def _some_links(views: StackedViews, trusted: np.ndarray) -> Pixels:

@@ -1,0 +1,27 @@
+"""Least values of smooth functions of numbers that are not negative."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import minimize
+
+
+def descend_above_zero(
+    objective: Callable[[np.ndarray], tuple[float, np.ndarray]], start: np.ndarray, steps: int
+) -> np.ndarray:
+    """Descend from a start, of any shape and at least 0, by at most so many steps of L-BFGS-B.
+
+    The objective gives value and slope, of the start's shape both.
+    """
+
+    def flat(values: np.ndarray) -> tuple[float, np.ndarray]:
+        value, slope = objective(values.reshape(start.shape))
+        return value, slope.ravel()
+
+    bounds = [(0.0, None)] * start.size
+    found = minimize(
+        flat, start.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps}
+    )
+    return found.x.reshape(start.shape)
