@@ -15,8 +15,8 @@ from stages.photometry.sheen import Mirror, Sheen, highlights_of, without_sheen
 from stages.photometry.sky import Sphere, even_directions, offsets_in
 from stages.photometry.sky_decomposition import decompose_by_sky
 from stages.photometry.sky_light import FoundLight, SkyScene
-from stages.photometry.sky_photos import MOST_EXPLAINED, Lighting, Looks, Photos
-from stages.photometry.view_differences import Differences
+from stages.photometry.sky_photos import Lighting, Looks, Photos
+from stages.photometry.view_differences import MOST_EXPLAINED, Differences
 from stages.scene.view_files import ways_to_cameras
 from tests.sphere_scene import PAINTS, SphereScene, sphere_scene
 from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, in_shadow_of, looks, normals_of, open_scene

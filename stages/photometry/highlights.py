@@ -105,7 +105,7 @@ class Linked:
     def of(cls, views: StackedViews, trusted: np.ndarray) -> Linked:
         """Count the links of all pixels."""
         count = np.zeros(len(trusted))
-        for ends in _trusted_links(views, trusted):
+        for ends in trusted_links(views, trusted):
             for end in ends:
                 np.add.at(count, end, 1)
         enough = means_around(views, count > 0, SIZE_PX) >= FEWEST
@@ -118,7 +118,7 @@ class Linked:
         `enough` links. The cost grows with the links.
         """
         total = np.zeros(len(values))
-        for one, other in _trusted_links(self.views, self.trusted):
+        for one, other in trusted_links(self.views, self.trusted):
             difference = values[one] - values[other]
             np.add.at(total, one, difference)
             np.add.at(total, other, -difference)
@@ -126,7 +126,8 @@ class Linked:
         return np.where(self.enough, mean, 0)
 
 
-def _trusted_links(views: StackedViews, trusted: np.ndarray) -> Iterator[Pixels]:
+def trusted_links(views: StackedViews, trusted: np.ndarray) -> Iterator[Pixels]:
+    """Pairs of pixels that show the same surface point and are both trusted, (N,) bool."""
     for one, other in views.linked_pixels():
         both = trusted[one] & trusted[other]
         yield one[both], other[both]

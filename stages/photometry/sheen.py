@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from stages.photometry.highlights import trusted_links
 from stages.photometry.sky import SkyTransport
 from stages.photometry.stack import StackedViews
 
@@ -78,8 +79,7 @@ def without_sheen(seen: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, np.n
 def highlights_of(views: StackedViews, share: np.ndarray, trusted: np.ndarray) -> np.ndarray:
     """Pixels whose sheen has so large a share that another view, which has far less, knows better, (N,)."""
     least = np.full(len(share), np.inf, np.float32)
-    for one, other in views.linked_pixels():
-        both = trusted[one] & trusted[other]
-        for own, there in ((one[both], other[both]), (other[both], one[both])):
+    for one, other in trusted_links(views, trusted):
+        for own, there in ((one, other), (other, one)):
             np.minimum.at(least, own, share[there])
     return (share > HIGHLIGHT) & (share > BRIGHTER * least)

@@ -153,9 +153,7 @@ class SkyTransport:
     def shares(self, points: np.ndarray) -> np.ndarray:
         """What each direction's light adds to the shading of chosen points, (n, M), float32."""
         out = np.empty((len(points), len(self.directions)), np.float32)
-        gather_shares(
-            np.asarray(points), self.normals, self.offsets, self._blend, self.visible, self.directions, out
-        )
+        gather_shares(np.asarray(points), *self._geometry, out)
         return out * self._weight
 
     def shading(self, radiance: np.ndarray, points: slice = slice(None)) -> np.ndarray:
@@ -179,17 +177,20 @@ class SkyTransport:
         `towards` the cameras, (N, 3), are unit vectors; roughness is α of GGX.
         """
         out = np.empty((len(points), radiance.shape[1]), np.float32)
-        scene = (self.normals, self.offsets, self._blend, self.visible, self.directions)
         light = np.ascontiguousarray(radiance, np.float32)
-        gather_mirrored(np.asarray(points), *scene, towards, np.float32(roughness), light, out)
+        gather_mirrored(np.asarray(points), *self._geometry, towards, np.float32(roughness), light, out)
         return out
 
     def lobes(self, towards: np.ndarray, roughness: float, points: np.ndarray) -> np.ndarray:
         """What each direction's light adds to that, per unit, (n, M), float32; see `mirrored`."""
         out = np.empty((len(points), len(self.directions)), np.float32)
-        scene = (self.normals, self.offsets, self._blend, self.visible, self.directions)
-        gather_lobes(np.asarray(points), *scene, towards, np.float32(roughness), out)
+        gather_lobes(np.asarray(points), *self._geometry, towards, np.float32(roughness), out)
         return out
+
+    @property
+    def _geometry(self) -> tuple:
+        """What all loops over chosen points look at."""
+        return self.normals, self.offsets, self._blend, self.visible, self.directions
 
     @property
     def _weight(self) -> np.float32:

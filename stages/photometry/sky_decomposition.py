@@ -20,7 +20,7 @@ from stages.photometry.paint_edges import (
 from stages.photometry.saddle import ALIKE, EdgeWeights
 from stages.photometry.sheen import Sheen
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
-from stages.photometry.sky_photos import MOST_EXPLAINED, Lighting, Looks, Photos
+from stages.photometry.sky_photos import Lighting, Looks, Photos
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_differences import Differences
 from stages.photometry.view_gains import ViewGains, view_gains
@@ -178,7 +178,7 @@ def _best_explanation(
         return best, left, lights[best], None
     differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
     mirrored = [each.mirrored for each in differences]
-    if any(light and light.left < MOST_EXPLAINED for light in mirrored):
+    if any(light and light.explains_most for light in mirrored):
         by_views = (min(light.left, 1.0) if light else 1.0 for light in mirrored)
         left = [one * other for one, other in zip(left, by_views, strict=True)]
     best = explained_best(left)

@@ -15,12 +15,11 @@ from stages.photometry.paints import paints_of
 from stages.photometry.sheen import Mirror, Sheen, highlights_of, without_sheen
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.stack import StackedViews
-from stages.photometry.view_differences import Differences, MirrorStrength
+from stages.photometry.view_differences import MOST_EXPLAINED, Differences, MirrorStrength
 
 GLOSSY = 1.05  # `brightening` above which it is gloss that makes views differ
 TURNS = 2  # of taking the sheen off and finding light and sheen together
-MOST_EXPLAINED = 0.7  # light in a mirror leaves no more of views' differences where all surface is glossy
-PAINT_GLOSSY = 0.98  # one strength leaves no more of a paint's, that knows less of the light
+PAINT_GLOSSY = 0.98  # one strength, that knows less of the light, leaves no more of a paint's differences
 STRENGTHS = (0.01, 1.0)  # of a mirror: less is not seen, more is views too near one another to tell
 
 
@@ -148,7 +147,7 @@ class Photos:
         differences the light found explains in a mirror, though it is known by shading alone.
         """
         mirrored, light = differences.mirrored, found.radiance[0]
-        if mirrored and mirrored.left < MOST_EXPLAINED:
+        if mirrored and mirrored.explains_most:
             strength = mirrored.radiance.sum(axis=0) / np.maximum(light.sum(axis=0), 1e-12)
             everything = np.ones(len(self.seen), bool)
             return Sheen(strength, mirrored.roughness, mirrored.left, everything), differences

@@ -24,6 +24,7 @@ NOISE = 0.02  # of the scaled image: differences below this count by their squar
 SOME = 1e-3  # of `NOISE`: views that differ by less, typically, do not differ
 EVENNESS = 1e-3  # price of light that differs from direction to direction, where views do not tell
 STEPS = 60  # of the descent
+MOST_EXPLAINED = 0.7  # of the differences: light that leaves no more is that of a surface glossy all over
 HARDLY = 0.9  # of the differences: where the middle mirror leaves more, the others are not asked
 ROUNDS = 10  # of reweighting
 
@@ -45,6 +46,11 @@ class MirroredLight:
     radiance: np.ndarray
     roughness: float
     left: float
+
+    @property
+    def explains_most(self) -> bool:
+        """Whether the surface is glossy all over."""
+        return self.left < MOST_EXPLAINED
 
 
 @dataclass(frozen=True, eq=False)
