@@ -168,7 +168,7 @@ def _pixel_transfer(
 
     degree = int(given_or(job.settings.degree, stored.blocked.shape[1] ** 0.5 - 1))
     seen = Occlusion(stored.blocked, stored.form_factors, stored.behind)
-    transfer, opposed = PixelTransfer.of(normals, blend, seen, stored.normals, degree)
+    transfer, opposed = PixelTransfer.of(normals, blend, seen, stored.vertices, stored.normals, degree)
     _tell_opposed(job, opposed, len(normals))
     return transfer
 
@@ -280,7 +280,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 9,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 10,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

@@ -7,7 +7,14 @@ import scipy.sparse as sp
 from stages.geometry.proxy import blend_of, proxy_of
 from stages.geometry.rays import vertex_normals
 from stages.photometry.harmonics import shading_basis
-from stages.photometry.pixel_transfer import Bounces, PixelTransfer, blend_of_pixels, on_absolute_scale
+from stages.photometry.pixel_transfer import (
+    Bounces,
+    PixelTransfer,
+    at_vertices,
+    blend_of_pixels,
+    nearest_shown,
+    on_absolute_scale,
+)
 from stages.photometry.transfer import Occlusion
 from stages.scene.meshes import Surface
 from tests.bowls import bowl
@@ -30,7 +37,9 @@ def transfer() -> PixelTransfer:
     normals[PIXELS:, 2] = np.abs(normals[PIXELS:, 2])  # all of a side
     normals[:PIXELS] = blend @ normals[PIXELS:]
     normals[:PIXELS] /= np.linalg.norm(normals[:PIXELS], axis=1, keepdims=True)
-    transfer, opposed = PixelTransfer.of(normals[:PIXELS], blend, seen, normals[PIXELS:], degree=1)
+    line = np.array([0.0, 1, 2, 4, 3.2])[:, None] * [1.0, 0.5, 0]
+    of_vertices = line, normals[PIXELS:]
+    transfer, opposed = PixelTransfer.of(normals[:PIXELS], blend, seen, *of_vertices, degree=1)
     assert opposed == 0
     return transfer
 
@@ -56,12 +65,23 @@ def test_without_bounces_the_channels_share_the_direct_basis(transfer):
     assert all(np.array_equal(basis[:, :, c], transfer.direct()) for c in range(3))
 
 
-def test_vertices_get_the_mean_of_their_pixels_and_unseen_ones_the_median(transfer):
+def test_vertices_get_the_mean_of_their_pixels_and_unseen_ones_that_of_their_nearest(transfer):
     values = np.random.default_rng(1).random(PIXELS)
     found, shares = transfer.at_vertices(values), transfer.blend.toarray()
     for vertex in range(VERTICES - 1):
         assert found[vertex] == pytest.approx(np.average(values, weights=shares[:, vertex]), rel=1e-5)
-    assert found[4] == np.median(values)
+    assert found[4] == found[3]
+
+
+def test_between_pixels_that_lie_apart_a_fine_mesh_has_the_paint_of_the_nearest():
+    """Half of a line of a hundred vertices black, half white; every fifth is shown. Nothing shown: median."""
+    line = np.linspace(0, 1, 100)[:, None] * [1.0, 0, 0]
+    shown = np.arange(2, 100, 5)
+    blend = sp.csr_array((np.ones(20, np.float32), (np.arange(20), shown)), shape=(20, 100))
+    paint = at_vertices(blend, nearest_shown(blend, line), (shown >= 50).astype(float))
+    assert np.array_equal(paint, np.arange(100) >= 50)
+    unseen = sp.csr_array((3, 100), dtype=np.float32)
+    assert (at_vertices(unseen, nearest_shown(unseen, line), np.array([1.0, 2, 6])) == 2).all()
 
 
 def test_the_brightest_material_reflects_what_is_said_and_nothing_more_than_95_percent():
@@ -131,14 +151,16 @@ def test_without_occlusion_the_basis_is_eq_1s():
         np.zeros((1, 9), np.float32), *(sp.csr_array((1, 1), dtype=np.float32) for _ in range(2))
     )
     blend = sp.csr_array(np.ones((2, 1), np.float32))
-    open_sky, _ = PixelTransfer.of(normals, blend, nothing, normals[:1], degree=2)
+    open_sky, _ = PixelTransfer.of(normals, blend, nothing, normals[:1], normals[:1], degree=2)
     assert np.allclose(open_sky.direct(), shading_basis(normals), atol=1e-7)
 
 
 def test_pixels_that_see_the_back_of_the_mesh_count_as_open_to_the_sky():
     normals, blend = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]), sp.csr_array(np.ones((2, 1), np.float32))
     seen = Occlusion(np.full((1, 9), 0.1, np.float32), *(sp.csr_array((1, 1), dtype=np.float32),) * 2)
-    transfer, opposed = PixelTransfer.of(normals, blend, seen, np.array([[0.0, 0.6, 0.8]]), degree=2)
+    transfer, opposed = PixelTransfer.of(
+        normals, blend, seen, np.zeros((1, 3)), np.array([[0.0, 0.6, 0.8]]), degree=2
+    )
     assert opposed == 1
     assert np.allclose(transfer.direct()[0], shading_basis(normals[0]) - 0.1, atol=1e-6)
     assert np.allclose(transfer.direct()[1], shading_basis(normals[1]), atol=1e-6)

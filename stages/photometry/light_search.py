@@ -200,9 +200,8 @@ def _settled(
     albedo, known = vertex_albedo(scene, image, now.shading(scene, starts, light_of_view))
     factor = _brightest(albedo, known) / settings.brightest
     absolute, radiance = np.clip(albedo / factor, 0, MOST), now.radiance * factor
-    direct = np.stack([scene.vertices.shading(one) for one in radiance])
-    at_vertices = _bounced(scene, direct, absolute, known, settings.bounces)
-    return FoundLight(radiance, at_vertices)
+    direct, nearest = np.stack([scene.vertices.shading(one) for one in radiance]), scene.nearest_shown
+    return FoundLight(radiance, _bounced(scene, direct, absolute[nearest], known[nearest], settings.bounces))
 
 
 def vertex_albedo(scene: SkyScene, image: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

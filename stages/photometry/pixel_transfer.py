@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.spatial import cKDTree
 
 from stages.photometry.harmonics import shading_basis
 from stages.photometry.transfer import Occlusion, bounced
@@ -46,12 +47,15 @@ class PixelTransfer:
         Of the vertices, K harmonics.
     vertex_sky : ndarray, shape (P, K), float32
         ν of the vertices' normals.
+    nearest : ndarray, shape (P,)
+        Of `nearest_shown`.
     """
 
     open_sky: np.ndarray
     blend: sp.csr_array
     seen: Occlusion
     vertex_sky: np.ndarray
+    nearest: np.ndarray
 
     @classmethod
     def of(
@@ -59,10 +63,11 @@ class PixelTransfer:
         normals: np.ndarray,
         blend: sp.csr_array,
         seen: Occlusion,
+        vertices: np.ndarray,
         vertex_normals: np.ndarray,
         degree: int,
     ) -> tuple[PixelTransfer, int]:
-        """Put it together for harmonics up to a degree; normals (N, 3) and (P, 3), unit, world axes.
+        """Put it together for harmonics up to a degree; vertices with normals (P, 3), world, as are pixels'.
 
         Pixels' normals look at the camera, vertices' out of the mesh. Where the two are opposed the mesh is
         seen from its back, of which nothing is known: such pixels are taken to see the whole sky, and
@@ -75,6 +80,7 @@ class PixelTransfer:
             blend=blend,
             seen=Occlusion(seen.blocked[:, :size], seen.form_factors, seen.behind),
             vertex_sky=shading_basis(vertex_normals, degree).astype(np.float32),
+            nearest=nearest_shown(blend, vertices),
         )
         return transfer, opposed
 
@@ -106,14 +112,35 @@ class PixelTransfer:
 
     def at_vertices(self, values: np.ndarray) -> np.ndarray:
         """See the function of that name."""
-        return at_vertices(self.blend, values)
+        return at_vertices(self.blend, self.nearest, values)
 
 
-def at_vertices(blend: sp.csr_array, values: np.ndarray) -> np.ndarray:
-    """Mean of the pixels, (N,), around every vertex, (P,); their median where no view saw it."""
+def at_vertices(blend: sp.csr_array, nearest: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Mean of the pixels, (N,), around every vertex, or the shown one `nearest` to it: (P,)."""
     weight = blend.sum(axis=0)
     means = (blend.T @ values) / np.where(weight > 0, weight, 1)
-    return np.where(weight > 0, means, np.median(values))
+    return np.where(weight > 0, means, np.median(values))[nearest]
+
+
+def nearest_shown(blend: sp.csr_array, positions: np.ndarray) -> np.ndarray:
+    """Of every vertex the nearest that some pixel shows, (P,): itself, if one does.
+
+    Where the mesh is finer than the pixels most of its vertices lie between them, and there is always surface
+    that no view sees; light bounces from all of it.
+
+    Parameters
+    ----------
+    blend : csr_array, shape (N, P)
+        Pixels as blends of the vertices. Where it is empty, every vertex is its own nearest.
+    positions : ndarray, shape (P, 3)
+    """
+    nearest = np.arange(len(positions))
+    shown = np.zeros(len(positions), bool)
+    shown[blend.indices] = True
+    if shown.any():
+        _, place = cKDTree(positions[shown]).query(positions[~shown])
+        nearest[~shown] = nearest[shown][place]
+    return nearest
 
 
 def without_opposed(

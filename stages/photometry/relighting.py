@@ -61,7 +61,8 @@ def relit(
     shading, of_vertices = scene.pixels.shading(light), scene.vertices.shading(light)
     blend = scene.pixels.blend
     for c in range(3 if bounces and len(absolute) else 0):
-        there, typical = at_vertices(blend, absolute[:, c]), float(np.median(absolute[:, c]))
+        values = absolute[:, c]
+        there, typical = at_vertices(blend, scene.nearest_shown, values), float(np.median(values))
         own = np.ascontiguousarray(of_vertices[:, c : c + 1])
         total = bounced(own, scene.seen, there.astype(np.float32), typical, bounces)
         shading[:, c] += (blend @ (total - own))[:, 0]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from stages.photometry.light_from_pairs import PairWeights
+from stages.photometry.pixel_transfer import nearest_shown
 from stages.photometry.sky import SkyTransport, Sphere, offsets_in
 from stages.photometry.transfer import Occlusion
 
@@ -50,12 +52,15 @@ class SkyScene:
         N, of all views.
     vertices : SkyTransport
         P, that bounces go between.
+    positions : ndarray, shape (P, 3)
+        Of the vertices, world.
     seen : Occlusion
         What vertices see instead of the sky.
     """
 
     pixels: SkyTransport
     vertices: SkyTransport
+    positions: np.ndarray
     seen: Occlusion
 
     @classmethod
@@ -76,12 +81,18 @@ class SkyScene:
         return cls(
             pixels=SkyTransport.of(normals, blend @ of_vertices, blend, visible, directions),
             vertices=SkyTransport.of(vertex_normals, of_vertices, own, visible, directions),
+            positions=vertices,
             seen=seen,
         )
 
     def at(self, pixels: np.ndarray) -> SkyScene:
         """The same with some of the pixels only."""
         return replace(self, pixels=self.pixels.at(pixels))
+
+    @cached_property
+    def nearest_shown(self) -> np.ndarray:
+        """Of the vertices, (P,); see the function of that name."""
+        return nearest_shown(self.pixels.blend, self.positions)
 
 
 @dataclass(frozen=True, eq=False)
