@@ -164,11 +164,10 @@ def _pixel_transfer(
 ) -> PixelTransfer:
     """What the masked pixels see, in harmonics."""
     from stages.photometry.pixel_transfer import PixelTransfer
-    from stages.photometry.transfer import Occlusion
+    from stages.photometry.sky_scenes import proxy_in
 
     degree = int(given_or(job.settings.degree, stored.blocked.shape[1] ** 0.5 - 1))
-    seen = Occlusion(stored.blocked, stored.form_factors, stored.behind)
-    transfer, opposed = PixelTransfer.of(normals, blend, seen, stored.vertices, stored.normals, degree)
+    transfer, opposed = PixelTransfer.of(normals, blend, proxy_in(stored), degree)
     _tell_opposed(job, opposed, len(normals))
     return transfer
 

@@ -15,7 +15,7 @@ from stages.photometry.pixel_transfer import (
     nearest_shown,
     on_absolute_scale,
 )
-from stages.photometry.transfer import Occlusion
+from stages.photometry.transfer import Occlusion, Proxy
 from stages.scene.meshes import Surface
 from tests.bowls import bowl
 
@@ -38,8 +38,8 @@ def transfer() -> PixelTransfer:
     normals[:PIXELS] = blend @ normals[PIXELS:]
     normals[:PIXELS] /= np.linalg.norm(normals[:PIXELS], axis=1, keepdims=True)
     line = np.array([0.0, 1, 2, 4, 3.2])[:, None] * [1.0, 0.5, 0]
-    of_vertices = line, normals[PIXELS:]
-    transfer, opposed = PixelTransfer.of(normals[:PIXELS], blend, seen, *of_vertices, degree=1)
+    proxy = Proxy(line, normals[PIXELS:], seen)
+    transfer, opposed = PixelTransfer.of(normals[:PIXELS], blend, proxy, degree=1)
     assert opposed == 0
     return transfer
 
@@ -151,16 +151,15 @@ def test_without_occlusion_the_basis_is_eq_1s():
         np.zeros((1, 9), np.float32), *(sp.csr_array((1, 1), dtype=np.float32) for _ in range(2))
     )
     blend = sp.csr_array(np.ones((2, 1), np.float32))
-    open_sky, _ = PixelTransfer.of(normals, blend, nothing, normals[:1], normals[:1], degree=2)
+    open_sky, _ = PixelTransfer.of(normals, blend, Proxy(normals[:1], normals[:1], nothing), degree=2)
     assert np.allclose(open_sky.direct(), shading_basis(normals), atol=1e-7)
 
 
 def test_pixels_that_see_the_back_of_the_mesh_count_as_open_to_the_sky():
     normals, blend = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]), sp.csr_array(np.ones((2, 1), np.float32))
     seen = Occlusion(np.full((1, 9), 0.1, np.float32), *(sp.csr_array((1, 1), dtype=np.float32),) * 2)
-    transfer, opposed = PixelTransfer.of(
-        normals, blend, seen, np.zeros((1, 3)), np.array([[0.0, 0.6, 0.8]]), degree=2
-    )
+    proxy = Proxy(np.zeros((1, 3)), np.array([[0.0, 0.6, 0.8]]), seen)
+    transfer, opposed = PixelTransfer.of(normals, blend, proxy, degree=2)
     assert opposed == 1
     assert np.allclose(transfer.direct()[0], shading_basis(normals[0]) - 0.1, atol=1e-6)
     assert np.allclose(transfer.direct()[1], shading_basis(normals[1]), atol=1e-6)

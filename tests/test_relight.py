@@ -13,7 +13,7 @@ from stages.photometry.environment import directions_of_picture, picture_of_ligh
 from stages.photometry.relighting import light_of_picture, relit
 from stages.photometry.sky import even_directions
 from stages.photometry.sky_light import SkyScene
-from stages.photometry.transfer import Occlusion
+from stages.photometry.transfer import Occlusion, Proxy
 from stages.scene.exr import read_exr, write_exr
 from stages.scene.photos import read_mask
 from stages.scene.upright import upright_from_world
@@ -54,9 +54,11 @@ def test_under_even_light_open_surface_shows_its_albedo():
     scene = SkyScene.of(
         normals,
         sp.csr_array((20, 1), dtype=np.float32),
-        np.zeros((1, 3)),
-        np.array([[0.0, 0, 1]], np.float32),
-        Occlusion(np.zeros((1, 9), np.float32), none, none),
+        Proxy(
+            np.zeros((1, 3)),
+            np.array([[0.0, 0, 1]], np.float32),
+            Occlusion(np.zeros((1, 9), np.float32), none, none),
+        ),
         np.zeros((1, COUNT // 8), np.uint8),
         COUNT,
         None,

@@ -31,7 +31,7 @@ from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_s
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks
 from stages.photometry.stack import StackedViews
-from stages.photometry.transfer import Occlusion
+from stages.photometry.transfer import Occlusion, Proxy
 from stages.photometry.view_gains import view_gains
 from stages.scene.view_files import ways_to_cameras
 from tests.sphere_scene import SphereScene, sphere_scene
@@ -78,9 +78,11 @@ def scene_of(normals: np.ndarray, blend: sp.csr_array, seen: np.ndarray) -> SkyS
     return SkyScene.of(
         normals,
         blend,
-        np.zeros((count, 3)),
-        np.tile(np.array([[0.0, 0, 1]], np.float32), (count, 1)),
-        Occlusion(np.zeros((count, 9), np.float32), nothing, nothing),
+        Proxy(
+            np.zeros((count, 3)),
+            np.tile(np.array([[0.0, 0, 1]], np.float32), (count, 1)),
+            Occlusion(np.zeros((count, 9), np.float32), nothing, nothing),
+        ),
         np.packbits(seen, axis=1),
         DIRECTIONS,
         None,

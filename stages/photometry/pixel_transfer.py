@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from stages.photometry.harmonics import shading_basis
-from stages.photometry.transfer import Occlusion, bounced
+from stages.photometry.transfer import Occlusion, Proxy, bounced
 
 BRIGHT_QUANTILE = 0.99  # of all albedo values: what counts as the brightest material
 MOST = 0.95  # no surface gives back more: bounces would not die out
@@ -62,25 +62,23 @@ class PixelTransfer:
         cls,
         normals: np.ndarray,
         blend: sp.csr_array,
-        seen: Occlusion,
-        vertices: np.ndarray,
-        vertex_normals: np.ndarray,
+        proxy: Proxy,
         degree: int,
     ) -> tuple[PixelTransfer, int]:
-        """Put it together for harmonics up to a degree; vertices with normals (P, 3), world, as are pixels'.
+        """Put it together for harmonics up to a degree; pixels' normals, (N, 3), are unit, world axes.
 
         Pixels' normals look at the camera, vertices' out of the mesh. Where the two are opposed the mesh is
         seen from its back, of which nothing is known: such pixels are taken to see the whole sky, and
         counted.
         """
-        size = (degree + 1) ** 2
-        blend, opposed = without_opposed(normals, blend, vertex_normals)
+        seen, size = proxy.seen, (degree + 1) ** 2
+        blend, opposed = without_opposed(normals, blend, proxy.normals)
         transfer = cls(
             open_sky=shading_basis(normals, degree).astype(np.float32),
             blend=blend,
             seen=Occlusion(seen.blocked[:, :size], seen.form_factors, seen.behind),
-            vertex_sky=shading_basis(vertex_normals, degree).astype(np.float32),
-            nearest=nearest_shown(blend, vertices),
+            vertex_sky=shading_basis(proxy.normals, degree).astype(np.float32),
+            nearest=nearest_shown(blend, proxy.positions),
         )
         return transfer, opposed
 

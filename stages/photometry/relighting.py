@@ -64,6 +64,6 @@ def relit(
         values = absolute[:, c]
         there, typical = at_vertices(blend, scene.nearest_shown, values), float(np.median(values))
         own = np.ascontiguousarray(of_vertices[:, c : c + 1])
-        total = bounced(own, scene.seen, there.astype(np.float32), typical, bounces)
+        total = bounced(own, scene.proxy.seen, there.astype(np.float32), typical, bounces)
         shading[:, c] += (blend @ (total - own))[:, 0]
     return (absolute * shading).astype(np.float32), shading

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from stages.photometry.light_from_pairs import PairWeights
 from stages.photometry.pixel_transfer import nearest_shown
 from stages.photometry.sky import SkyTransport, Sphere, offsets_in
-from stages.photometry.transfer import Occlusion
+from stages.photometry.transfer import Proxy
 
 
 @dataclass(frozen=True)
@@ -51,38 +51,32 @@ class SkyScene:
     pixels : SkyTransport
         N, of all views.
     vertices : SkyTransport
-        P, that bounces go between.
-    positions : ndarray, shape (P, 3)
-        Of the vertices, world.
-    seen : Occlusion
-        What vertices see instead of the sky.
+        P; of the proxy's positions and normals.
+    proxy : Proxy
+        Of P vertices, that bounces go between.
     """
 
     pixels: SkyTransport
     vertices: SkyTransport
-    positions: np.ndarray
-    seen: Occlusion
+    proxy: Proxy
 
     @classmethod
     def of(
         cls,
         normals: np.ndarray,
         blend: sp.csr_array,
-        vertices: np.ndarray,
-        vertex_normals: np.ndarray,
-        seen: Occlusion,
+        proxy: Proxy,
         visible: np.ndarray,
         directions: int,
         sphere: Sphere | None,
     ) -> SkyScene:
-        """Of pixels with normals (N, 3) that blend vertices (P, 3) with theirs; see `SkyTransport`."""
-        own = sp.csr_array(sp.eye_array(len(vertices), dtype=np.float32, format="csr"))
-        of_vertices = offsets_in(sphere, vertices)
+        """Of pixels with normals (N, 3) that blend the proxy's vertices; see `SkyTransport`."""
+        own = sp.csr_array(sp.eye_array(len(proxy.positions), dtype=np.float32, format="csr"))
+        of_vertices = offsets_in(sphere, proxy.positions)
         return cls(
             pixels=SkyTransport.of(normals, blend @ of_vertices, blend, visible, directions),
-            vertices=SkyTransport.of(vertex_normals, of_vertices, own, visible, directions),
-            positions=vertices,
-            seen=seen,
+            vertices=SkyTransport.of(proxy.normals, of_vertices, own, visible, directions),
+            proxy=proxy,
         )
 
     def at(self, pixels: np.ndarray) -> SkyScene:
@@ -92,7 +86,7 @@ class SkyScene:
     @cached_property
     def nearest_shown(self) -> np.ndarray:
         """Of the vertices, (P,); see the function of that name."""
-        return nearest_shown(self.pixels.blend, self.positions)
+        return nearest_shown(self.pixels.blend, self.proxy.positions)
 
 
 @dataclass(frozen=True, eq=False)

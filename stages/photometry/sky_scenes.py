@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from stages.photometry.pixel_transfer import blend_of_pixels, without_opposed
 from stages.photometry.sky import Sphere
 from stages.photometry.sky_light import SkyScene
-from stages.photometry.transfer import Occlusion
+from stages.photometry.transfer import Occlusion, Proxy
 from stages.scene.transfer_file import StoredTransfer
 
 SurfacePoints = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # faces, barycentric; view by view
@@ -19,6 +19,12 @@ SurfacePoints = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # faces, bary
 def pixels_on_proxy(stored: StoredTransfer, faces: np.ndarray, points: SurfacePoints) -> sp.csr_array:
     """Every pixel as a blend of the proxy's vertices, (N, P); `faces` (F, 3) are the mesh's."""
     return blend_of_pixels(*points, faces, stored.corners, stored.weights, len(stored.blocked))
+
+
+def proxy_in(stored: StoredTransfer) -> Proxy:
+    """The mesh that pixels blend the vertices of."""
+    seen = Occlusion(stored.blocked, stored.form_factors, stored.behind)
+    return Proxy(stored.vertices, stored.normals, seen)
 
 
 def sky_scenes(
@@ -34,9 +40,8 @@ def sky_scenes(
         Of the pixels.
     """
     blend, opposed = without_opposed(normals, blend, stored.normals)
-    seen, scenes = Occlusion(stored.blocked, stored.form_factors, stored.behind), []
+    proxy, scenes = proxy_in(stored), []
     for radius, visible in zip(stored.radii.tolist(), stored.visible, strict=True):
         sphere = Sphere(tuple(stored.centre), radius) if np.isfinite(radius) else None
-        about = (stored.vertices, stored.normals, seen, visible, int(stored.directions))
-        scenes.append(SkyScene.of(normals, blend, *about, sphere))
+        scenes.append(SkyScene.of(normals, blend, proxy, visible, int(stored.directions), sphere))
     return scenes, opposed

@@ -39,6 +39,25 @@ class Occlusion:
     behind: sp.csr_array
 
 
+@dataclass(frozen=True, eq=False)
+class Proxy:
+    """A mesh that light goes on by.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (P, 3)
+        Of its vertices, world.
+    normals : ndarray, shape (P, 3)
+        Unit, world axes.
+    seen : Occlusion
+        What they see of each other instead of the sky.
+    """
+
+    positions: np.ndarray
+    normals: np.ndarray
+    seen: Occlusion
+
+
 def occlusion(
     positions: np.ndarray,
     normals: np.ndarray,
