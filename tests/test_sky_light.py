@@ -144,6 +144,22 @@ def test_a_suns_shadow_is_told_from_paint_however_dark_it_is():
     assert error(image / found, albedo) < 0.03
 
 
+def test_coloured_lamps_are_not_taken_for_paint(lit):
+    """A red one from the left, a blue one from the right: whoever holds light to be neutral, blames paint."""
+    views, sky, albedo, _, _ = lit
+    towards = even_directions(DIRECTIONS) @ np.array([[0.8, 0.5, 0.3], [-0.8, 0.4, 0.4]]).T
+    lamps = np.maximum(towards / np.array([0.99, 0.98]), 0) ** 12
+    shading = sky.pixels.shading(0.1 + 6 * lamps @ np.array([[1.0, 0.3, 0.1], [0.1, 0.3, 1.0]]))
+    image, everything = photo_of(albedo, shading), np.ones(len(albedo), bool)
+    one_light, found = np.zeros(views.view_count, int), {}
+    for price in (FEW.weights.neutrality, 1.0):
+        how = replace(FEW, weights=PairWeights(neutrality=price))
+        light = sky_light(sky, views, image, everything, one_light, how)
+        found[price] = error(image / light.shading(sky, views.starts, one_light), albedo)
+    free, held = found.values()
+    assert free < 0.05 < 0.2 < held
+
+
 def test_lights_are_compared_by_the_same_pairs(lit):
     """In paint of fine grain, which nobody can pair rightly, the true light still leaves a little less."""
     views, sky, albedo, shading, _ = lit

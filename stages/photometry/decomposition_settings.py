@@ -67,8 +67,10 @@ class DecompositionSettings(Settings):
         le=300_000,
     )
     neutrality: float = setting(
-        0.05,
-        "`light: directions`: the price of channels that disagree about where the light comes from.",
+        0.005,
+        "`light: directions`: the price of channels that disagree about where the light comes from. More "
+        "keeps the colour of paint out of the light where all that faces one way is of one colour (moss on "
+        "the ground); less is for coloured lamps.",
         ge=0,
     )
     evenness: float = setting(

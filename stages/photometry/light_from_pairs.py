@@ -29,7 +29,7 @@ class PairWeights:
         Of the descent.
     """
 
-    neutrality: float = 0.05
+    neutrality: float = 0.005
     evenness: float = 1e-3
     noise: float = 0.01
     max_steps: int = 200
@@ -155,13 +155,19 @@ class PairObjective:
 
 
 def _colour(light: np.ndarray) -> tuple[float, np.ndarray]:
-    """How much the channels, each divided by its sum, differ from their mean; whatever the white balance."""
-    total = np.maximum(light.sum(axis=1, keepdims=True), 1e-12)
-    part = light / total
+    """Mean of ``2 (√(1 + d²) − 1)``, d the channels' deviation from their mean; whatever the white balance.
+
+    Every channel is taken in units of its own mean. A tinge costs its square; a red lamp what it is red, for
+    by its square it would be white.
+    """
+    mean = np.maximum(light.mean(axis=1, keepdims=True), 1e-12)
+    part, size = light / mean, light.shape[0] * light.shape[1]
     off = part - part.mean(axis=2, keepdims=True)
-    size = light.shape[1] / light.shape[0]
-    by_part = 2 * size * off
-    return float(size * (off**2).sum()), (by_part - (by_part * part).sum(axis=1, keepdims=True)) / total
+    root = np.sqrt(1 + off**2)
+    by_off = 2 * off / root / size
+    by_part = by_off - by_off.mean(axis=2, keepdims=True)
+    by_light = (by_part - (by_part * part).mean(axis=1, keepdims=True)) / mean
+    return float(2 * (root - 1).sum() / size), by_light
 
 
 def contrast(light: np.ndarray) -> tuple[float, np.ndarray]:
