@@ -16,7 +16,7 @@ from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
 from stages.photometry.highlights import Linked, brightening, without_highlights
 from stages.photometry.light_from_pairs import PairObjective, PairWeights, Sample
-from stages.photometry.light_search import disagreements, sky_light
+from stages.photometry.light_search import Search, disagreements, sky_light
 from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
     PaintEdges,
@@ -158,6 +158,33 @@ def test_coloured_lamps_are_not_taken_for_paint(lit):
         found[price] = error(image / light.shading(sky, views.starts, one_light), albedo)
     free, held = found.values()
     assert free < 0.05 < 0.2 < held
+
+
+def test_light_bounces_from_surface_that_no_pixel_shows_with_the_paint_of_its_nearest():
+    """Vertex 0 sees half of its sky taken by vertex 3, which lies beside the bright one, 1."""
+    scene = sphere_scene(view_count=3)
+    views, normals = scene.stacked(), normals_of(scene)
+    of_vertex = np.arange(len(normals)) % 3
+    blend = sp.csr_array(
+        (np.ones(len(normals), np.float32), (np.arange(len(normals)), of_vertex)), shape=(len(normals), 4)
+    )
+    takes = sp.csr_array(([np.float32(0.5)], ([0], [3])), shape=(4, 4))
+    proxy = Proxy(
+        np.array([[0.0], [10], [11], [10.2]]) * [1.0, 0, 0],
+        np.tile(np.array([[0.0, 0, 1]], np.float32), (4, 1)),
+        Occlusion(np.zeros((4, 9), np.float32), takes, 0 * takes),
+    )
+    open_to_all = np.full((4, DIRECTIONS // 8), 255, np.uint8)
+    sky = SkyScene.of(normals, blend, proxy, open_to_all, DIRECTIONS, None)
+    even = np.ones((1, DIRECTIONS, 3))
+    image = np.array([0.2, 0.9, 0.05])[of_vertex, None] * sky.pixels.shading(even[0])
+    how, one_light = replace(FEW, bounces=1), np.zeros(views.view_count, int)
+    search = Search.of(sky, views, image, np.ones(len(image), bool), one_light, how)
+    found = search.settled(even, search.even_light())
+    assert found.bounced[0, 0] == pytest.approx(
+        0.5 * 0.9 * sky.vertices.shading(found.radiance[0])[3], rel=0.05
+    )
+    assert not found.bounced[0, 1:].any()
 
 
 def test_lights_are_compared_by_the_same_pairs(lit):
