@@ -161,13 +161,11 @@ def _colour(light: np.ndarray) -> tuple[float, np.ndarray]:
     by its square it would be white.
     """
     mean = np.maximum(light.mean(axis=1, keepdims=True), 1e-12)
-    part, size = light / mean, light.shape[0] * light.shape[1]
-    off = part - part.mean(axis=2, keepdims=True)
-    root = np.sqrt(1 + off**2)
-    by_off = 2 * off / root / size
+    part = light / mean
+    price, by_off = _rooted(part - part.mean(axis=2, keepdims=True))
     by_part = by_off - by_off.mean(axis=2, keepdims=True)
     by_light = (by_part - (by_part * part).mean(axis=1, keepdims=True)) / mean
-    return float(2 * (root - 1).sum() / size), by_light
+    return 2 * price, 2 * by_light
 
 
 def contrast(light: np.ndarray) -> tuple[float, np.ndarray]:
@@ -176,8 +174,11 @@ def contrast(light: np.ndarray) -> tuple[float, np.ndarray]:
     What differs a little costs its square; a sun what it is bright, for by its square it would become broad.
     """
     mean = np.maximum(light.mean(axis=1, keepdims=True), 1e-12)
-    off, size = light / mean - 1, light.shape[0] * light.shape[1]
-    root = np.sqrt(1 + off**2)
-    by_off = off / root / size
-    by_light = (by_off - (by_off * light / mean).mean(axis=1, keepdims=True)) / mean
-    return float((root - 1).sum() / size), by_light
+    price, by_off = _rooted(light / mean - 1)
+    return price, (by_off - (by_off * light / mean).mean(axis=1, keepdims=True)) / mean
+
+
+def _rooted(off: np.ndarray) -> tuple[float, np.ndarray]:
+    """Mean over lights and directions of ``√(1 + d²) − 1``, channels added; and the slope by d, (G, M, 3)."""
+    root, size = np.sqrt(1 + off**2), off.shape[0] * off.shape[1]
+    return float((root - 1).sum() / size), off / root / size
