@@ -15,7 +15,7 @@ from stages.photometry.appearance import appearance_of
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
 from stages.photometry.highlights import Linked, brightening, without_highlights
-from stages.photometry.light_from_pairs import PairObjective, PairWeights, Sample
+from stages.photometry.light_from_pairs import PairObjective, PairWeights, Sample, believed
 from stages.photometry.light_search import Search, disagreements, sky_light
 from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
@@ -30,6 +30,7 @@ from stages.photometry.sky import even_directions
 from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky, explained_best
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks
+from stages.photometry.soft_paint import soft_paint
 from stages.photometry.stack import StackedViews
 from stages.photometry.transfer import Occlusion, Proxy
 from stages.photometry.view_gains import view_gains
@@ -92,6 +93,19 @@ def scene_of(normals: np.ndarray, blend: sp.csr_array, seen: np.ndarray) -> SkyS
 def photo_of(albedo: np.ndarray, shading: np.ndarray) -> np.ndarray:
     """Scaled as the stage does it."""
     return (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def on_relief(lit):
+    """The same light on a sphere in waves, and a grey paint on it that changes softly."""
+    normals = lit[4]
+    waves = normals + 0.5 * np.sin(25 * normals[:, [1, 2, 0]] + [0, 1, 2])
+    relief = (waves / np.linalg.norm(waves, axis=1, keepdims=True)).astype(np.float32)
+    sky = open_scene(relief)
+    radiance = 0.3 + 2.5 * np.maximum(even_directions(DIRECTIONS) @ [0.4, 0.5, 0.77], 0) ** 6
+    shading = sky.pixels.shading(np.tile(radiance[:, None], 3))
+    soft = np.exp(0.5 * np.sin(normals @ [[3.0], [2.0], [0.0]] + 1)) * [0.5, 0.48, 0.45]
+    return sky, shading, soft
 
 
 @pytest.fixture(scope="module")
@@ -158,6 +172,39 @@ def test_coloured_lamps_are_not_taken_for_paint(lit):
         found[price] = error(image / light.shading(sky, views.starts, one_light), albedo)
     free, held = found.values()
     assert free < 0.05 < 0.2 < held
+
+
+def test_grey_paint_that_changes_softly_is_told_from_light_where_there_is_relief(lit, on_relief):
+    """All of it is of one colour: whoever takes that for one paint, makes the light explain it."""
+    sky, shading, soft = on_relief
+    found = light_and_shading((lit[0], sky), photo_of(soft, shading))[1]
+    assert error(found, shading) < 0.06 < 0.2 < error(np.ones_like(shading), shading)
+
+
+def test_paint_that_changes_softly_is_told_from_one_paint_and_from_patches(lit, on_relief):
+    """Told by I/S, under a light that is a little wrong."""
+    views, _, patches, _, _ = lit
+    sky, shading, soft = on_relief
+    rng, edges, trusted = np.random.default_rng(1), HOW.edges, np.ones(len(soft), bool)
+    grain = np.exp(rng.normal(0, 0.02, (len(soft), 1)))
+    wrong = shading**1.1
+    how_soft = {
+        name: soft_paint(views, (grain * paint * shading).astype(np.float32), wrong, trusted, edges).mean()
+        for name, paint in (("soft", soft), ("one", 0 * soft + 0.4), ("patches", patches))
+    }
+    assert how_soft["soft"] > 0.7
+    assert how_soft["one"] < 0.05 and how_soft["patches"] < 0.05
+
+
+def test_pairs_of_one_colour_count_less_where_paint_of_one_colour_varies():
+    """Two near pairs, alike, and two of one colour, at twice the depth; then the other way round."""
+    image = np.repeat([[0.4], [0.4], [0.8], [0.8]], 3, axis=1)
+    first, second = np.array([0, 2, 0, 1], np.int32), np.array([1, 3, 2, 3], np.int32)
+    pairs = Pairs(first, second, np.full(4, 0.25), np.array([True, True, False, False]))
+    grey = believed(image, np.ones((4, 3)), pairs, 0.4, 0.01)
+    assert grey.weight == pytest.approx([0.5, 0.5, 0, 0])
+    stripes = believed(image, np.ones((4, 3)), replace(pairs, near=~pairs.near), 0.4, 0.01)
+    assert stripes.weight == pytest.approx([0.1, 0.1, 0.4, 0.4])
 
 
 def test_light_bounces_from_surface_that_no_pixel_shows_with_the_paint_of_its_nearest():
@@ -238,6 +285,7 @@ def test_the_slope_of_what_is_minimised_is_right():
         rng.integers(0, 30, 60).astype(np.int32),
         rng.integers(0, 30, 60).astype(np.int32),
         np.full(60, 1 / 60),
+        np.ones(60, bool),
     )
     weights = PairWeights(neutrality=0.3, evenness=0.2)
     objective = PairObjective(sample, 0.1 * rng.random((30, 3)), pairs, 0.4, weights, 2)
@@ -251,7 +299,7 @@ def test_the_slope_of_what_is_minimised_is_right():
 
 def test_an_even_neutral_light_costs_nothing_beside_the_pairs():
     sample = Sample(np.ones((2, 3)), np.ones((2, 8), np.float32), np.zeros(2, int))
-    pairs = Pairs(np.array([0], np.int32), np.array([1], np.int32), np.array([1.0]))
+    pairs = Pairs(np.array([0], np.int32), np.array([1], np.int32), np.array([1.0]), np.array([True]))
     objective = PairObjective(sample, np.zeros((2, 3)), pairs, 0.4, PairWeights(), 1)
     value, slope = objective(np.ones((1, 8, 1)) * np.array([1.0, 2.0, 0.5]))
     assert value == pytest.approx(0, abs=1e-12)
@@ -262,7 +310,7 @@ def test_pairs_join_what_is_near_or_of_one_colour():
     rng = np.random.default_rng(0)
     colours = np.array([[0.8, 0.2, 0.2], [0.2, 0.2, 0.8]])[np.arange(40) % 2]
     positions = np.column_stack([np.zeros(40, int), np.arange(40) // 2 * 100])
-    pairs = alike_pairs(colours, np.zeros(40, int), positions, 10, rng)
+    pairs = alike_pairs(colours, np.zeros(40, int), positions, (5, 10), rng)
     same = np.arange(40)[pairs.first] % 2 == np.arange(40)[pairs.second] % 2
     near = np.abs(positions[pairs.first, 1] - positions[pairs.second, 1]) < 10
     assert np.all(same | near)
@@ -334,14 +382,19 @@ def test_an_edge_is_the_lights_where_shading_changes_and_colour_does_not():
     grey, rainbow = 0.5 * np.ones((count, 3)), np.exp(0.5 * across[:, None] * [1, 0, -1]) % 3 + 0.1
     plain = np.zeros(count)
     along = np.concatenate([np.full(one.size, k) for k, (one, _) in enumerate(views.neighbours())])
-    assert np.allclose(smoothness_of_edges(views, grey, flat, plain, edges), 0.3)
+    assert np.allclose(smoothness_of_edges(views, grey, flat, plain, plain, edges), 0.3)
     steep = steep / steep.max()
-    lights = smoothness_of_edges(views, grey * steep, steep, plain, edges)
+    lights = smoothness_of_edges(views, grey * steep, steep, plain, plain, edges)
     assert np.median(lights[along == 0]) > 7
     assert np.allclose(lights[along == 1], 0.3)
-    assert np.median(smoothness_of_edges(views, rainbow * steep, steep, plain, edges)[along == 0]) < 0.4
+    assert (
+        np.median(smoothness_of_edges(views, rainbow * steep, steep, plain, plain, edges)[along == 0]) < 0.4
+    )
+    softly = smoothness_of_edges(views, grey * steep, steep, plain, plain + 1, edges)
+    assert np.median(softly[along == 0] / lights[along == 0]) == pytest.approx(0.3, abs=0.03)
+    assert np.allclose(softly[along == 1], 0.3)
     checks = np.where(across % 2, 1.0, 0.3)[:, None] * grey
-    assert np.median(smoothness_of_edges(views, checks, steep, plain, edges)[along == 0]) < 0.4
+    assert np.median(smoothness_of_edges(views, checks, steep, plain, plain, edges)[along == 0]) < 0.4
 
 
 def test_paint_has_one_colour_in_any_amount_of_light():

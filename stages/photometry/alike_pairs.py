@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,16 +13,47 @@ from stages.photometry.stack import StackedViews
 # for the light; `decomposition.chroma_step` says what passes for an edge of paint once the light is known.
 COLOUR_CELL = 0.12
 PARTNERS = 4  # of either kind, per pixel
-NEAR = 0.1  # of a view's side: pixels that are likely to be of one paint
+NEAR = (
+    0.05,
+    0.1,
+)  # of a view's side: likely to be of one paint, even where that changes softly; and a little
+# further, since within smooth surface what is nearer hardly differs by its light
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Pixels of a sample, two by two, and how much every pair counts; all weights sum to 1."""
+    """Pixels of a sample, two by two.
+
+    Attributes
+    ----------
+    first, second : ndarray, shape (m,), int32
+    weight : ndarray, shape (m,)
+        How much every pair counts; sums to 1.
+    near : ndarray, shape (m,), bool
+        Whether they are paired for being near one another, not for being of one colour.
+    """
 
     first: np.ndarray
     second: np.ndarray
     weight: np.ndarray
+    near: np.ndarray
+
+    @property
+    def of_both_kinds(self) -> bool:
+        """Whether there are some that are near and some of one colour."""
+        return bool(self.near.any() and not self.near.all())
+
+    def of_kind(self, near: bool) -> Pairs:
+        """Those of one kind, of which there are some, alone."""
+        own = self.near == near
+        weight = self.weight[own] / self.weight[own].sum()
+        return Pairs(self.first[own], self.second[own], weight, self.near[own])
+
+    def with_share(self, of_colour: float) -> Pairs:
+        """The same with this share of the weight on those of one colour, alike; there are both kinds."""
+        shares = np.where(self.near, 1 - of_colour, of_colour)
+        counts = np.where(self.near, self.near.sum(), (~self.near).sum())
+        return replace(self, weight=shares / counts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,25 +68,26 @@ class Drawn:
         Number of the view that each belongs to.
     positions : ndarray, shape (n, 2)
         Row and column there.
-    radius : int
-        Side of the squares in which pixels are near, px.
+    squares : tuple of int
+        Sides of the squares in which pixels are near, px.
     """
 
     pixels: np.ndarray
     views: np.ndarray
     positions: np.ndarray
-    radius: int
+    squares: tuple[int, ...]
 
     @classmethod
     def of(cls, views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator) -> Drawn:
         """Draw from the pixels `among`; see `sample_of`."""
         pixels = sample_of(views, among, count, rng)
         view = np.searchsorted(views.starts, pixels, side="right") - 1
-        return cls(pixels, view, views.positions()[pixels], max(2, round(NEAR * views.side)))
+        squares = tuple(max(2, round(near * views.side)) for near in NEAR)
+        return cls(pixels, view, views.positions()[pixels], squares)
 
     def pairs(self, albedo: np.ndarray, rng: np.random.Generator) -> Pairs:
         """Pair them by what their albedo, (n, 3), seems to be; see `alike_pairs`."""
-        return alike_pairs(albedo, self.views, self.positions, self.radius, rng)
+        return alike_pairs(albedo, self.views, self.positions, self.squares, rng)
 
 
 def sample_of(views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -66,7 +98,11 @@ def sample_of(views: StackedViews, among: np.ndarray, count: int, rng: np.random
 
 
 def alike_pairs(
-    albedo: np.ndarray, views: np.ndarray, positions: np.ndarray, radius: int, rng: np.random.Generator
+    albedo: np.ndarray,
+    views: np.ndarray,
+    positions: np.ndarray,
+    squares: tuple[int, ...],
+    rng: np.random.Generator,
 ) -> Pairs:
     """Pair the pixels of a sample, half of the weight on either kind of pairs.
 
@@ -78,25 +114,28 @@ def alike_pairs(
         Number of the view that each pixel belongs to.
     positions : ndarray, shape (n, 2)
         Row and column there.
-    radius : int
-        Side of the squares in which pixels are near, px.
+    squares : tuple of int
+        Sides of the squares in which pixels are near, px: as many pairs from each.
     rng : numpy.random.Generator
     """
     same_colour = _partners(_colour_of(albedo), rng)
-    cells = np.column_stack([views, (positions + rng.integers(0, radius, 2)) // radius])
-    near = _partners(np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1), rng)
-    kinds = [kind for kind in (same_colour, near) if len(kind)]
-    weights = [np.full(len(kind), 1 / (len(kinds) * len(kind))) for kind in kinds]
-    if not kinds:
-        return Pairs(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0))
-    both = np.concatenate(kinds).astype(np.int32)
-    return Pairs(both[:, 0].copy(), both[:, 1].copy(), np.concatenate(weights))
+    near = [_partners(_square_of(views, positions, side, rng), rng) for side in squares]
+    both = np.concatenate([same_colour, *near]).astype(np.int32)
+    is_near = np.arange(len(both)) >= len(same_colour)
+    every = Pairs(both[:, 0].copy(), both[:, 1].copy(), np.full(len(both), 1 / max(len(both), 1)), is_near)
+    return every.with_share(0.5) if every.of_both_kinds else every
 
 
 def _colour_of(albedo: np.ndarray) -> np.ndarray:
     """Number of the chromaticity's cell, (n,)."""
     cells = np.floor(chroma_of(albedo) / COLOUR_CELL).astype(np.int64)
     return np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def _square_of(views: np.ndarray, positions: np.ndarray, side: int, rng: np.random.Generator) -> np.ndarray:
+    """Number of the square of its view that a pixel lies in, (n,); the squares begin anywhere."""
+    squares = np.column_stack([views, (positions + rng.integers(0, side, 2)) // side])
+    return np.unique(squares, axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def _partners(group: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -11,6 +11,7 @@ from stages.photometry.sky_loops import pair_losses
 from stages.solvers.non_negative import descend_above_zero
 
 DARKEST = 1e-4  # of the scaled image, or of the shading: what logarithms do not go below
+OF_ONE_COLOUR = 0.2  # of the weight, at most: paint of one colour may be darker somewhere, or be no paint
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,21 @@ def light_from_pairs(
 def disagreement(image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, noise: float) -> float:
     """Mean loss of pairs of pixels, (n, 3) each, under a shading: 0 to 1, as `light_from_pairs` has it."""
     return _Losses(image, noise).of(shading, pairs, scale)[0]
+
+
+def believed(image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, noise: float) -> Pairs:
+    """Weigh the two kinds of pairs by how far they are to be believed; arguments as of `disagreement`.
+
+    Notes
+    -----
+    Pairs of one colour count ``0.2 min(1, (d_near / d_colour)²)``, d what either kind disagrees by.
+    Grey paint that changes softly has one colour and many depths: who is near tells the light from it.
+    Paint in stripes, where who is near disagrees more, leaves them the whole fifth.
+    """
+    if not pairs.of_both_kinds:
+        return pairs
+    of_near, of_colour = (disagreement(image, shading, pairs.of_kind(k), scale, noise) for k in (True, False))
+    return pairs.with_share(OF_ONE_COLOUR * min(1.0, of_near / max(of_colour, 1e-12)) ** 2)
 
 
 class _Losses:

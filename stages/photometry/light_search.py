@@ -8,7 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.photometry.alike_pairs import Drawn, Pairs
-from stages.photometry.light_from_pairs import PairObjective, Sample, disagreement, light_from_pairs
+from stages.photometry.light_from_pairs import (
+    PairObjective,
+    Sample,
+    believed,
+    disagreement,
+    light_from_pairs,
+)
 from stages.photometry.pixel_transfer import MOST
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.stack import StackedViews
@@ -81,12 +87,15 @@ class Search:
         light = np.ones((count, len(self.part.pixels.directions), 3))
         return FoundLight(light, np.zeros((count, vertices, 3), np.float32))
 
-    def pairs(self, now: FoundLight | None) -> Pairs:
-        """Pairs by what the albedo seems to be under a light; None: by the image itself."""
-        if now is None:
-            return self.drawn.pairs(self.sample.image, self.rng)
-        shading = now.shading(self.part, self.starts, self.light_of_view)[self.among]
-        return self.drawn.pairs(self.sample.image / np.maximum(shading, NO_LIGHT), self.rng)
+    def pairs(self, now: FoundLight | None, scale: float) -> Pairs:
+        """Pairs by what the albedo seems to be under a light, as far as they are believed.
+
+        None: by the image itself, and believed as under even light.
+        """
+        image, light = self.sample.image, now or self.even_light()
+        shading = light.shading(self.part, self.starts, self.light_of_view)[self.among]
+        pairs = self.drawn.pairs(image / np.maximum(shading, NO_LIGHT) if now else image, self.rng)
+        return believed(image, shading, pairs, scale, self.settings.weights.noise)
 
     def bounce(self, now: FoundLight) -> np.ndarray:
         """Shading of the paired pixels by light from other surface, (n, 3)."""
@@ -98,7 +107,8 @@ class Search:
 
     def objective(self, now: FoundLight) -> PairObjective:
         """What pairs disagree by at the finest scale, and the priors; by the bounces of the light so far."""
-        bounce, pairs, finest = self.bounce(now), self.pairs(now), self.settings.scales[-1]
+        bounce, finest = self.bounce(now), self.settings.scales[-1]
+        pairs = self.pairs(now, finest)
         return PairObjective(self.sample, bounce, pairs, finest, self.settings.weights, len(now.radiance))
 
     def settled(self, light: np.ndarray, before: FoundLight) -> FoundLight:
@@ -149,7 +159,7 @@ def sky_light(
     """
     search, now = Search.of(scene, views, image, trusted, light_of_view, settings), near
     for scale in settings.scales if near is None else settings.scales[-REFINED:]:
-        before, pairs = now or search.even_light(), search.pairs(now)
+        before, pairs = now or search.even_light(), search.pairs(now, scale)
         bounce = search.bounce(before)
         light = light_from_pairs(search.sample, bounce, pairs, scale, before.radiance, settings.weights)
         now = search.settled(light, before)

@@ -11,6 +11,9 @@ from stages.photometry.stack import StackedViews
 DARK = 0.02  # of the scaled image: below, chromaticity is noise
 NEAR_BLACK = 1e-6
 NO_SHADING = 1e-3
+SOFTER = (
+    0.3  # times the coarse λ, where paint changes softly: that is lost by more than the light's errors are
+)
 FIRM = 4.0  # times μ, how much more a link counts where views contradict each other
 NOISE = 0.05  # of the logarithm: what the photo of textured surface may differ by without a reason
 DOUBT = 0.1  # and that of other surface, where the light is the likelier reason
@@ -43,6 +46,7 @@ def smoothness_of_edges(
     image: np.ndarray,
     shading: np.ndarray,
     textured: np.ndarray,
+    soft: np.ndarray,
     edges: PaintEdges,
 ) -> np.ndarray:
     """λ of all edges in the order of `StackedViews.neighbours`, (E,), float32.
@@ -56,6 +60,8 @@ def smoothness_of_edges(
         As the light is known by now.
     textured : ndarray, shape (N,)
         0 to 1; see `Appearance`.
+    soft : ndarray, shape (N,)
+        0 to 1; see `soft_paint`.
     edges : PaintEdges
 
     Notes
@@ -65,7 +71,8 @@ def smoothness_of_edges(
     errs where it changes: at creases, at the rims of shadows. Where the surface lies evenly in the light,
     whatever the photo shows is paint; and so it is where the photo changes by much more than the shading
     does: the exponent also takes ``(|Δ log I − Δ log S| / (|Δ log S| + d))²``, d = 0.1, or 0.05 where
-    `textured`.
+    `textured`. A large λ takes away whatever is less than 2 λ px across, soft blotches as well as shadows
+    that are not there: where paint is `soft`, coarse becomes ``max(0.3 coarse, fine)``.
     """
     brightness = np.log(np.maximum(shading.mean(axis=1), NO_SHADING)).astype(np.float32)
     seen = np.log(np.maximum(image.mean(axis=1), 0) + DARK).astype(np.float32)
@@ -77,7 +84,8 @@ def smoothness_of_edges(
         left = np.abs(seen[one] - seen[other] - brightness[one] + brightness[other])
         doubt = np.maximum(DOUBT - (DOUBT - NOISE) * (textured[one] + textured[other]) / 2, NOISE)
         paint = (left / (explained + doubt)) ** 2
-        costs.append(edges.fine + (edges.coarse - edges.fine) * lit * np.exp(-coloured - paint))
+        coarse = np.maximum(edges.coarse * SOFTER ** ((soft[one] + soft[other]) / 2), edges.fine)
+        costs.append(edges.fine + (coarse - edges.fine) * lit * np.exp(-coloured - paint))
     return np.concatenate(costs).astype(np.float32)
 
 

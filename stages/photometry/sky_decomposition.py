@@ -21,6 +21,7 @@ from stages.photometry.saddle import ALIKE, EdgeWeights
 from stages.photometry.sheen import Sheen
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks, Photos
+from stages.photometry.soft_paint import soft_paint
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_differences import Differences
 from stages.photometry.view_gains import ViewGains, view_gains
@@ -200,8 +201,9 @@ def _albedo(
     seen, matt = photos.seen * of_pixel, photos.matt * of_pixel
     shown, white = (in_white_light(one, shading) for one in (seen, matt))
     surface = appearance_of(views, shown, shading, lit.trusted, settings.edges, unsure)
+    soft = soft_paint(views, white, shading, lit.trusted, settings.edges)
     by_edge = EdgeWeights(
-        smoothness_of_edges(views, white, shading, surface.textured, settings.edges),
+        smoothness_of_edges(views, white, shading, surface.textured, soft, settings.edges),
         agreement_of_links(views, settings.descent.weights.consistency, surface.disputed),
     )
     channels = list(np.ascontiguousarray(matt.T))
