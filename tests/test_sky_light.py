@@ -95,11 +95,9 @@ def photo_of(albedo: np.ndarray, shading: np.ndarray) -> np.ndarray:
     return (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
 
 
-@pytest.fixture(scope="module")
-def on_relief(lit):
-    """The same light on a sphere in waves, and a grey paint on it that changes softly."""
-    normals = lit[4]
-    waves = normals + 0.5 * np.sin(25 * normals[:, [1, 2, 0]] + [0, 1, 2])
+def on_relief(normals: np.ndarray, height: float, waves: float):
+    """A sphere in waves, a broad light from above on it, and a grey paint that changes softly."""
+    waves = normals + height * np.sin(waves * normals[:, [1, 2, 0]] + [0, 1, 2])
     relief = (waves / np.linalg.norm(waves, axis=1, keepdims=True)).astype(np.float32)
     sky = open_scene(relief)
     radiance = 0.3 + 2.5 * np.maximum(even_directions(DIRECTIONS) @ [0.4, 0.5, 0.77], 0) ** 6
@@ -174,17 +172,17 @@ def test_coloured_lamps_are_not_taken_for_paint(lit):
     assert free < 0.05 < 0.2 < held
 
 
-def test_grey_paint_that_changes_softly_is_told_from_light_where_there_is_relief(lit, on_relief):
+def test_grey_paint_that_changes_softly_is_told_from_light_where_there_is_relief(lit):
     """All of it is of one colour: whoever takes that for one paint, makes the light explain it."""
-    sky, shading, soft = on_relief
+    sky, shading, soft = on_relief(lit[4], 0.5, 25)
     found = light_and_shading((lit[0], sky), photo_of(soft, shading))[1]
     assert error(found, shading) < 0.06 < 0.2 < error(np.ones_like(shading), shading)
 
 
-def test_paint_that_changes_softly_is_told_from_one_paint_and_from_patches(lit, on_relief):
-    """Told by I/S, under a light that is a little wrong."""
-    views, _, patches, _, _ = lit
-    sky, shading, soft = on_relief
+def test_paint_that_changes_softly_is_told_from_one_paint_and_from_patches(lit):
+    """Told by I/S under a light that is a little wrong, on relief that leaves some surface even in the light."""
+    views, _, patches, _, normals = lit
+    _, shading, soft = on_relief(normals, 0.3, 8)
     rng, edges, trusted = np.random.default_rng(1), HOW.edges, np.ones(len(soft), bool)
     grain = np.exp(rng.normal(0, 0.02, (len(soft), 1)))
     wrong = shading**1.1
@@ -192,7 +190,7 @@ def test_paint_that_changes_softly_is_told_from_one_paint_and_from_patches(lit, 
         name: soft_paint(views, (grain * paint * shading).astype(np.float32), wrong, trusted, edges).mean()
         for name, paint in (("soft", soft), ("one", 0 * soft + 0.4), ("patches", patches))
     }
-    assert how_soft["soft"] > 0.7
+    assert how_soft["soft"] > 0.4
     assert how_soft["one"] < 0.05 and how_soft["patches"] < 0.05
 
 

@@ -13,7 +13,7 @@ from stages.photometry.stack import StackedViews
 STRONGEST = 0.1  # of the logarithm: a change between neighbours that is no soft one counts as this much
 SLOPES = (1.1, 2.2)  # of the logarithm, over a view's side: from no slope to one of paint
 SHARES = (0.4, 0.7)  # of the surface around that has such slopes: from here and there to all over
-FEW = 0.02  # of the neighbours: too few lie evenly in the light to tell
+FEW = 0.3  # neighbours of the two, across or down: where fewer lie evenly in the light, they tell little
 
 
 def soft_paint(
