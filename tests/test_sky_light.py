@@ -180,7 +180,7 @@ def test_grey_paint_that_changes_softly_is_told_from_light_where_there_is_relief
 
 
 def test_paint_that_changes_softly_is_told_from_one_paint_and_from_patches(lit):
-    """Told by I/S under a light that is a little wrong, on relief that leaves some surface even in the light."""
+    """Told by I/S under a light that is a little wrong, on relief that leaves some surface evenly lit."""
     views, _, patches, _, normals = lit
     _, shading, soft = on_relief(normals, 0.3, 8)
     rng, edges, trusted = np.random.default_rng(1), HOW.edges, np.ones(len(soft), bool)
