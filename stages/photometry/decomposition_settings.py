@@ -126,8 +126,8 @@ class DecompositionSettings(Settings):
     coarse_lambda: float = setting(
         10.0,
         "`albedo` of `mode: transfer`: λ at edges that are likely to be the light's, where the shading "
-        "changes and the colour does not; stated for views of 180 × 180 pixels. Where paint changes softly all "
-        "over, 0.3 of it.",
+        "changes and the colour does not; stated for views of 180 × 180 pixels. Where paint changes softly "
+        "all over, 0.3 of it.",
         ge=0,
         le=1e6,
     )
