@@ -95,9 +95,9 @@ def photo_of(albedo: np.ndarray, shading: np.ndarray) -> np.ndarray:
     return (albedo * shading / np.percentile(albedo * shading, 99)).astype(np.float32)
 
 
-def on_relief(normals: np.ndarray, height: float, waves: float):
+def on_relief(normals: np.ndarray, height: float, frequency: float):
     """A sphere in waves, a broad light from above on it, and a grey paint that changes softly."""
-    waves = normals + height * np.sin(waves * normals[:, [1, 2, 0]] + [0, 1, 2])
+    waves = normals + height * np.sin(frequency * normals[:, [1, 2, 0]] + [0, 1, 2])
     relief = (waves / np.linalg.norm(waves, axis=1, keepdims=True)).astype(np.float32)
     sky = open_scene(relief)
     radiance = 0.3 + 2.5 * np.maximum(even_directions(DIRECTIONS) @ [0.4, 0.5, 0.77], 0) ** 6

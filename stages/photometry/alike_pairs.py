@@ -13,11 +13,9 @@ from stages.photometry.stack import StackedViews
 # for the light; `decomposition.chroma_step` says what passes for an edge of paint once the light is known.
 COLOUR_CELL = 0.12
 PARTNERS = 4  # of either kind, per pixel
-NEAR = (
-    0.05,
-    0.1,
-)  # of a view's side: likely to be of one paint, even where that changes softly; and a little
-# further, since within smooth surface what is nearer hardly differs by its light
+# Of a view's side, squares of pixels that are likely to be of one paint: small ones, for where that changes
+# softly, and larger ones, since within smooth surface what is nearer hardly differs by its light.
+NEAR = (0.05, 0.1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,9 +80,7 @@ def appearance_of(
         for end in (one, other):
             np.add.at(paint, end, share)
             np.add.at(degree, end, 1)
-    low, high = TEXTURED
-    rise = np.clip((patch_means(views, paint / np.maximum(degree, 1)) - low) / (high - low), 0, 1)
-    grained = (rise * rise * (3 - 2 * rise)).astype(np.float32)
+    grained = rise(patch_means(views, paint / np.maximum(degree, 1)), TEXTURED)
     sure = trusted & (light > DIM * np.median(light))
     quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # the same in any amount of light
     excess = Linked.of(views, sure).excess(quotient)
@@ -90,6 +88,12 @@ def appearance_of(
         textured=grained * _near(patch_means(views, np.abs(excess) if glossy else excess)),
         disputed=(1 - grained) * (1 - _near(patch_means(views, excess))),
     )
+
+
+def rise(share: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
+    """0 below, 1 above two ends, smooth between; float32."""
+    t = np.clip((share - ends[0]) / (ends[1] - ends[0]), 0, 1)
+    return (t * t * (3 - 2 * t)).astype(np.float32)
 
 
 def _near(difference: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from stages.photometry.sky_loops import pair_losses
 from stages.solvers.non_negative import descend_above_zero
 
 DARKEST = 1e-4  # of the scaled image, or of the shading: what logarithms do not go below
-OF_ONE_COLOUR = 0.2  # of the weight, at most: paint of one colour may be darker somewhere, or be no paint
+OF_ONE_COLOUR = 0.2  # of the weight, at most: there is darker paint of the same colour, grey above all
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from itertools import cycle
 
 import numpy as np
 
+from stages.photometry.appearance import rise
 from stages.photometry.neighbourhoods import means_around, patch_means, patch_side
 from stages.photometry.paint_edges import DARK, NO_SHADING, PaintEdges, colour_change
 from stages.photometry.stack import StackedViews
@@ -53,11 +54,5 @@ def soft_paint(
         patch_means(views, own) / (patch_means(views, every) + FEW)
         for own, every in zip(change, weight, strict=True)
     )
-    slope = _rise(np.hypot(across, down) * views.side, SLOPES)
-    return _rise(means_around(views, slope, 2 * patch_side(views) - 1), SHARES)
-
-
-def _rise(value: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
-    """0 below, 1 above two ends, smooth between; float32."""
-    t = np.clip((value - ends[0]) / (ends[1] - ends[0]), 0, 1)
-    return (t * t * (3 - 2 * t)).astype(np.float32)
+    slope = rise(np.hypot(across, down) * views.side, SLOPES)
+    return rise(means_around(views, slope, 2 * patch_side(views) - 1), SHARES)
