@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.accuracy import touched
 from benchmarks.accuracy.__main__ import main
 from benchmarks.accuracy.relighting import in_another_light
 from benchmarks.accuracy.report import worst_variance
@@ -72,3 +73,17 @@ def test_a_row_that_is_not_there_is_refused_by_name(tmp_path):
     with pytest.raises(SystemExit, match="fig8"):
         main(["--tiny", "--rows", "fig3,fig8", "--workspace", str(tmp_path), "--to", str(tmp_path)])
     assert not list(tmp_path.iterdir())
+
+
+def test_settings_that_people_touch_are_shown_at_their_default_and_beside_it(report, tmp_path):
+    to = ["--workspace", str(report.parent.parent), "--to", str(tmp_path)]
+    page = touched.main(["--tiny", "--settings", "fine_lambda", "bounces", *to])
+    sections = page.read_text(encoding="utf-8").split("\n## ")[1:]
+    for one, said in zip(touched.TOUCHED[1::2], sections, strict=True):
+        picture = f"touched-{one.setting}.png"
+        assert f"({picture})" in said
+        assert (tmp_path / picture).stat().st_size > 1000
+        rows = [line.split("|")[1:-1] for line in said.splitlines() if line.startswith("| ")][2:]
+        assert [row[0].strip().removesuffix(" (default)") for row in rows] == list(map(str, one.values))
+        assert said.count("(default)") == 1
+        assert len({tuple(row[1:]) for row in rows}) > 1

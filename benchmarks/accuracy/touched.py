@@ -1,0 +1,138 @@
+"""The few settings that people touch, in pictures: ``python -m benchmarks.accuracy.touched``.
+
+Every one of them on a row of the paper where it shows, at some values, the default among them; all others
+have their defaults. Writes ``touched.md`` and a picture of each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
+
+from benchmarks.accuracy.methods import JudgedRow, Method, judge_row  # noqa: E402
+from benchmarks.accuracy.scenes import laboratory_of, paper_rows  # noqa: E402
+from benchmarks.paper.laboratory import QUARTER, TINY  # noqa: E402
+from benchmarks.paper.tables import markdown  # noqa: E402
+from stages.photometry.decomposition_settings import DecompositionSettings  # noqa: E402
+from stages.scene.photos import write_png8  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+HEAD = """# Settings that one may touch, in pictures
+
+Written by `python -m benchmarks.accuracy.touched`. Nothing needs tuning: the defaults are the same on all
+scenes. Where a result has what you do not want, these are the ones to try, one at a time
+(`unshade run CONFIG --set decomposition.coarse_lambda=3`: nothing before the decomposition is run again).
+Every picture: one view's photo, its true albedo, and what is found with the setting at some values, all else
+at its default; the table has the si-RMSE of all views. What every setting means:
+[settings.md](../settings.md)."""
+
+
+@dataclass(frozen=True)
+class Touched:
+    """A setting of the decomposition, values besides the default, the row they show on, what they do."""
+
+    setting: str
+    others: tuple[Any, ...]
+    row: str
+    says: str
+
+    @property
+    def values(self) -> tuple[Any, ...]:
+        """All that are shown, in their order."""
+        return tuple(sorted({*self.others, getattr(DecompositionSettings(), self.setting)}))
+
+
+TOUCHED = (
+    Touched(
+        "coarse_lambda",
+        (1.0, 40.0),
+        "fig7",
+        "What a change of albedo costs where the shading changes and the colour does not. More, where rims "
+        "of shadows and creases are left in the albedo, as when the geometry is rough; less, where paint "
+        "that changes softly comes out flat, in plates.",
+    ),
+    Touched(
+        "fine_lambda",
+        (0.02, 1.0),
+        "fig5",
+        "What it costs elsewhere. More, where photos are noisy: lines and spots of a few pixels go as well.",
+    ),
+    Touched(
+        "sheen",
+        (False,),
+        "fig6",
+        "Whether the light's image in glossy surface is looked for, and taken off. Off, the light is found "
+        "sooner, and gloss is paint.",
+    ),
+    Touched(
+        "bounces",
+        (0, 1),
+        "fig3",
+        "How often light is passed on between surfaces. With none, hollows (the mouth, the neck) are too "
+        "bright, and have the colour of what is around them, twice.",
+    ),
+)
+
+SETTINGS = tuple(touched.setting for touched in TOUCHED)
+
+
+def main(argv: Sequence[str] | None = None) -> Path:
+    """Render, decompose, judge, write; returns the page."""
+    given = arguments(argv)
+    rows = {row.name: (row, size) for row, size in paper_rows(TINY if given.tiny else QUARTER)}
+    given.to.mkdir(parents=True, exist_ok=True)
+    sections = [HEAD]
+    for touched in (one for one in TOUCHED if one.setting in given.settings):
+        row, size = rows[touched.row]
+        judged = judge_row(laboratory_of(row, size, given.workspace), row, methods_of(touched))
+        write_png8(given.to / f"touched-{touched.setting}.png", judged.picture)
+        sections.append(section_of(touched, judged))
+    page = given.to / "touched.md"
+    page.write_text("\n\n".join(sections) + "\n", encoding="utf-8")
+    return page
+
+
+def methods_of(touched: Touched) -> tuple[Method, ...]:
+    """`mode: transfer` with each of the values."""
+    return tuple(
+        Method(f"{touched.setting} {value}", {"mode": "transfer", touched.setting: value})
+        for value in touched.values
+    )
+
+
+def section_of(touched: Touched, judged: JudgedRow) -> str:
+    """What the setting does, how far from the truth each value is, and the picture."""
+    default = getattr(DecompositionSettings(), touched.setting)
+    table = [
+        [f"{value}" + " (default)" * (value == default), *(f"{error:.3f}" for error in one.scores.si_rmse)]
+        for value, one in zip(touched.values, judged.judged, strict=True)
+    ]
+    return "\n\n".join(
+        [
+            f"## `{touched.setting}`",
+            f"{touched.says} Here: {judged.name}, {judged.about}.",
+            markdown([touched.setting, "red", "green", "blue"], table),
+            f"![{judged.name} with {touched.setting} at {', '.join(map(str, touched.values))}]"
+            f"(touched-{touched.setting}.png)",
+        ]
+    )
+
+
+def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """What was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--settings", nargs="+", choices=SETTINGS, default=SETTINGS, help="all by default")
+    parser.add_argument("--tiny", action="store_true", help="too small to mean much, to show that it works")
+    parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "accuracy")
+    parser.add_argument("--to", type=Path, default=ROOT / "workspaces" / "accuracy" / "report")
+    return parser.parse_args(argv)
+
+
+if __name__ == "__main__":
+    main()
