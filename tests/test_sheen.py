@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from stages.photometry.light_from_pairs import PairObjective
 from stages.photometry.light_in_gloss import light_in_gloss
@@ -16,7 +18,8 @@ from stages.photometry.sky import Sphere, even_directions, offsets_in
 from stages.photometry.sky_decomposition import decompose_by_sky
 from stages.photometry.sky_light import FoundLight, SkyScene
 from stages.photometry.sky_photos import Lighting, Looks, Photos
-from stages.photometry.view_differences import MOST_EXPLAINED, Differences
+from stages.photometry.stack import stack_views
+from stages.photometry.view_differences import MOST_EXPLAINED, Differences, some_links
 from stages.scene.view_files import ways_to_cameras
 from tests.sphere_scene import PAINTS, SphereScene, sphere_scene
 from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, in_shadow_of, looks, normals_of, open_scene
@@ -220,6 +223,20 @@ def test_what_no_other_view_sees_tells_nothing(glossy):
         assert untold.strength(mirror.radiance) is None
         photos = photos_of(views, seen, mirror)
         assert photos.sheen(sky, light_of(mirror), untold, shading, FEW, lambda: None) is None
+
+
+def test_as_many_links_are_looked_at_however_many_views_share_them():
+    masks = [np.ones((1, 6), bool)] * 20
+    normals = [np.broadcast_to([0.0, 0.0, 1.0], (1, 6, 3)).astype(np.float32)] * 20
+    every = {pair: sp.eye_array(6, format="csr") for pair in combinations(range(20), 2)}
+    views, trusted = stack_views(masks, normals, every), np.ones(120, bool)
+    one, other = some_links(views, trusted, 60)
+    assert 60 <= one.size < 120
+    assert np.all(one % 6 == other % 6)
+    assert len({*(one // 6), *(other // 6)}) == 20
+    trusted[0] = False
+    assert not np.any(some_links(views, trusted, 60)[0] == 0)
+    assert some_links(replace(views, links={}), trusted, 60)[0].size == 0
 
 
 def test_views_that_do_not_differ_show_no_mirror(glossy):

@@ -31,7 +31,7 @@ from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_s
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks
 from stages.photometry.soft_paint import soft_paint
-from stages.photometry.stack import StackedViews
+from stages.photometry.stack import StackedViews, stack_views
 from stages.photometry.transfer import Occlusion, Proxy
 from stages.photometry.view_gains import view_gains
 from stages.scene.view_files import ways_to_cameras
@@ -324,6 +324,16 @@ def test_the_sample_lies_inside_the_masks_and_is_sorted():
     assert np.all(np.diff(drawn) > 0)
     everything = sample_of(views, every, 10**6, np.random.default_rng(0))
     assert drawn.size < everything.size < views.starts[-1]
+
+
+def test_thin_surface_is_drawn_from_as_well_as_the_knob_on_it():
+    mask = np.zeros((40, 40), bool)
+    mask[::3] = True
+    mask[3:6, 20:23] = True
+    normals = np.broadcast_to([0.0, 0.0, 1.0], (*mask.shape, 3)).astype(np.float32)
+    views = stack_views([mask], [normals], {})
+    drawn = sample_of(views, np.arange(mask.sum()), 10**6, np.random.default_rng(0))
+    assert drawn.size == mask.sum()
 
 
 def test_gains_of_the_views_are_found_and_moving_light_is_told_from_them(lit):

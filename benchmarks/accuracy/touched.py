@@ -29,8 +29,7 @@ Written by `python -m benchmarks.accuracy.touched`. Nothing needs tuning: the de
 scenes. Where a result has what you do not want, these are the ones to try, one at a time
 (`unshade run CONFIG --set decomposition.coarse_lambda=3`: nothing before the decomposition is run again).
 Every picture: one view's photo, its true albedo, and what is found with the setting at some values, all else
-at its default; the table has the si-RMSE of all views. What every setting means:
-[settings.md](../settings.md)."""
+at its default; the table has the si-RMSE of all views. What every setting means: docs/settings.md."""
 
 
 @dataclass(frozen=True)

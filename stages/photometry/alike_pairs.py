@@ -12,6 +12,7 @@ from stages.photometry.stack import StackedViews
 # Of the logarithms of red and blue over green: colours in one cell of this size pass for one. Pairs are drawn
 # for the light; `decomposition.chroma_step` says what passes for an edge of paint once the light is known.
 COLOUR_CELL = 0.12
+THIN = 0.1  # of the pixels: where fewer have four neighbours, the others are drawn as well
 PARTNERS = 4  # of either kind, per pixel
 # Of a view's side, squares of pixels that are likely to be of one paint: small ones, for where that changes
 # softly, and larger ones, since within smooth surface what is nearer hardly differs by its light.
@@ -89,9 +90,12 @@ class Drawn:
 
 
 def sample_of(views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Some of the pixels `among`, (n,), sorted: evenly from those with four neighbours in their view."""
+    """Some of the pixels `among`, (n,), sorted: evenly from those with four neighbours in their view.
+
+    Of surface so thin that these are few, from all.
+    """
     inner = np.concatenate([_inner(mask)[mask] for mask in views.masks])[among]
-    chosen = among[inner] if inner.any() else among
+    chosen = among[inner] if inner.sum() > THIN * among.size else among
     return np.sort(rng.choice(chosen, min(count, chosen.size), replace=False))
 
 

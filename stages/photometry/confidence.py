@@ -50,9 +50,12 @@ def confidence(
 
 
 def views_that_see_it(views: StackedViews) -> np.ndarray:
-    """Links of every pixel, (N,): other views that see its surface point."""
+    """How many other views see the surface point of every pixel, (N,).
+
+    A coarse pixel may be linked to many of one view, which counts once.
+    """
     count = np.zeros(int(views.starts[-1]), np.int32)
-    for one, other in views.linked_pixels():
-        np.add.at(count, one, 1)
-        np.add.at(count, other, 1)
+    for (i, j), block in views.links.items():
+        count[views.view(i)] += np.diff(block.indptr) > 0
+        count[views.view(j)] += np.bincount(block.indices, minlength=block.shape[1]) > 0
     return count

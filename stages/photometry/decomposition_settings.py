@@ -109,8 +109,8 @@ class DecompositionSettings(Settings):
         "Weight of the albedo's smoothness (λ of Eq. 2). More takes shading out of the albedo, then paint. "
         "none, in `mode: paper`: the best of a grid on the bust of Fig. 3 (docs/paper), 40 for views of "
         "540 × 960 pixels, 12 with `solver: fast`, and in proportion to the side at other sizes. In "
-        "`mode: transfer` λ is always stated for views of 180 × 180 pixels, none is 3, and it makes "
-        "`albedo_tv` only.",
+        "`mode: transfer` λ is always stated for views of 180 × 180 pixels, none is 3, and under `light: "
+        "directions` it makes `albedo_tv` only.",
         name="lambda",
         ge=0,
         le=1e6,
@@ -119,21 +119,21 @@ class DecompositionSettings(Settings):
         None,
         "Weight of the agreement between views (μ of Eq. 2). none, in `mode: paper`: 1, or 0.2 with `solver: "
         "fast`, chosen as `lambda` is. In `mode: transfer` μ is shared among the links of a pixel; none: 1; "
-        "in `albedo` up to five times as much where views contradict each other.",
+        "under `light: directions`, in `albedo`, up to five times as much where views contradict each other.",
         ge=0,
         le=1e6,
     )
     coarse_lambda: float = setting(
         10.0,
-        "`albedo` of `mode: transfer`: λ at edges that are likely to be the light's, where the shading "
+        "`light: directions`: λ of `albedo` at edges that are likely to be the light's, where the shading "
         "changes and the colour does not; stated for views of 180 × 180 pixels. Where paint changes softly "
-        "all over, 0.3 of it.",
+        "all over, 0.3 of it. Never less than `fine_lambda`.",
         ge=0,
         le=1e6,
     )
     fine_lambda: float = setting(
         0.15,
-        "`albedo` of `mode: transfer`: λ at all other edges. 0.15 leaves lines of a pixel's width, and "
+        "`light: directions`: λ of `albedo` at all other edges. 0.15 leaves lines of a pixel's width, and "
         "single pixels where they are well lit; 0.3 takes these away, as noise.",
         unit="px",
         ge=0,
@@ -141,38 +141,49 @@ class DecompositionSettings(Settings):
     )
     shading_step: float = setting(
         0.02,
-        "Change of shading between neighbouring pixels that makes an edge likely to be the light's.",
+        "`light: directions`: change of shading between neighbouring pixels that makes an edge likely to be "
+        "the light's.",
         unit="of its logarithm",
         gt=0,
     )
     chroma_step: float = setting(
         0.12,
-        "Change of colour between neighbouring pixels that makes an edge likely to be paint.",
+        "`light: directions`: change of colour between neighbouring pixels that makes an edge likely to be "
+        "paint.",
         unit="of the logarithms of red and blue over green",
         gt=0,
     )
     delta: float = setting(
         1e-4,
-        "Residuals below this count as fitted (δ of Eq. 12, the paper's value).",
+        "`solver: paper`: residuals below this count as fitted (δ of Eq. 12, the paper's value).",
         unit="of the images' 99th percentile",
         gt=0,
         le=1,
     )
     cg_tolerance: float = setting(
         1e-6,
-        "Relative residual at which the albedo's linear system counts as solved. The paper names none; at "
-        "1e-2 the energy stands still far too high and passes for converged.",
+        "`solver: paper`: relative residual at which the albedo's linear system counts as solved. The paper "
+        "names none; at 1e-2 the energy stands still far too high and passes for converged.",
         gt=0,
         lt=1,
     )
     cg_max_steps: int = setting(
-        1000, "Steps of conjugate gradients at most; some hundreds are usual.", unit="steps", ge=1
+        1000,
+        "`solver: paper`: steps of conjugate gradients at most; some hundreds are usual.",
+        unit="steps",
+        ge=1,
     )
     max_alternations: int = setting(
-        50, "Alternations of light and albedo at most, as in the paper.", unit="alternations", ge=1
+        50,
+        "`solver: paper`: alternations of light and albedo at most, as in the paper.",
+        unit="alternations",
+        ge=1,
     )
     energy_tolerance: float = setting(
-        1e-3, "Relative change of the energy to stop at, as in the paper.", ge=0, lt=1
+        1e-3,
+        "`solver: paper`: relative change of the energy to stop at, as in the paper.",
+        ge=0,
+        lt=1,
     )
     fast_tolerance: float | None = setting(
         None,

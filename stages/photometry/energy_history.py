@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from stages.photometry.alternation import AlternationRecord, Descent
+from stages.photometry.alternation import AlternationRecord, Descent, Outcome
 from stages.photometry.energy import EnergyTerms, EnergyWeights
 from stages.photometry.fast_alternation import FastDescent
 from stages.photometry.stopping_rule import Round
 
 UNDER_LIGHT = {
+    "outcome": "of albedo_tv and albedo together: converged if both did",
     "energy": "Eq. 2 of albedo_tv under the light that was found before, as it stands: no gauge",
     "gap": "how far it may at most be above the least there is, relative to it, all channels together",
 }
@@ -58,12 +59,15 @@ def rounds_as_json(descent: FastDescent, weights: EnergyWeights) -> list[dict[st
     ]
 
 
-def rounds_under_light_as_json(descent: FastDescent) -> list[dict[str, Any]]:
-    """The same of an albedo under a light that stays: no gauge, so energies are Eq. 2 as it stands."""
+def rounds_under_light_as_json(descent: FastDescent, outcome: Outcome) -> list[dict[str, Any]]:
+    """The same of an albedo under a light that stays: no gauge, so energies are Eq. 2 as it stands.
+
+    The outcome is that of all that was sought under the light.
+    """
     return [
         {
-            "outcome": descent.outcome.name.lower(),
-            "outcome_text": descent.outcome.value,
+            "outcome": outcome.name.lower(),
+            "outcome_text": outcome.value,
             "alternations": [_round_as_json(one, channel) for one in descent.rounds],
         }
         for channel in range(3)

@@ -114,7 +114,7 @@ class Search:
     def settled(self, light: np.ndarray, before: FoundLight) -> FoundLight:
         """A light, (G, M, 3), at the scale that `brightest` asks for, with the bounces that it then has.
 
-        Albedo and bounces find together, from those before on.
+        Albedo and bounces find together, from those before on. Without bounces its scale is as good as any.
         """
         now = FoundLight(light, before.bounced)
         for _ in range(SETTLES if self.settings.bounces else 0):

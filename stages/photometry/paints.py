@@ -30,7 +30,8 @@ def paints_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, trust
     k-means of ``(b/5, log R/G, log B/G)``, b the mean logarithm, of what a pixel and all that it is linked to
     make of the albedo together, so that a highlight in one view is no paint of its own.
     """
-    colours = _colours(_albedo_seen_together(views, image, shading, trusted))
+    albedo = _albedo_seen_together(views, image, shading, trusted)
+    colours = _colours(albedo, float(np.median(albedo[trusted].mean(axis=1))))
     seeds = colours[trusted]
     seeds = seeds[:: max(1, len(seeds) // SEEDS)]
     palette, _ = kmeans(seeds, min(PALETTE, len(seeds)), iter=DRAWS, rng=0)
@@ -49,7 +50,7 @@ def _albedo_seen_together(
     return together[:, :3] / np.maximum(together[:, 3:], DARK)
 
 
-def _colours(albedo: np.ndarray) -> np.ndarray:
-    floor = FLOOR * max(float(np.median(albedo.mean(axis=1))), 1e-6)
+def _colours(albedo: np.ndarray, typical: float) -> np.ndarray:
+    floor = FLOOR * max(typical, 1e-6)
     red, green, blue = np.log(albedo.astype(np.float64) + floor).T
     return np.stack([BRIGHTNESS * (red + green + blue) / 3, red - green, blue - green], axis=1)

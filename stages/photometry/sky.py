@@ -154,7 +154,8 @@ class SkyTransport:
         """What each direction's light adds to the shading of chosen points, (n, M), float32."""
         out = np.empty((len(points), len(self.directions)), np.float32)
         gather_shares(np.asarray(points), *self._geometry, out)
-        return out * self._weight
+        out *= self._weight
+        return out
 
     def shading(self, radiance: np.ndarray, points: slice = slice(None)) -> np.ndarray:
         """Shading of a run of points under light (M, C), from the sky itself: (·, C), float32."""

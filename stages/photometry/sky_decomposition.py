@@ -78,7 +78,7 @@ class SkySolution:
     sheen : Sheen or None
         That was found and taken off.
     brightening : float
-        Of the views, after these.
+        Of the views, gains divided out, sheen and all.
     light_of_view : ndarray, shape (n,), int64
     trusted : ndarray, shape (N,), bool
         Pixels whose data counted.
@@ -170,7 +170,8 @@ def _best_explanation(
     None where no sheen is sought.
 
     What pairs of like paint disagree by is told by the shading; how views differ, by highlights, which are a
-    sharper witness of where light comes from, where there are some. The two are multiplied.
+    sharper witness of where light comes from, where there are some, and enough in every scene to tell. The
+    two are multiplied.
     """
     lights = [photos.light(scene, settings.light, step) for scene in scenes]
     left = photos.disagreements(scenes, lights, settings.light)
@@ -179,9 +180,8 @@ def _best_explanation(
         return best, left, lights[best], None
     differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
     mirrored = [each.mirrored for each in differences]
-    if any(light and light.explains_most for light in mirrored):
-        by_views = (min(light.left, 1.0) if light else 1.0 for light in mirrored)
-        left = [one * other for one, other in zip(left, by_views, strict=True)]
+    if all(mirrored) and any(light.explains_most for light in mirrored):
+        left = [one * min(light.left, 1.0) for one, light in zip(left, mirrored, strict=True)]
     best = explained_best(left)
     return best, left, lights[best], differences[best]
 

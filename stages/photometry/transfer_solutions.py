@@ -43,13 +43,14 @@ def by_sky(
 ) -> Solved:
     """With `light: directions`."""
     sky = decompose_by_sky(views, images, scenes, looks, settings, threads, step)
+    outcome = worse(sky.smooth.outcome, sky.detailed.outcome)
     return Solved(
         views=views,
         albedo=sky.albedo,
         shading=sky.light.shading,
         light=None,
-        histories=rounds_under_light_as_json(sky.smooth),
-        outcomes=[worse(sky.smooth.outcome, sky.detailed.outcome)] * 3,
+        histories=rounds_under_light_as_json(sky.smooth, outcome),
+        outcomes=[outcome] * 3,
         albedo_tv=np.maximum(sky.smooth.albedo, 0),
         sky=sky,
     )

@@ -16,6 +16,7 @@ from stages.solvers.non_negative import descend_above_zero
 ROUGHNESSES = (0.15, 0.2, 0.3)  # α of GGX: a sharper lobe falls between 256 directions
 MIDDLE = 1  # of them: what it hardly explains no other does
 LINKS = 15_000  # that are looked at, or up to twice as many
+TOLD_APART = 256  # directions, at most, by such lobes
 FEWEST = 200  # of them for one strength: what fewer differ by is as well explained by chance
 FEWEST_PER_DIRECTION = 10  # of them for a light of its own: as many numbers per channel explain noise
 LIT = 0.1  # of the mean shading, per channel: what a link's ends have at least
@@ -177,7 +178,7 @@ class Differences:
             Of chosen pixels by that light, as far as it is known: both ends of a link show one point, and
             are lit about alike by any light.
         """
-        p, q = _some_links(views, trusted)
+        p, q = some_links(views, trusted, LINKS)
         of_p, of_q = shading_at(p), shading_at(q)
         least = LIT * (of_p.mean(axis=0) + of_q.mean(axis=0)) / 2 if p.size else 0.0
         f = of_p.mean(axis=1) / np.maximum(of_q.mean(axis=1), 1e-12)
@@ -200,7 +201,7 @@ class Differences:
         None where there are too few to tell, or views do not differ.
         """
         middle = self.mirrors[MIDDLE]
-        enough = FEWEST_PER_DIRECTION * middle.lobes.shape[1]
+        enough = FEWEST_PER_DIRECTION * min(middle.lobes.shape[1], TOLD_APART)
         if self.p.size < enough or np.abs(middle.seen).mean() < SOME * NOISE:
             return None
         found = middle.light()
@@ -224,11 +225,13 @@ class Differences:
         return next(mirror for mirror in self.mirrors if mirror.roughness == roughness)
 
 
-def _some_links(views: StackedViews, trusted: np.ndarray) -> Pixels:
-    """Every so many-th link, if both its ends are trusted."""
-    stride = max(1, views.link_count // LINKS)
-    nobody = np.empty(0, np.int64)
-    ends = [(nobody, nobody), *((one[::stride], other[::stride]) for one, other in views.linked_pixels())]
+def some_links(views: StackedViews, trusted: np.ndarray, count: int) -> Pixels:
+    """Every so many-th of all links, `count` or up to twice as many, if both its ends are trusted, (N,)."""
+    stride, passed = max(1, views.link_count // count), 0
+    ends = [2 * (np.empty(0, np.int64),)]
+    for pair in views.linked_pixels():
+        ends.append(tuple(side[-passed % stride :: stride] for side in pair))
+        passed += pair[0].size
     one, other = (np.concatenate(side) for side in zip(*ends, strict=True))
     both = trusted[one] & trusted[other]
     return one[both], other[both]
