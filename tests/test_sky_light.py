@@ -194,15 +194,28 @@ def test_paint_that_changes_softly_is_told_from_one_paint_and_from_patches(lit):
     assert how_soft["one"] < 0.05 and how_soft["patches"] < 0.05
 
 
-def test_pairs_of_one_colour_count_less_where_paint_of_one_colour_varies():
-    """Two near pairs, alike, and two of one colour, at twice the depth; then the other way round."""
+def test_pairs_count_less_where_they_disagree_more_than_who_is_nearest():
+    """Two nearest pairs, alike, and two of another kind, at twice the depth; then the other way round."""
     image = np.repeat([[0.4], [0.4], [0.8], [0.8]], 3, axis=1)
     first, second = np.array([0, 2, 0, 1], np.int32), np.array([1, 3, 2, 3], np.int32)
-    pairs = Pairs(first, second, np.full(4, 0.25), np.array([True, True, False, False]))
-    grey = believed(image, np.ones((4, 3)), pairs, 0.4, 0.01)
-    assert grey.weight == pytest.approx([0.5, 0.5, 0, 0])
-    stripes = believed(image, np.ones((4, 3)), replace(pairs, near=~pairs.near), 0.4, 0.01)
-    assert stripes.weight == pytest.approx([0.1, 0.1, 0.4, 0.4])
+
+    def weights(*kinds: int) -> np.ndarray:
+        pairs = Pairs(first, second, np.full(4, 0.25), np.array(kinds, np.int32))
+        return believed(image, np.ones((4, 3)), pairs, 0.4, 0.01).weight
+
+    assert weights(1, 1, 0, 0) == pytest.approx([0.5, 0.5, 0, 0])
+    assert weights(0, 0, 1, 1) == pytest.approx([0.1, 0.1, 0.4, 0.4])
+    assert weights(1, 1, 2, 2) == pytest.approx([0.5, 0.5, 0, 0])
+    assert weights(2, 2, 1, 1) == pytest.approx([0.25, 0.25, 0.25, 0.25])
+    for kind in (0, 2):
+        assert weights(kind, kind, kind, kind) == pytest.approx([0.25, 0.25, 0.25, 0.25])
+
+
+def test_a_kind_of_few_pairs_has_no_more_than_their_share():
+    image = np.repeat([[0.4], [0.4], [0.5], [0.5]], 3, axis=1)
+    places = np.array([0, 2] * 50, np.int32)
+    pairs = Pairs(places, places + 1, np.full(100, 0.01), np.array([1] + [2] * 99, np.int32))
+    assert believed(image, np.ones((4, 3)), pairs, 0.4, 0.01).weight == pytest.approx(np.full(100, 0.01))
 
 
 def test_light_bounces_from_surface_that_no_pixel_shows_with_the_paint_of_its_nearest():
@@ -283,7 +296,7 @@ def test_the_slope_of_what_is_minimised_is_right():
         rng.integers(0, 30, 60).astype(np.int32),
         rng.integers(0, 30, 60).astype(np.int32),
         np.full(60, 1 / 60),
-        np.ones(60, bool),
+        np.ones(60, np.int32),
     )
     weights = PairWeights(neutrality=0.3, evenness=0.2)
     objective = PairObjective(sample, 0.1 * rng.random((30, 3)), pairs, 0.4, weights, 2)
@@ -297,7 +310,7 @@ def test_the_slope_of_what_is_minimised_is_right():
 
 def test_an_even_neutral_light_costs_nothing_beside_the_pairs():
     sample = Sample(np.ones((2, 3)), np.ones((2, 8), np.float32), np.zeros(2, int))
-    pairs = Pairs(np.array([0], np.int32), np.array([1], np.int32), np.array([1.0]), np.array([True]))
+    pairs = Pairs(np.array([0], np.int32), np.array([1], np.int32), np.array([1.0]), np.array([1], np.int32))
     objective = PairObjective(sample, np.zeros((2, 3)), pairs, 0.4, PairWeights(), 1)
     value, slope = objective(np.ones((1, 8, 1)) * np.array([1.0, 2.0, 0.5]))
     assert value == pytest.approx(0, abs=1e-12)

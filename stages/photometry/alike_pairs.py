@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,8 @@ THIN = 0.1  # of the pixels: where fewer have four neighbours, the others are dr
 PARTNERS = 4  # of either kind, per pixel
 # Of a view's side, squares of pixels that are likely to be of one paint: small ones, for where that changes
 # softly, and larger ones, since within smooth surface what is nearer hardly differs by its light.
-NEAR = (0.05, 0.1)
+NEAR = (0.03, 0.06, 0.12)
+COLOUR = 0  # the kind of pairs that are of one colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,31 +30,40 @@ class Pairs:
     first, second : ndarray, shape (m,), int32
     weight : ndarray, shape (m,)
         How much every pair counts; sums to 1.
-    near : ndarray, shape (m,), bool
-        Whether they are paired for being near one another, not for being of one colour.
+    kind : ndarray, shape (m,), int32
+        What they are paired for: being of one colour, 0; or near one another, 1 in the smallest squares, 2 in
+        larger ones, and so on.
     """
 
     first: np.ndarray
     second: np.ndarray
     weight: np.ndarray
-    near: np.ndarray
+    kind: np.ndarray
 
     @property
-    def of_both_kinds(self) -> bool:
-        """Whether there are some that are near and some of one colour."""
-        return bool(self.near.any() and not self.near.all())
+    def kinds(self) -> list[int]:
+        """Those of which there are some, sorted."""
+        return np.unique(self.kind).tolist()
 
-    def of_kind(self, near: bool) -> Pairs:
-        """Those of one kind, of which there are some, alone."""
-        own = self.near == near
-        weight = self.weight[own] / self.weight[own].sum()
-        return Pairs(self.first[own], self.second[own], weight, self.near[own])
+    def of_kind(self, kind: int) -> Pairs:
+        """Those of one kind, of which there are some, alone and alike."""
+        own = self.kind == kind
+        count = int(own.sum())
+        return Pairs(self.first[own], self.second[own], np.full(count, 1 / count), self.kind[own])
 
-    def with_share(self, of_colour: float) -> Pairs:
-        """The same with this share of the weight on those of one colour, alike; there are both kinds."""
-        shares = np.where(self.near, 1 - of_colour, of_colour)
-        counts = np.where(self.near, self.near.sum(), (~self.near).sum())
-        return replace(self, weight=shares / counts)
+    def weighted(self, of_colour: float, worth: Mapping[int, float] | None = None) -> Pairs:
+        """The same with this share of the weight on pairs of one colour, alike, and the rest on near ones.
+
+        By what one of each kind is worth; 1 if nothing is said. Where there are none of one colour, or none
+        that are near, the others have it all.
+        """
+        colour = (self.kind == COLOUR).astype(np.float64)
+        near = 1 - colour
+        for kind, each in (worth or {}).items():
+            near[self.kind == kind] = each
+        share = of_colour if colour.any() and near.any() else float(colour.any())
+        shares = ((share, colour), (1 - share, near))
+        return replace(self, weight=sum(own * of / max(of.sum(), 1e-12) for own, of in shares))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +117,7 @@ def alike_pairs(
     squares: tuple[int, ...],
     rng: np.random.Generator,
 ) -> Pairs:
-    """Pair the pixels of a sample, half of the weight on either kind of pairs.
+    """Pair the pixels of a sample, half of the weight on those of one colour, half on those that are near.
 
     Parameters
     ----------
@@ -117,15 +128,14 @@ def alike_pairs(
     positions : ndarray, shape (n, 2)
         Row and column there.
     squares : tuple of int
-        Sides of the squares in which pixels are near, px: as many pairs from each.
+        Sides of the squares in which pixels are near, px, from small to large.
     rng : numpy.random.Generator
     """
-    same_colour = _partners(_colour_of(albedo), rng)
-    near = [_partners(_square_of(views, positions, side, rng), rng) for side in squares]
-    both = np.concatenate([same_colour, *near]).astype(np.int32)
-    is_near = np.arange(len(both)) >= len(same_colour)
-    every = Pairs(both[:, 0].copy(), both[:, 1].copy(), np.full(len(both), 1 / max(len(both), 1)), is_near)
-    return every.with_share(0.5) if every.of_both_kinds else every
+    groups = [_colour_of(albedo), *(_square_of(views, positions, side, rng) for side in squares)]
+    partners = [_partners(group, rng) for group in groups]
+    both = np.concatenate(partners).astype(np.int32)
+    kind = np.repeat(np.arange(len(partners), dtype=np.int32), [len(own) for own in partners])
+    return Pairs(both[:, 0].copy(), both[:, 1].copy(), np.zeros(len(both)), kind).weighted(0.5)
 
 
 def _colour_of(albedo: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.alike_pairs import Pairs
+from stages.photometry.alike_pairs import COLOUR, Pairs
 from stages.photometry.sky_loops import pair_losses
 from stages.solvers.non_negative import descend_above_zero
 
@@ -100,18 +100,29 @@ def disagreement(image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: fl
 
 
 def believed(image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, noise: float) -> Pairs:
-    """Weigh the two kinds of pairs by how far they are to be believed; arguments as of `disagreement`.
+    """Weigh pairs of each kind by how far they are to be believed; arguments as of `disagreement`.
 
     Notes
     -----
-    Pairs of one colour count ``0.2 min(1, (d_near / d_colour)²)``, d what either kind disagrees by.
-    Grey paint that changes softly has one colour and many depths: who is near tells the light from it.
-    Paint in stripes, where who is near disagrees more, leaves them the whole fifth.
+    With d what pairs of a kind disagree by, a near pair counts ``min(1, (d_nearest / d)²)``, and those of one
+    colour together ``0.2 min(1, (d_near / d_colour)²)`` of the whole. Grey paint that changes softly has one
+    colour and many depths: who is nearest tells the light from it. Paint in stripes, where who is near
+    disagrees as much as anybody, leaves all of them their say.
     """
-    if not pairs.of_both_kinds:
+    kinds = pairs.kinds
+    left = {kind: disagreement(image, shading, pairs.of_kind(kind), scale, noise) for kind in kinds}
+    near = [kind for kind in kinds if kind != COLOUR]
+    if not near:
         return pairs
-    of_near, of_colour = (disagreement(image, shading, pairs.of_kind(k), scale, noise) for k in (True, False))
-    return pairs.with_share(OF_ONE_COLOUR * min(1.0, of_near / max(of_colour, 1e-12)) ** 2)
+    worth = {kind: _credit(left[kind], left[near[0]]) for kind in near}
+    weighted = pairs.weighted(0.0, worth)
+    of_near = disagreement(image, shading, weighted, scale, noise)
+    return pairs.weighted(OF_ONE_COLOUR * _credit(left.get(COLOUR, 0.0), of_near), worth)
+
+
+def _credit(left: float, least: float) -> float:
+    """1 for what leaves no more than the best witness; the square of the ratio for what leaves more."""
+    return 1.0 if left <= least else (least / left) ** 2
 
 
 class _Losses:
