@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from stages.photometry.energy import EnergyWeights
     from stages.photometry.pixel_transfer import PixelTransfer
+    from stages.photometry.sky import Eyes
     from stages.photometry.sky_decomposition import SkySolution
     from stages.photometry.solutions import Solved
     from stages.photometry.stack import StackedViews
@@ -115,7 +116,7 @@ def _by_transfer(
                 views, images, transfer, as_transfer(settings, weights), job.threads, step
             )
     else:
-        scenes, opposed = sky_scenes(stored, blend, normals)
+        scenes, opposed = sky_scenes(stored, blend, normals, _eyes(job, stored))
         _tell_opposed(job, opposed, len(normals))
         looks = Looks(trusted, towards)
         how = as_sky(settings, weights, views.side)
@@ -128,6 +129,16 @@ def _by_transfer(
     return solved.judged(views, images, incidence, trusted)
 
 
+def _eyes(job: Job, stored: StoredTransfer) -> Eyes:
+    """Of the proxy's vertices, and the proxy in their way."""
+    from stages.geometry.occluders import Occluders
+    from stages.photometry.sky import Eyes
+    from stages.scene.meshes import Surface
+
+    proxy = Occluders(Surface(stored.vertices, stored.faces), job.threads)
+    return Eyes(stored.eyes - proxy.origin, stored.normals, proxy.blocked, proxy.origin, job.executor)
+
+
 def _note_light(job: Job, stored: StoredTransfer, sky: SkySolution) -> None:
     """What was found out about the light, and by what."""
     import numpy as np
@@ -136,6 +147,7 @@ def _note_light(job: Job, stored: StoredTransfer, sky: SkySolution) -> None:
     job.note(
         light_distance=float(distance) if np.isfinite(distance) else "infinitely far",
         disagreement=dict(zip(map(str, stored.radii.tolist()), sky.disagreements, strict=True)),
+        directions=len(sky.directions),
         lights=int(sky.light_of_view.max()) + 1,
         spread_between_views=round(sky.gains.spread, 4),
         brightening_between_views=round(sky.brightening, 3),
@@ -220,16 +232,16 @@ def _write_what_transfer_knows(
     write_maps(job.outputs["confidence"], cameras, masks, solved.confidence, job.executor.map)
     names = [camera.name for camera in cameras]
     if solved.sky is None:
-        directions, lights = solved.sampled_light()
+        (directions, lights), cells = solved.sampled_light(), None
     else:
         sky = solved.sky
-        directions, lights = sky.directions, sky.light.radiance
+        directions, cells, lights = sky.directions, sky.cells, sky.light.radiance
         sphere = stored.centre, float(stored.radii[sky.scene])
-        light = LightAround(directions, lights, sky.light_of_view, sky.gains.gains, *sphere)
+        light = LightAround(directions, cells, lights, sky.light_of_view, sky.gains.gains, *sphere)
         write_light_around(job.outputs["lighting"], cameras, light, scale)
         names = names if len(lights) > 1 else ["shared"]
     upright = directions @ upright_from_world(cameras).T
-    pictures = {name: picture_of_light(upright, one) for name, one in zip(names, lights, strict=True)}
+    pictures = {name: picture_of_light(upright, one, cells) for name, one in zip(names, lights, strict=True)}
     write_pictures_of_light(job.outputs["light_pictures"], pictures)
 
 
@@ -279,7 +291,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 14,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 15,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

@@ -75,7 +75,7 @@ def run(job: Job) -> None:
     from stages.geometry.proxy import blend_of, proxy_of
     from stages.geometry.rays import vertex_normals
     from stages.geometry.surface import mean_edge
-    from stages.photometry.sky import Sphere, even_directions, visible_directions
+    from stages.photometry.sky import Eyes, Sphere, even_directions
     from stages.photometry.transfer import occlusion, points_at_once
     from stages.scene.meshes import read_mesh
     from stages.scene.transfer_file import StoredTransfer, write_transfer
@@ -85,20 +85,17 @@ def run(job: Job) -> None:
     proxy = proxy_of(surface, settings.max_vertices)
     normals = vertex_normals(proxy.vertices, proxy.faces)
     occluders, count = Occluders(proxy, job.threads), len(proxy.vertices)
-    origins = proxy.vertices - occluders.origin + settings.lift * mean_edge(proxy) * normals
+    eyes = proxy.vertices + settings.lift * mean_edge(proxy) * normals
+    origins = eyes - occluders.origin
     with job.progress("rays", -(-count // points_at_once(settings.directions))) as step:
         seen = occlusion(origins, normals, occluders.cast, count, settings.degree, settings.directions, step)
     centre, radius = _middle(proxy)
-    radii, visible = [np.inf, *(radius * distance for distance in settings.light_distances)], []
+    radii = [np.inf, *(radius * distance for distance in settings.light_distances)]
     directions = even_directions(settings.sky_directions)
+    looking = Eyes(origins, normals, occluders.blocked, occluders.origin, job.executor)
     with job.progress("directions", len(radii) * -(-len(directions) // 8)) as step:
-        for own in radii:
-            sphere = Sphere(tuple(centre - occluders.origin), own) if np.isfinite(own) else None
-            visible.append(
-                visible_directions(
-                    origins, normals, occluders.blocked, directions, sphere, job.executor, step
-                )
-            )
+        spheres = [Sphere(tuple(centre), own) if np.isfinite(own) else None for own in radii]
+        visible = [looking.see(directions, sphere, step) for sphere in spheres]
     own_normals = vertex_normals(surface.vertices, surface.faces)
     corners, weights = blend_of(surface, own_normals, proxy, job.threads)
     write_transfer(
@@ -111,6 +108,8 @@ def run(job: Job) -> None:
             corners=corners,
             weights=weights,
             vertices=proxy.vertices,
+            faces=proxy.faces,
+            eyes=eyes,
             directions=np.array(len(directions)),
             centre=centre,
             radii=np.array(radii),
@@ -131,7 +130,7 @@ def _middle(surface: Surface) -> tuple[np.ndarray, float]:
 
 TRANSFER = Stage(
     name="transfer",
-    version=2,
+    version=3,
     about="What of the sky each point sees, and what it sees instead.",
     settings=TransferSettings,
     takes=("mesh",),

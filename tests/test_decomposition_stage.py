@@ -196,10 +196,11 @@ def test_world_up_is_the_cameras_mean_up(scene):
 @pytest.mark.parametrize(("radius", "distance"), [(np.inf, None), (5.0, 5.0)])
 def test_light_from_all_around_is_written_from_plain_arrays(scene, tmp_path, radius, distance):
     directions, radiance = np.eye(3), np.arange(18.0).reshape(2, 3, 3)
-    of_view, gains = np.array([0, 1, 1]), np.full((3, 3), 0.5)
-    light = LightAround(directions, radiance, of_view, gains, np.array([1.0, 2, 3]), radius)
+    of_view, gains, cells = np.array([0, 1, 1]), np.full((3, 3), 0.5), np.array([0.5, 0.25, 0.25])
+    light = LightAround(directions, cells, radiance, of_view, gains, np.array([1.0, 2, 3]), radius)
     write_light_around(tmp_path / "lighting.json", scene.cameras, light, image_scale=7.0)
     told = json.loads((tmp_path / "lighting.json").read_text(encoding="utf-8"))
     assert (told["centre"], told["distance"], told["image_scale"]) == ([1, 2, 3], distance, 7)
     assert (told["directions"], told["radiance"]) == (directions.tolist(), radiance.tolist())
+    assert told["cells"] == cells.tolist()
     assert told["views"][1] == {"name": scene.cameras[1].name, "light": 1, "gain": [0.5] * 3}

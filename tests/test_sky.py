@@ -105,5 +105,5 @@ def test_the_picture_of_the_light_shows_every_direction_in_its_place():
     assert middle[1] < -0.99  # −y
     assert towards[16, 40, 0] < 0  # to the right of it lies −x
     radiance = np.maximum(even_directions(COUNT) @ np.array([[0.6], [0.0], [0.8]]), 0) ** 4
-    picture = picture_of_light(even_directions(COUNT), radiance, 32)[:, :, 0]
+    picture = picture_of_light(even_directions(COUNT), radiance, rows=32)[:, :, 0]
     assert np.allclose(picture, np.maximum(towards @ np.array([0.6, 0.0, 0.8]), 0) ** 4, atol=0.05)

@@ -291,7 +291,9 @@ def test_brighter_photos_of_the_same_give_a_brighter_light_and_the_same_pairs(li
 
 def test_the_slope_of_what_is_minimised_is_right():
     rng = np.random.default_rng(3)
-    sample = Sample(0.2 + rng.random((30, 3)), rng.random((30, 8)).astype(np.float32), rng.integers(0, 2, 30))
+    cells = rng.random(8)
+    shares, of_light = rng.random((30, 8)).astype(np.float32), rng.integers(0, 2, 30)
+    sample = Sample(0.2 + rng.random((30, 3)), shares, of_light, cells / cells.sum())
     pairs = Pairs(
         rng.integers(0, 30, 60).astype(np.int32),
         rng.integers(0, 30, 60).astype(np.int32),
@@ -309,7 +311,7 @@ def test_the_slope_of_what_is_minimised_is_right():
 
 
 def test_an_even_neutral_light_costs_nothing_beside_the_pairs():
-    sample = Sample(np.ones((2, 3)), np.ones((2, 8), np.float32), np.zeros(2, int))
+    sample = Sample(np.ones((2, 3)), np.ones((2, 8), np.float32), np.zeros(2, int), np.full(8, 1 / 8))
     pairs = Pairs(np.array([0], np.int32), np.array([1], np.int32), np.array([1.0]), np.array([1], np.int32))
     objective = PairObjective(sample, np.zeros((2, 3)), pairs, 0.4, PairWeights(), 1)
     value, slope = objective(np.ones((1, 8, 1)) * np.array([1.0, 2.0, 0.5]))

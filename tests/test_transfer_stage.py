@@ -48,9 +48,12 @@ def errors(output: Path, capsys) -> np.ndarray:
 
 def test_albedo_times_shading_is_the_image_and_the_light_says_what_it_meets(config, output):
     lighting = json.loads((output / "lighting.json").read_text(encoding="utf-8"))
-    assert "sum over the M directions" in lighting["convention"]
+    assert "sum over the directions" in lighting["convention"]
     assert lighting["distance"] is None
-    assert np.shape(lighting["radiance"]) == (1, 256, 3)
+    count = len(lighting["directions"])
+    assert np.shape(lighting["radiance"]) == (1, count, 3)
+    assert count >= 256 and (count - 256) % 6 == 0
+    assert np.sum(lighting["cells"]) == pytest.approx(1, abs=1e-5)
     assert np.min(lighting["radiance"]) >= 0
     assert {view["light"] for view in lighting["views"]} == {0}
     for name in NAMES:

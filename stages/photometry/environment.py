@@ -21,13 +21,17 @@ def directions_of_picture(rows: int = ROWS) -> np.ndarray:
     return np.concatenate([across, up], axis=2)
 
 
-def picture_of_light(directions: np.ndarray, radiance: np.ndarray, rows: int = ROWS) -> np.ndarray:
-    """Light (M, C) from even directions (M, 3) as a picture, (rows, 2 · rows, C), float32.
+def picture_of_light(
+    directions: np.ndarray, radiance: np.ndarray, cells: np.ndarray | None = None, rows: int = ROWS
+) -> np.ndarray:
+    """Light (M, C) from directions (M, 3) as a picture, (rows, 2 · rows, C), float32.
 
-    Every pixel is a blend of the directions around it, Gaussian, as wide as they are apart.
+    Every pixel is a blend of the directions around it, Gaussian, as wide as they are apart: by the share of
+    all directions that each stands for, (M,); None: all alike.
     """
     towards = directions_of_picture(rows).reshape(-1, 3)
-    spacing = 2 / np.sqrt(len(directions))  # radians: 4π over M, its root, a little more
+    cells = np.full(len(directions), 1 / len(directions)) if cells is None else cells
+    spacing = 2 * np.sqrt(cells)  # radians: 4π times the share, its root, a little less
     weight = np.exp((towards @ np.asarray(directions, np.float64).T - 1) / (0.5 * spacing**2))
     blended = (weight @ radiance) / weight.sum(axis=1, keepdims=True)
     return blended.reshape(rows, 2 * rows, -1).astype(np.float32)

@@ -78,7 +78,8 @@ class Search:
         drawn = Drawn.of(views, looked, settings.samples * (3 + count) // 4, rng)
         among = np.searchsorted(looked, drawn.pixels)
         own_image = image[drawn.pixels].astype(np.float64)
-        sample = Sample(own_image, part.pixels.shares(among), light_of_view[drawn.views])
+        shares = part.pixels.shares(among)
+        sample = Sample(own_image, shares, light_of_view[drawn.views], part.pixels.cells)
         return cls(part, starts, image[looked], light_of_view, drawn, among, sample, settings, rng)
 
     def even_light(self) -> FoundLight:

@@ -107,6 +107,41 @@ def visible_directions(
 
 
 @dataclass(frozen=True, eq=False)
+class Eyes:
+    """Points that look into the sky, and what is in their way.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (P, 3)
+        A little off the surface, relative to the origin.
+    normals : ndarray, shape (P, 3)
+        Unit, world axes.
+    blocked : callable
+        Of rays relative to the origin.
+    origin : ndarray, shape (3,)
+        World.
+    executor : concurrent.futures.Executor or None
+    """
+
+    positions: np.ndarray
+    normals: np.ndarray
+    blocked: Blocked
+    origin: np.ndarray
+    executor: Executor | None = None
+
+    def see(
+        self, directions: np.ndarray, sphere: Sphere | None, after_each: Callable[[], None] = lambda: None
+    ) -> np.ndarray:
+        """Which directions they see the sky in, or the sphere, in world axes: `visible_directions`."""
+        there = None
+        if sphere is not None:
+            there = Sphere(tuple(np.array(sphere.centre) - self.origin), sphere.radius)
+        return visible_directions(
+            self.positions, self.normals, self.blocked, directions, there, self.executor, after_each
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class SkyTransport:
     """How light from M directions reaches N points: all of it that they see, by the cosine.
 
@@ -121,13 +156,15 @@ class SkyTransport:
     visible : ndarray, shape (P, ⌈M/8⌉), uint8
         Of `visible_directions`.
     directions : ndarray, shape (M, 3), float32
+    cells : ndarray, shape (M,), float32
+        Share of all directions that each stands for; together 1.
 
     Notes
     -----
-    ``S(p) = 1/π ∫ V L max(0, n·ω) dω ≈ 4/M Σ_d V_d(p) max(0, n_p·ω_d) L_d``: the shading of Eq. 1, with all
-    frequencies of the light that M directions hold. V is blended between vertices, the cosine is the point's
-    own. Light from a sphere at hand comes from small sources that face its centre: it changes from place to
-    place, by the angle and with the square of the distance.
+    ``S(p) = 1/π ∫ V L max(0, n·ω) dω ≈ 4 Σ_d c_d V_d(p) max(0, n_p·ω_d) L_d``, c the cells: the shading of
+    Eq. 1, with all frequencies of the light that M directions hold. V is blended between vertices, the cosine
+    is the point's own. Light from a sphere at hand comes from small sources that face its centre: it changes
+    from place to place, by the angle and with the square of the distance.
     """
 
     normals: np.ndarray
@@ -135,14 +172,15 @@ class SkyTransport:
     blend: sp.csr_array
     visible: np.ndarray
     directions: np.ndarray
+    cells: np.ndarray
 
     @classmethod
     def of(
         cls, normals: np.ndarray, offsets: np.ndarray, blend: sp.csr_array, visible: np.ndarray, count: int
     ) -> SkyTransport:
-        """Of points with unit normals (N, 3), and `count` directions."""
-        directions = even_directions(count).astype(np.float32)
-        return cls(np.ascontiguousarray(normals, np.float32), offsets, blend, visible, directions)
+        """Of points with unit normals (N, 3), and `count` directions, alike."""
+        directions, cells = even_directions(count).astype(np.float32), np.full(count, 1 / count, np.float32)
+        return cls(np.ascontiguousarray(normals, np.float32), offsets, blend, visible, directions, cells)
 
     def at(self, points: np.ndarray) -> SkyTransport:
         """The same with some of the points only."""
@@ -163,7 +201,7 @@ class SkyTransport:
         begin, end, _ = points.indices(len(self.normals))
         out = np.empty((max(0, end - begin), radiance.shape[1]), np.float32)
         own = (first[begin : end + 1], vertex, weight)
-        light = np.ascontiguousarray(radiance * self._weight, np.float32)
+        light = np.ascontiguousarray(radiance * self._weight[:, None], np.float32)
         gather_irradiance(
             self.normals[begin:end], self.offsets[begin:end], own, self.visible, self.directions, light, out
         )
@@ -179,13 +217,14 @@ class SkyTransport:
         """
         out = np.empty((len(points), radiance.shape[1]), np.float32)
         light = np.ascontiguousarray(radiance, np.float32)
-        gather_mirrored(np.asarray(points), *self._geometry, towards, np.float32(roughness), light, out)
+        mirror = towards, np.float32(roughness), self.cells
+        gather_mirrored(np.asarray(points), *self._geometry, *mirror, light, out)
         return out
 
     def lobes(self, towards: np.ndarray, roughness: float, points: np.ndarray) -> np.ndarray:
         """What each direction's light adds to that, per unit, (n, M), float32; see `mirrored`."""
         out = np.empty((len(points), len(self.directions)), np.float32)
-        gather_lobes(np.asarray(points), *self._geometry, towards, np.float32(roughness), out)
+        gather_lobes(np.asarray(points), *self._geometry, towards, np.float32(roughness), self.cells, out)
         return out
 
     @property
@@ -194,8 +233,8 @@ class SkyTransport:
         return self.normals, self.offsets, self._blend, self.visible, self.directions
 
     @property
-    def _weight(self) -> np.float32:
-        return np.float32(4 / len(self.directions))
+    def _weight(self) -> np.ndarray:
+        return 4 * self.cells
 
     @property
     def _blend(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

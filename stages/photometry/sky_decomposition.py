@@ -9,6 +9,7 @@ import numpy as np
 
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.appearance import appearance_of
+from stages.photometry.divided_light import divided
 from stages.photometry.fast_alternation import FastDescent, FastSettings
 from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
@@ -92,6 +93,8 @@ class SkySolution:
         With it.
     directions : ndarray, shape (M, 3)
         Of the light.
+    cells : ndarray, shape (M,)
+        Share of all directions that each stands for.
     """
 
     light: SkyLight
@@ -107,6 +110,7 @@ class SkySolution:
     detailed: FastDescent
     albedo: np.ndarray
     directions: np.ndarray
+    cells: np.ndarray
 
 
 def decompose_by_sky(
@@ -153,13 +157,15 @@ def decompose_by_sky(
     del differences  # many lobes
     if sheen is not None:
         photos = photos.without_sheen(sheen, photos.mirror(scene, in_gloss))
-        found = photos.light(scene, settings.light, step, near=in_gloss)
-        shading = photos.shading(scene, found)
+    finer, found = divided(scene, in_gloss)
+    if sheen is not None or finer is not scene:
+        found = photos.light(finer, settings.light, step, near=found)
+        scene, shading = finer, photos.shading(finer, found)
     light = _scaled(found.radiance, shading * of_pixel)
     light_found = (light, best, left, gains, sheen, photos.brightening, photos.light_of_view)
     del image  # `photos` has what follows
     albedo_found = _albedo(photos, unsure, light, of_pixel, settings, threads, step)
-    return SkySolution(*light_found, *albedo_found, scene.pixels.directions)
+    return SkySolution(*light_found, *albedo_found, scene.pixels.directions, scene.pixels.cells)
 
 
 def _best_explanation(

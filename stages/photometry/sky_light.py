@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from stages.photometry.light_from_pairs import PairWeights
 from stages.photometry.pixel_transfer import nearest_shown
-from stages.photometry.sky import SkyTransport, Sphere, offsets_in
+from stages.photometry.sky import Eyes, SkyTransport, Sphere, offsets_in
 from stages.photometry.transfer import Proxy
 
 
@@ -54,11 +54,17 @@ class SkyScene:
         P; of the proxy's positions and normals.
     proxy : Proxy
         Of P vertices, that bounces go between.
+    sphere : Sphere or None
+        That the light comes from, world; None: from infinitely far away.
+    eyes : Eyes or None
+        Of the vertices, where they can be asked to look in other directions.
     """
 
     pixels: SkyTransport
     vertices: SkyTransport
     proxy: Proxy
+    sphere: Sphere | None = None
+    eyes: Eyes | None = None
 
     @classmethod
     def of(
@@ -77,6 +83,7 @@ class SkyScene:
             pixels=SkyTransport.of(normals, blend @ of_vertices, blend, visible, directions),
             vertices=SkyTransport.of(proxy.normals, of_vertices, own, visible, directions),
             proxy=proxy,
+            sphere=sphere,
         )
 
     def at(self, pixels: np.ndarray) -> SkyScene:

@@ -38,8 +38,10 @@ def gather_shares(points, normals, offsets, blend, visible, directions, out):
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def gather_mirrored(points, normals, offsets, blend, visible, directions, towards, roughness, radiance, out):
-    """``Σ_d V_d m_d e_d / Σ_d m_d`` of chosen points and channels, (n, C), with m of `_mirroring`."""
+def gather_mirrored(
+    points, normals, offsets, blend, visible, directions, towards, roughness, cells, radiance, out
+):
+    """``Σ_d V_d c_d m_d e_d / Σ_d c_d m_d`` of chosen points and channels, (n, C), with m of `_mirroring`."""
     for chunk in numba.prange((len(points) + CHUNK - 1) // CHUNK):
         seen = np.empty(8 * visible.shape[1], np.float32)
         for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(points))):
@@ -48,7 +50,7 @@ def gather_mirrored(points, normals, offsets, blend, visible, directions, toward
             out[k] = 0
             total = np.float32(1e-12)
             for d in range(len(directions)):
-                share = _mirroring(normals[p], offsets[p], directions[d], towards[p], roughness)
+                share = cells[d] * _mirroring(normals[p], offsets[p], directions[d], towards[p], roughness)
                 if share > 0:
                     total += share
                     for c in range(out.shape[1]):
@@ -57,8 +59,8 @@ def gather_mirrored(points, normals, offsets, blend, visible, directions, toward
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def gather_lobes(points, normals, offsets, blend, visible, directions, towards, roughness, out):
-    """``V_d m_d / Σ_d m_d`` of chosen points and all directions, (n, M), with m of `_mirroring`."""
+def gather_lobes(points, normals, offsets, blend, visible, directions, towards, roughness, cells, out):
+    """``V_d c_d m_d / Σ_d c_d m_d`` of chosen points and all directions, (n, M), with m of `_mirroring`."""
     for chunk in numba.prange((len(points) + CHUNK - 1) // CHUNK):
         seen = np.empty(8 * visible.shape[1], np.float32)
         for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(points))):
@@ -66,7 +68,7 @@ def gather_lobes(points, normals, offsets, blend, visible, directions, towards, 
             _look(p, blend, visible, seen)
             total = np.float32(1e-12)
             for d in range(len(directions)):
-                share = _mirroring(normals[p], offsets[p], directions[d], towards[p], roughness)
+                share = cells[d] * _mirroring(normals[p], offsets[p], directions[d], towards[p], roughness)
                 total += share
                 out[k, d] = seen[d] * share
             for d in range(len(directions)):

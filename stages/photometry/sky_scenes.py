@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 
 from stages.photometry.pixel_transfer import blend_of_pixels, without_opposed
-from stages.photometry.sky import Sphere
+from stages.photometry.sky import Eyes, Sphere
 from stages.photometry.sky_light import SkyScene
 from stages.photometry.transfer import Occlusion, Proxy
 from stages.scene.transfer_file import StoredTransfer
@@ -28,7 +29,7 @@ def proxy_in(stored: StoredTransfer) -> Proxy:
 
 
 def sky_scenes(
-    stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray
+    stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray, eyes: Eyes | None = None
 ) -> tuple[list[SkyScene], int]:
     """Scenes in the order of the stored radii, and how many pixels see the back of the mesh.
 
@@ -38,10 +39,13 @@ def sky_scenes(
     blend : csr_array, shape (N, P)
     normals : ndarray, shape (N, 3)
         Of the pixels.
+    eyes : Eyes or None
+        Of the proxy's vertices, for those who look in other directions than are stored.
     """
     blend, opposed = without_opposed(normals, blend, stored.normals)
     proxy, scenes = proxy_in(stored), []
     for radius, visible in zip(stored.radii.tolist(), stored.visible, strict=True):
         sphere = Sphere(tuple(stored.centre), radius) if np.isfinite(radius) else None
-        scenes.append(SkyScene.of(normals, blend, proxy, visible, int(stored.directions), sphere))
+        scene = SkyScene.of(normals, blend, proxy, visible, int(stored.directions), sphere)
+        scenes.append(replace(scene, eyes=eyes))
     return scenes, opposed

@@ -85,11 +85,14 @@ class InMirror:
         ``I_p − f I_q`` with ``f = S_p / S_q``, of the brightness.
     lobes : ndarray, shape (L, M), float32
         ``m_p − f m_q``, m as `SkyTransport.lobes` has it: what light of each direction would add to `seen`.
+    cells : ndarray, shape (M,)
+        Share of all directions that each stands for.
     """
 
     roughness: float
     seen: np.ndarray
     lobes: np.ndarray
+    cells: np.ndarray
 
     def left(self, radiance: np.ndarray) -> tuple[float, np.ndarray]:
         """What light (M, 3) in the mirror leaves, of 1 where it is dark, and the slope by the light.
@@ -115,7 +118,7 @@ class InMirror:
 
         def objective(radiance: np.ndarray) -> tuple[float, np.ndarray]:
             left, slope = self.left(radiance)
-            price, own = contrast(radiance[None])
+            price, own = contrast(radiance[None], self.cells)
             return left + EVENNESS * price, slope + EVENNESS * own[0]
 
         start = np.full((self.lobes.shape[1], 3), 0.1 * float(np.abs(self.seen).mean()))
@@ -186,7 +189,8 @@ class Differences:
         p, q, f = p[lit], q[lit], f[lit, None].astype(np.float32)
         apart = seen[p] - f * seen[q]
         lobes = (pixels.lobes(towards, a, p) - f * pixels.lobes(towards, a, q) for a in ROUGHNESSES)
-        return cls(p, q, tuple(InMirror(a, apart, each) for a, each in zip(ROUGHNESSES, lobes, strict=True)))
+        each = zip(ROUGHNESSES, lobes, strict=True)
+        return cls(p, q, tuple(InMirror(a, apart, of_a, pixels.cells) for a, of_a in each))
 
     def within(self, glossy: np.ndarray) -> Differences:
         """Those with both ends among some of the pixels, (N,) bool."""

@@ -21,11 +21,11 @@ BY_TRANSFER = (
     "point: (1 / pi) times the integral of V max(0, n.w) Y_k(w), and what bounces from other surface"
 )
 BY_DIRECTIONS = (
-    "shading = gain[view] * (4 / M) * sum over the M directions d of V_d max(0, n.w_d) radiance[light of "
-    "the view][d], plus what bounces from other surface, image = albedo * shading, linear; V_d: whether the "
-    "point sees direction d; n: normal in world axes. Where the light is not infinitely far, w_d points from "
-    "the surface to centre + distance * direction, and the light falls with the square of the way and "
-    "the angle there"
+    "shading = gain[view] * 4 * sum over the directions d of cells[d] V_d max(0, n.w_d) radiance[light of "
+    "the view][d], plus what bounces from other surface, image = albedo * shading, linear; cells: share of "
+    "all directions that each stands for; V_d: whether the point sees direction d; n: normal in world axes. "
+    "Where the light is not infinitely far, w_d points from the surface to centre + distance * direction, "
+    "and the light falls with the square of the way and the angle there"
 )
 GAUGE = "in each channel the sum of |albedo| equals the sum of |image| over all masked pixels"
 
@@ -68,6 +68,8 @@ class LightAround:
     ----------
     directions : ndarray, shape (M, 3)
         Unit, world axes.
+    cells : ndarray, shape (M,)
+        Share of all directions that each stands for; together 1.
     radiance : ndarray, shape (G, M, 3)
         Of every light from every direction.
     light_of_view : ndarray, shape (n,)
@@ -79,6 +81,7 @@ class LightAround:
     """
 
     directions: np.ndarray
+    cells: np.ndarray
     radiance: np.ndarray
     light_of_view: np.ndarray
     gains: np.ndarray
@@ -108,6 +111,7 @@ def write_light_around(path: Path, cameras: list[Camera], light: LightAround, im
         "centre": light.centre.tolist(),
         "distance": light.radius if np.isfinite(light.radius) else None,
         "directions": light.directions.tolist(),
+        "cells": light.cells.tolist(),
         "radiance": light.radiance.tolist(),
         "views": [{"name": name, "light": number, "gain": gain} for name, number, gain in views],
     }

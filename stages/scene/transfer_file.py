@@ -31,6 +31,10 @@ class StoredTransfer:
         Every vertex of the mesh as a blend of the proxy's.
     vertices : ndarray, shape (P, 3), float64
         Of the proxy, world.
+    faces : ndarray, shape (F, 3), int32
+        Of the proxy.
+    eyes : ndarray, shape (P, 3), float64
+        Where rays from its vertices begin, world.
     directions : ndarray, shape (), int64
         M, directions that light is looked for in.
     centre : ndarray, shape (3,), float64
@@ -48,6 +52,8 @@ class StoredTransfer:
     corners: np.ndarray
     weights: np.ndarray
     vertices: np.ndarray
+    faces: np.ndarray
+    eyes: np.ndarray
     directions: np.ndarray
     centre: np.ndarray
     radii: np.ndarray

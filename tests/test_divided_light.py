@@ -1,0 +1,109 @@
+"""Bright cells of the light, divided: the same light, and then a sharper one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from stages.photometry.divided_light import AROUND, MOST, bright_cells, divided, honeycomb
+from stages.photometry.light_from_pairs import contrast
+from stages.photometry.sky import Eyes, Sphere, even_directions
+from stages.photometry.sky_light import FoundLight, SkyScene
+from stages.photometry.transfer import Occlusion, Proxy
+
+COUNT = 64
+SUN = np.array([0.6, 0.0, 0.8])
+
+
+def behind_a_wall(x: float):
+    """Rays are blocked that go far to the left of a point: beyond ``x`` of their directions."""
+    return lambda origins, directions: directions[:, 0] < x
+
+
+def scene_of(blocked, sphere: Sphere | None = None) -> SkyScene:
+    """Three vertices that face up and aside, shown by a pixel each."""
+    normals = np.array([[0.0, 0, 1], [0.6, 0, 0.8], [0, 1, 0]])
+    eyes = Eyes(np.zeros((3, 3), np.float32), normals, blocked, np.zeros(3))
+    none = sp.csr_array((3, 3), dtype=np.float32)
+    proxy = Proxy(np.zeros((3, 3)), normals.astype(np.float32), Occlusion(np.zeros((3, 9)), none, none))
+    own = sp.csr_array(np.eye(3, dtype=np.float32))
+    seen = eyes.see(even_directions(COUNT), sphere)
+    return replace(SkyScene.of(normals, own, proxy, seen, COUNT, sphere), eyes=eyes)
+
+
+def sunny(peak: float = 20.0) -> FoundLight:
+    light = 0.5 + peak * np.maximum(even_directions(COUNT) @ SUN, 0) ** 60
+    return FoundLight(np.tile(light[None, :, None], (1, 1, 3)), np.zeros((1, 3, 3), np.float32))
+
+
+def test_the_light_is_the_same_and_its_cells_still_hold_all_directions():
+    scene, light = scene_of(behind_a_wall(-2)), sunny()
+    finer, same = divided(scene, light)
+    bright = bright_cells(light.radiance, scene.pixels.cells)
+    assert 0 < bright.size < MOST
+    assert len(finer.pixels.directions) == COUNT + AROUND * bright.size == same.radiance.shape[1]
+    for transport in (finer.pixels, finer.vertices):
+        assert transport.cells.sum() == pytest.approx(1)
+        assert np.allclose(np.linalg.norm(transport.directions, axis=1), 1, atol=1e-6)
+    before, after = scene.pixels.shading(light.radiance[0]), finer.pixels.shading(same.radiance[0])
+    assert np.allclose(before, after, rtol=0.05)  # cells of 30° end where surface turns away
+    prices = [
+        contrast(*each)[0]
+        for each in ((light.radiance, scene.pixels.cells), (same.radiance, finer.pixels.cells))
+    ]
+    assert prices[0] == pytest.approx(prices[1])
+
+
+def test_new_directions_lie_around_the_old_as_far_away_as_their_cells_are_wide():
+    directions, cells = even_directions(COUNT)[[3, 40]], np.full(2, 1 / COUNT / 7)
+    around = honeycomb(directions, cells).reshape(2, AROUND, 3)
+    away = np.arccos(np.einsum("nk,nak->na", directions, around))
+    assert away == pytest.approx(np.sqrt(2 / np.sqrt(3) * 4 * np.pi / COUNT / 7), rel=1e-3)
+    apart = np.linalg.norm(around - np.roll(around, 1, axis=1), axis=2)
+    assert apart == pytest.approx(away, rel=0.02)
+
+
+def test_each_new_direction_is_looked_in():
+    """A wall's edge between an old direction and those around it hides some of these only."""
+    bright = bright_cells(sunny().radiance, np.full(COUNT, 1 / COUNT))
+    edge = float(even_directions(COUNT)[bright, 0].mean())
+    finer, _ = divided(scene_of(behind_a_wall(edge)), sunny())
+    seen = np.unpackbits(finer.pixels.visible, axis=1, count=len(finer.pixels.directions))
+    facing = finer.pixels.directions @ finer.pixels.normals.T > 0.05
+    assert np.array_equal(seen.T[facing] == 1, np.tile(finer.pixels.directions[:, :1] >= edge, 3)[facing])
+    new = seen[0, COUNT:]
+    assert 0 < new.sum() < new.size
+
+
+def test_a_lamp_at_hand_is_looked_at_where_it_is():
+    """From off the centre, a lamp on a sphere lies elsewhere than from its middle."""
+    asked = []
+
+    def blocked(origins, directions):
+        asked.append(directions)
+        return np.zeros(len(directions), bool)
+
+    scene = scene_of(blocked, Sphere((0.5, 0, 0), 2.0))
+    asked.clear()
+    finer, _ = divided(scene, sunny())
+    towards = finer.pixels.directions[COUNT] + np.array([0.25, 0, 0])
+    assert np.allclose(asked[0][0], towards / np.linalg.norm(towards), atol=1e-6)
+
+
+def test_nothing_is_divided_where_nothing_is_bright_or_nobody_looks():
+    scene, even = scene_of(behind_a_wall(-2)), sunny(0.0)
+    assert divided(scene, even) == (scene, even)
+    blind = replace(scene, eyes=None)
+    assert divided(blind, sunny())[0] is blind
+
+
+def test_only_so_many_cells_are_divided_and_those_that_send_most():
+    cells = np.full(1000, 1e-3)
+    light = np.ones((1, 1000, 3))
+    light[0, :100] = np.arange(1000, 1100)[:, None]
+    assert bright_cells(light, cells).tolist() == list(range(100 - MOST, 100))
+    cells[99] = 1e-6
+    assert 99 not in bright_cells(light, cells)
