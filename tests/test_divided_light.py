@@ -10,9 +10,12 @@ import scipy.sparse as sp
 
 from stages.photometry.divided_light import AROUND, MOST, bright_cells, divided, honeycomb
 from stages.photometry.light_from_pairs import contrast
+from stages.photometry.light_search import sky_light
 from stages.photometry.sky import Eyes, Sphere, even_directions
 from stages.photometry.sky_light import FoundLight, SkyScene
 from stages.photometry.transfer import Occlusion, Proxy
+from tests.sphere_scene import sphere_scene
+from tests.test_sky_light import DIRECTIONS, FEW, error, normals_of, photo_of
 
 COUNT = 64
 SUN = np.array([0.6, 0.0, 0.8])
@@ -107,3 +110,36 @@ def test_only_so_many_cells_are_divided_and_those_that_send_most():
     assert bright_cells(light, cells).tolist() == list(range(100 - MOST, 100))
     cells[99] = 1e-6
     assert 99 not in bright_cells(light, cells)
+
+
+def below_a_roof(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Rays meet a plane above all points, left of the middle."""
+    up = np.maximum(directions[:, 2], 1e-6)
+    return (origins[:, 0] + (3 - origins[:, 2]) / up * directions[:, 0] < 0) & (directions[:, 2] > 0)
+
+
+def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is():
+    """The edge of a roof, far from what it shades: the sun's place is told by where its shadow ends."""
+    shown = sphere_scene(view_count=3)
+    views, normals, albedo = shown.stacked(), normals_of(shown), np.stack(shown.true_channels(), axis=1)
+    eyes, points = Eyes(normals, normals, below_a_roof, np.zeros(3)), len(normals)
+    own, none = sp.eye_array(points, dtype=np.float32, format="csr"), sp.csr_array((points, points))
+    proxy = Proxy(normals, normals.astype(np.float32), Occlusion(np.zeros((points, 9)), none, none))
+    seen = eyes.see(even_directions(DIRECTIONS), None)
+    sky = replace(SkyScene.of(normals, own, proxy, seen, DIRECTIONS, None), eyes=eyes)
+    towards = even_directions(DIRECTIONS)[np.argsort(-even_directions(DIRECTIONS) @ [0.3, 0.4, 0.87])[:3]]
+    sun = towards.sum(axis=0) / np.linalg.norm(towards.sum(axis=0))
+    free = ~below_a_roof(normals, np.tile(sun, (points, 1)))
+    shading = (
+        0.3 * sky.pixels.shading(np.ones((DIRECTIONS, 3)))
+        + 2 * (free * np.maximum(normals @ sun, 0))[:, None]
+    )
+    image, everything, one_light = photo_of(albedo, shading), np.ones(points, bool), np.zeros(3, int)
+    coarse = sky_light(sky, views, image, everything, one_light, FEW)
+    finer, near = divided(sky, coarse)
+    fine = sky_light(finer, views, image, everything, one_light, FEW, near=near)
+    left = [
+        error(light.shading(scene, views.starts, one_light), shading)
+        for scene, light in ((sky, coarse), (finer, fine))
+    ]
+    assert left[1] < 0.7 * left[0]
