@@ -9,21 +9,18 @@ import numpy as np
 from stages.photometry.sky import SkyTransport
 from stages.photometry.sky_light import FoundLight, SkyScene
 
-BRIGHT = 3.0  # times the mean light: cells that are divided
-MOST = (
-    24  # of them, those that send most: each costs six more directions, and most shadows are of a few lamps
-)
+BRIGHT = 3.0  # times the mean light: cells that are worth dividing
 AROUND = 6  # new directions around the one in the middle, as honeycombs have it
 
 
-def divided(scene: SkyScene, found: FoundLight) -> tuple[SkyScene, FoundLight]:
-    """Divide the cells that are bright into seven, each as bright as the whole.
+def divided(scene: SkyScene, found: FoundLight, most: int) -> tuple[SkyScene, FoundLight]:
+    """Divide the cells that are bright into seven, each as bright as the whole; so many at most.
 
     The light is the same; it can now be found anew with shadows as sharp as the finer cells are. Nothing
     changes where no cell is bright, or nobody can look.
     """
     transport = scene.pixels
-    bright = bright_cells(found.radiance, transport.cells)
+    bright = bright_cells(found.radiance, transport.cells, most)
     if scene.eyes is None or not bright.size:
         return scene, found
     around = honeycomb(transport.directions[bright], transport.cells[bright] / (AROUND + 1))
@@ -37,11 +34,14 @@ def divided(scene: SkyScene, found: FoundLight) -> tuple[SkyScene, FoundLight]:
     return finer, replace(found, radiance=np.concatenate([found.radiance, of_new], axis=1))
 
 
-def bright_cells(radiance: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Numbers of the cells, (M,), that are far brighter than the mean of all lights (G, M, 3), sorted."""
+def bright_cells(radiance: np.ndarray, cells: np.ndarray, most: int) -> np.ndarray:
+    """Numbers of the cells, (M,), that are far brighter than the mean of all lights (G, M, 3), sorted.
+
+    At most so many: those that send most.
+    """
     light = radiance.sum(axis=(0, 2))
     bright = np.flatnonzero(light > BRIGHT * (cells * light).sum())
-    strongest = np.argsort(-(cells * light)[bright], kind="stable")[:MOST]
+    strongest = np.argsort(-(cells * light)[bright], kind="stable")[:most]
     return np.sort(bright[strongest])
 
 
