@@ -24,14 +24,10 @@ def divided(scene: SkyScene, found: FoundLight, most: int) -> tuple[SkyScene, Fo
     if scene.eyes is None or not bright.size:
         return scene, found
     around = honeycomb(transport.directions[bright], transport.cells[bright] / (AROUND + 1))
-    seen = scene.eyes.see(around, scene.sphere)
-    finer = replace(
-        scene,
-        pixels=_divided(transport, bright, around, seen),
-        vertices=_divided(scene.vertices, bright, around, seen),
-    )
+    finer = _with_more(transport, bright, around, scene.eyes.see(around, scene.sphere))
+    scene = replace(scene, pixels=replace(scene.pixels, **finer), vertices=replace(scene.vertices, **finer))
     of_new = found.radiance[:, np.repeat(bright, AROUND)]
-    return finer, replace(found, radiance=np.concatenate([found.radiance, of_new], axis=1))
+    return scene, replace(found, radiance=np.concatenate([found.radiance, of_new], axis=1))
 
 
 def bright_cells(radiance: np.ndarray, cells: np.ndarray, most: int) -> np.ndarray:
@@ -61,19 +57,19 @@ def honeycomb(directions: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return (np.cos(width) * directions[:, None] + np.sin(width) * off).reshape(-1, 3).astype(np.float32)
 
 
-def _divided(
+def _with_more(
     transport: SkyTransport, bright: np.ndarray, around: np.ndarray, seen: np.ndarray
-) -> SkyTransport:
-    """With six further directions for each bright cell, (n, 3), and which the vertices see, (P, ⌈n/8⌉)."""
+) -> dict[str, np.ndarray]:
+    """Directions, cells and what vertices see, with six further directions for each bright cell, (n, 3).
+
+    `seen`, (P, ⌈n/8⌉), is what they see of these.
+    """
     cells = transport.cells.copy()
     cells[bright] /= AROUND + 1
-    bits = [
-        np.unpackbits(visible, axis=1, count=count)
-        for visible, count in ((transport.visible, len(cells)), (seen, len(around)))
-    ]
-    return replace(
-        transport,
-        visible=np.packbits(np.concatenate(bits, axis=1), axis=1),
-        directions=np.concatenate([transport.directions, around]),
-        cells=np.concatenate([cells, np.repeat(cells[bright], AROUND)]),
-    )
+    before = np.unpackbits(transport.visible, axis=1, count=len(cells))
+    further = np.unpackbits(seen, axis=1, count=len(around))
+    return {
+        "directions": np.concatenate([transport.directions, around]),
+        "cells": np.concatenate([cells, np.repeat(cells[bright], AROUND)]),
+        "visible": np.packbits(np.concatenate([before, further], axis=1), axis=1),
+    }
