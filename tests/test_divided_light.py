@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.divided_light import AROUND, bright_cells, divided, honeycomb
+from stages.photometry.divided_light import AROUND, MOST, bright_cells, divided, honeycomb
 from stages.photometry.light_from_pairs import contrast
 from stages.photometry.light_search import sky_light
 from stages.photometry.sky import Eyes, Sphere, even_directions
@@ -17,7 +17,7 @@ from stages.photometry.transfer import Occlusion, Proxy
 from tests.sphere_scene import sphere_scene
 from tests.test_sky_light import DIRECTIONS, FEW, error, normals_of, photo_of
 
-COUNT, MOST = 64, 24
+COUNT = 64
 SUN = np.array([0.6, 0.0, 0.8])
 
 
@@ -44,8 +44,8 @@ def sunny(peak: float = 20.0) -> FoundLight:
 
 def test_the_light_is_the_same_and_its_cells_still_hold_all_directions():
     scene, light = scene_of(behind_a_wall(-2)), sunny()
-    finer, same = divided(scene, light, MOST)
-    bright = bright_cells(light.radiance, scene.pixels.cells, MOST)
+    finer, same = divided(scene, light)
+    bright = bright_cells(light.radiance, scene.pixels.cells)
     assert 0 < bright.size < MOST
     assert len(finer.pixels.directions) == COUNT + AROUND * bright.size == same.radiance.shape[1]
     for transport in (finer.pixels, finer.vertices):
@@ -71,9 +71,9 @@ def test_new_directions_lie_around_the_old_as_far_away_as_their_cells_are_wide()
 
 def test_each_new_direction_is_looked_in():
     """A wall's edge between an old direction and those around it hides some of these only."""
-    bright = bright_cells(sunny().radiance, np.full(COUNT, 1 / COUNT), MOST)
+    bright = bright_cells(sunny().radiance, np.full(COUNT, 1 / COUNT))
     edge = float(even_directions(COUNT)[bright, 0].mean())
-    finer, _ = divided(scene_of(behind_a_wall(edge)), sunny(), MOST)
+    finer, _ = divided(scene_of(behind_a_wall(edge)), sunny())
     seen = np.unpackbits(finer.pixels.visible, axis=1, count=len(finer.pixels.directions))
     facing = finer.pixels.directions @ finer.pixels.normals.T > 0.05
     assert np.array_equal(seen.T[facing] == 1, np.tile(finer.pixels.directions[:, :1] >= edge, 3)[facing])
@@ -91,26 +91,25 @@ def test_a_lamp_at_hand_is_looked_at_where_it_is():
 
     scene = scene_of(blocked, Sphere((0.5, 0, 0), 2.0))
     asked.clear()
-    finer, _ = divided(scene, sunny(), MOST)
+    finer, _ = divided(scene, sunny())
     towards = finer.pixels.directions[COUNT] + np.array([0.25, 0, 0])
     assert np.allclose(asked[0][0], towards / np.linalg.norm(towards), atol=1e-6)
 
 
 def test_nothing_is_divided_where_nothing_is_bright_or_nobody_looks():
     scene, even = scene_of(behind_a_wall(-2)), sunny(0.0)
-    assert divided(scene, even, MOST) == (scene, even)
+    assert divided(scene, even) == (scene, even)
     blind = replace(scene, eyes=None)
-    assert divided(blind, sunny(), MOST)[0] is blind
-    assert divided(scene, sunny(), 0)[0] is scene
+    assert divided(blind, sunny())[0] is blind
 
 
 def test_only_so_many_cells_are_divided_and_those_that_send_most():
     cells = np.full(1000, 1e-3)
     light = np.ones((1, 1000, 3))
     light[0, :100] = np.arange(1000, 1100)[:, None]
-    assert bright_cells(light, cells, MOST).tolist() == list(range(100 - MOST, 100))
+    assert bright_cells(light, cells).tolist() == list(range(100 - MOST, 100))
     cells[99] = 1e-6
-    assert 99 not in bright_cells(light, cells, MOST)
+    assert 99 not in bright_cells(light, cells)
 
 
 def below_a_roof(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -137,7 +136,7 @@ def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is():
     )
     image, everything, one_light = photo_of(albedo, shading), np.ones(points, bool), np.zeros(3, int)
     coarse = sky_light(sky, views, image, everything, one_light, FEW)
-    finer, near = divided(sky, coarse, MOST)
+    finer, near = divided(sky, coarse)
     fine = sky_light(finer, views, image, everything, one_light, FEW, near=near)
     left = [
         error(light.shading(scene, views.starts, one_light), shading)

@@ -42,7 +42,6 @@ METHODS = (IMAGE, Method("cartoon-texture"), PAPER, WELL, OURS)
 ABLATIONS = (
     _ours("albedo_tv", artefact="albedo_tv"),
     _ours("light: harmonics", light="harmonics"),
-    _ours("no cell divided", divided_cells=0),
     _ours("no bounces", bounces=0),
     _ours("no sheen", sheen=False),
     _ours("one light per view", lighting="per-view"),

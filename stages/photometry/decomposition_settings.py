@@ -66,16 +66,6 @@ class DecompositionSettings(Settings):
         ge=1000,
         le=300_000,
     )
-    divided_cells: int = setting(
-        24,
-        "`light: directions`: cells of the light that are divided into seven at most, and looked in anew, "
-        "once it is known: those far brighter than the mean, and of them those that send most. Suns and "
-        "lamps lie between the directions of `transfer.sky_directions`, and so would the ends of their "
-        "shadows. Each costs six more directions; 0: none.",
-        unit="cells",
-        ge=0,
-        le=500,
-    )
     neutrality: float = setting(
         0.005,
         "`light: directions`: the price of channels that disagree about where the light comes from. More "

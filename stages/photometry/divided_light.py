@@ -9,18 +9,19 @@ import numpy as np
 from stages.photometry.sky import SkyTransport
 from stages.photometry.sky_light import FoundLight, SkyScene
 
-BRIGHT = 3.0  # times the mean light: cells that are worth dividing
+BRIGHT = 3.0  # times the mean light: cells that are divided
+MOST = 24  # of them, those that send most: each costs six directions more, and lamps are few
 AROUND = 6  # new directions around the one in the middle, as honeycombs have it
 
 
-def divided(scene: SkyScene, found: FoundLight, most: int) -> tuple[SkyScene, FoundLight]:
-    """Divide the cells that are bright into seven, each as bright as the whole; so many at most.
+def divided(scene: SkyScene, found: FoundLight) -> tuple[SkyScene, FoundLight]:
+    """Divide the cells that are bright into seven, each as bright as the whole.
 
     The light is the same; it can now be found anew with shadows as sharp as the finer cells are. Nothing
     changes where no cell is bright, or nobody can look.
     """
     transport = scene.pixels
-    bright = bright_cells(found.radiance, transport.cells, most)
+    bright = bright_cells(found.radiance, transport.cells)
     if scene.eyes is None or not bright.size:
         return scene, found
     around = honeycomb(transport.directions[bright], transport.cells[bright] / (AROUND + 1))
@@ -30,14 +31,11 @@ def divided(scene: SkyScene, found: FoundLight, most: int) -> tuple[SkyScene, Fo
     return scene, replace(found, radiance=np.concatenate([found.radiance, of_new], axis=1))
 
 
-def bright_cells(radiance: np.ndarray, cells: np.ndarray, most: int) -> np.ndarray:
-    """Numbers of the cells, (M,), that are far brighter than the mean of all lights (G, M, 3), sorted.
-
-    At most so many: those that send most.
-    """
+def bright_cells(radiance: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Numbers of the cells, (M,), that are far brighter than the mean of all lights (G, M, 3), sorted."""
     light = radiance.sum(axis=(0, 2))
     bright = np.flatnonzero(light > BRIGHT * (cells * light).sum())
-    strongest = np.argsort(-(cells * light)[bright], kind="stable")[:most]
+    strongest = np.argsort(-(cells * light)[bright], kind="stable")[:MOST]
     return np.sort(bright[strongest])
 
 

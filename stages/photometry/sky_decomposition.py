@@ -157,7 +157,7 @@ def decompose_by_sky(
     del differences  # many lobes
     if sheen is not None:
         photos = photos.without_sheen(sheen, photos.mirror(scene, in_gloss))
-    finer, found = divided(scene, in_gloss, settings.light.divided_cells)
+    finer, found = divided(scene, in_gloss)
     if sheen is not None or finer is not scene:
         found = photos.light(finer, settings.light, step, near=found)
         scene, shading = finer, photos.shading(finer, found)

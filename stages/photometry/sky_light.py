@@ -29,8 +29,6 @@ class SkySettings:
         darker and more, is not at once taken for other paint; then finer.
     brightest : float
         What the brightest material reflects.
-    divided_cells : int
-        Bright ones that are divided at most, once the light is known; see `divided`.
     weights : PairWeights
     seed : int
         Of the sample.
@@ -40,7 +38,6 @@ class SkySettings:
     samples: int = 20_000
     scales: tuple[float, ...] = (2.4, 1.2, 0.6, 0.4, 0.4)
     brightest: float = 0.9
-    divided_cells: int = 24
     weights: PairWeights = PairWeights()
     seed: int = 0
 

@@ -85,7 +85,6 @@ def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float)
             samples=settings.samples,
             bounces=settings.bounces,
             brightest=settings.brightest,
-            divided_cells=settings.divided_cells,
             weights=PairWeights(settings.neutrality, settings.evenness),
         ),
         lighting=Lighting(settings.lighting, settings.moving_light),
