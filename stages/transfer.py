@@ -37,8 +37,8 @@ class TransferSettings(Settings):
     )
     sky_directions: int = setting(
         256,
-        "Directions that light is looked for in, all around: some 13° apart. Four times as many hold shadows "
-        "twice as sharp, and take four times as long.",
+        "Directions that light is looked for in, all around: some 13° apart, and 5° where it turns out to be "
+        "bright. Four times as many hold shadows twice as sharp, and take four times as long.",
         unit="directions",
         ge=16,
         le=4096,

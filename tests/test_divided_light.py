@@ -8,16 +8,20 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.divided_light import AROUND, MOST, bright_cells, divided, honeycomb
+from stages.photometry.divided_light import MOST, bright_cells, divided
+from stages.photometry.environment import picture_of_light
 from stages.photometry.light_from_pairs import contrast
 from stages.photometry.light_search import sky_light
-from stages.photometry.sky import Eyes, Sphere, even_directions
+from stages.photometry.sky import AROUND, Eyes, Sphere, even_directions, honeycomb
+from stages.photometry.sky_decomposition import decompose_by_sky
 from stages.photometry.sky_light import FoundLight, SkyScene
+from stages.photometry.sky_photos import Lighting
 from stages.photometry.transfer import Occlusion, Proxy
 from tests.sphere_scene import sphere_scene
-from tests.test_sky_light import DIRECTIONS, FEW, error, normals_of, photo_of
+from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, looks, normals_of, photo_of
 
 COUNT = 64
+ORIGIN = np.array([10.0, -5, 3])  # that rays are relative to
 SUN = np.array([0.6, 0.0, 0.8])
 
 
@@ -29,7 +33,7 @@ def behind_a_wall(x: float):
 def scene_of(blocked, sphere: Sphere | None = None) -> SkyScene:
     """Three vertices that face up and aside, shown by a pixel each."""
     normals = np.array([[0.0, 0, 1], [0.6, 0, 0.8], [0, 1, 0]])
-    eyes = Eyes(np.zeros((3, 3), np.float32), normals, blocked, np.zeros(3))
+    eyes = Eyes(-ORIGIN + np.zeros((3, 3), np.float32), normals, blocked, ORIGIN)
     none = sp.csr_array((3, 3), dtype=np.float32)
     proxy = Proxy(np.zeros((3, 3)), normals.astype(np.float32), Occlusion(np.zeros((3, 9)), none, none))
     own = sp.csr_array(np.eye(3, dtype=np.float32))
@@ -112,14 +116,40 @@ def test_only_so_many_cells_are_divided_and_those_that_send_most():
     assert 99 not in bright_cells(light, cells)
 
 
+def test_of_many_lights_each_is_measured_by_itself():
+    """Thirty, one a thousand times as bright as the others, every one with its sun elsewhere."""
+    lights = np.ones((30, 1000, 3))
+    lights[np.arange(30), 20 * np.arange(30)] = 50
+    lights[7] *= 1000
+    found = bright_cells(lights, np.full(1000, 1e-3))
+    assert found.size == MOST and np.all(found % 20 == 0)
+
+
+def test_the_picture_holds_all_the_light_where_some_cells_are_finer():
+    radiance, polar = sunny().radiance[0], np.pi * (np.arange(64) + 0.5) / 64
+    finer, same = divided(scene_of(behind_a_wall(-2)), sunny())
+    middle = np.argmax(radiance.sum(axis=1))
+    alone = np.where(np.arange(len(finer.pixels.cells)) == middle, 100.0, 0)[:, None]
+    solid = np.repeat(np.sin(polar), 128)[:, None] / (128 * np.sin(polar).sum())
+    for light, cells, directions in (
+        (radiance, None, even_directions(COUNT)),
+        (same.radiance[0], finer.pixels.cells, finer.pixels.directions),
+        (alone, finer.pixels.cells, finer.pixels.directions),
+    ):
+        picture = picture_of_light(directions, light, cells).reshape(64 * 128, -1)
+        held = light.mean(axis=0) if cells is None else cells @ light
+        assert (solid * picture).sum(axis=0) == pytest.approx(held, rel=0.03)
+
+
 def below_a_roof(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Rays meet a plane above all points, left of the middle."""
     up = np.maximum(directions[:, 2], 1e-6)
     return (origins[:, 0] + (3 - origins[:, 2]) / up * directions[:, 0] < 0) & (directions[:, 2] > 0)
 
 
-def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is():
-    """The edge of a roof, far from what it shades: the sun's place is told by where its shadow ends."""
+@pytest.fixture(scope="module")
+def under_a_roof():
+    """Views of a painted sphere; a sun between three directions, and a roof that shades a part."""
     shown = sphere_scene(view_count=3)
     views, normals, albedo = shown.stacked(), normals_of(shown), np.stack(shown.true_channels(), axis=1)
     eyes, points = Eyes(normals, normals, below_a_roof, np.zeros(3)), len(normals)
@@ -130,11 +160,14 @@ def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is():
     towards = even_directions(DIRECTIONS)[np.argsort(-even_directions(DIRECTIONS) @ [0.3, 0.4, 0.87])[:3]]
     sun = towards.sum(axis=0) / np.linalg.norm(towards.sum(axis=0))
     free = ~below_a_roof(normals, np.tile(sun, (points, 1)))
-    shading = (
-        0.3 * sky.pixels.shading(np.ones((DIRECTIONS, 3)))
-        + 2 * (free * np.maximum(normals @ sun, 0))[:, None]
-    )
-    image, everything, one_light = photo_of(albedo, shading), np.ones(points, bool), np.zeros(3, int)
+    shading = 0.3 * sky.pixels.shading(np.ones((DIRECTIONS, 3)))
+    shading += 2 * (free * np.maximum(normals @ sun, 0))[:, None]
+    return views, sky, photo_of(albedo, shading), shading
+
+
+def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is(under_a_roof):
+    views, sky, image, shading = under_a_roof
+    everything, one_light = np.ones(len(image), bool), np.zeros(3, int)
     coarse = sky_light(sky, views, image, everything, one_light, FEW)
     finer, near = divided(sky, coarse)
     fine = sky_light(finer, views, image, everything, one_light, FEW, near=near)
@@ -143,3 +176,17 @@ def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is():
         for scene, light in ((sky, coarse), (finer, fine))
     ]
     assert left[1] < 0.7 * left[0]
+
+
+@pytest.mark.parametrize("sheen", [False, True])
+def test_the_decomposition_divides_what_it_may_look_in(under_a_roof, sheen):
+    views, sky, image, shading = under_a_roof
+    channels, looked, how = list(image.T.copy()), looks(np.ones(len(image), bool)), replace(HOW, sheen=sheen)
+    how = replace(how, lighting=Lighting("shared", 1.0))
+    fine, coarse = (
+        decompose_by_sky(views, channels, [scene], looked, how, 1, lambda: None)
+        for scene in (sky, replace(sky, eyes=None))
+    )
+    assert len(coarse.directions) == len(coarse.cells) == DIRECTIONS
+    assert len(fine.directions) == len(fine.cells) == fine.light.radiance.shape[1] > DIRECTIONS
+    assert error(fine.light.shading, shading) < 0.7 * error(coarse.light.shading, shading)

@@ -155,9 +155,7 @@ def test_light_and_sheen_are_found_together(glossy):
     photos, wrong = photos_of(views, matt + sheen, mirror), light_of(mirror)
     wrong = replace(wrong, radiance=np.maximum(wrong.radiance, 1.0))
     differences = photos.differences(sky, wrong)
-    found, light = photos.sheen(
-        sky, wrong, differences, sky.pixels.shading(wrong.radiance[0]), FEW, lambda: None
-    )
+    found, light = photos.sheen(sky, wrong, differences, FEW, lambda: None)
     assert found.glossy.all()
     assert found.roughness == ROUGHNESS
     foretold, before = (
@@ -205,7 +203,7 @@ def test_matt_surface_has_none(glossy):
     differences = differences_of(views, matt, shading, everything(matt), mirror)
     assert differences.mirrored.left > 0.95
     photos = photos_of(views, matt, mirror)
-    assert photos.sheen(sky, light_of(mirror), differences, shading, FEW, lambda: None) is None
+    assert photos.sheen(sky, light_of(mirror), differences, FEW, lambda: None) is None
 
 
 def test_what_no_other_view_sees_tells_nothing(glossy):
@@ -222,7 +220,7 @@ def test_what_no_other_view_sees_tells_nothing(glossy):
         assert untold.mirrored is None
         assert untold.strength(mirror.radiance) is None
         photos = photos_of(views, seen, mirror)
-        assert photos.sheen(sky, light_of(mirror), untold, shading, FEW, lambda: None) is None
+        assert photos.sheen(sky, light_of(mirror), untold, FEW, lambda: None) is None
 
 
 def test_as_many_links_are_looked_at_however_many_views_share_them():
@@ -278,7 +276,7 @@ def test_what_is_matt_hides_no_sheen_of_other_paint(glossy_in_part):
     photos, light = photos_of(views, seen, mirror), light_of(mirror)
     differences = differences_of(views, seen, shading, everything(matt), mirror)
     assert differences.mirrored.left > MOST_EXPLAINED
-    found, again = photos.sheen(sky, light, differences, shading, FEW, lambda: None)
+    found, again = photos.sheen(sky, light, differences, FEW, lambda: None)
     assert np.mean(found.glossy == part) > 0.99
     assert found.roughness == ROUGHNESS
     added = found.image(replace(mirror, radiance=again.radiance[0]))
@@ -297,7 +295,7 @@ def test_noise_is_no_mirror_however_few_links_there_are(glossy):
         ends = np.zeros(len(matt), bool)
         ends[differences.p[:count]] = ends[differences.q[:count]] = True
         few = differences.within(ends)
-        assert photos.sheen(sky, light_of(mirror), few, shading, FEW, lambda: None) is None
+        assert photos.sheen(sky, light_of(mirror), few, FEW, lambda: None) is None
 
 
 def test_some_pixels_always_stay_trusted():

@@ -15,7 +15,7 @@ from stages.photometry.appearance import appearance_of
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
 from stages.photometry.highlights import Linked, brightening, without_highlights
-from stages.photometry.light_from_pairs import PairObjective, PairWeights, Sample, believed
+from stages.photometry.light_from_pairs import ENOUGH, PairObjective, PairWeights, Sample, believed
 from stages.photometry.light_search import Search, disagreements, sky_light
 from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
@@ -195,13 +195,15 @@ def test_paint_that_changes_softly_is_told_from_one_paint_and_from_patches(lit):
 
 
 def test_pairs_count_less_where_they_disagree_more_than_who_is_nearest():
-    """Two nearest pairs, alike, and two of another kind, at twice the depth; then the other way round."""
-    image = np.repeat([[0.4], [0.4], [0.8], [0.8]], 3, axis=1)
-    first, second = np.array([0, 2, 0, 1], np.int32), np.array([1, 3, 2, 3], np.int32)
+    """As many nearest pairs, alike, as of another kind, at twice the depth; then the other way round."""
+    image, times = np.repeat([[0.4], [0.4], [0.8], [0.8]], 3, axis=1), ENOUGH
+    first, second = (np.tile(np.array(side, np.int32), times) for side in ([0, 2, 0, 1], [1, 3, 2, 3]))
 
     def weights(*kinds: int) -> np.ndarray:
-        pairs = Pairs(first, second, np.full(4, 0.25), np.array(kinds, np.int32))
-        return believed(image, np.ones((4, 3)), pairs, 0.4, 0.01).weight
+        """Of each of the four, all its copies together."""
+        kind = np.tile(np.array(kinds, np.int32), times)
+        pairs = Pairs(first, second, np.full(kind.size, 1 / kind.size), kind)
+        return believed(image, np.ones((4, 3)), pairs, 0.4, 0.01).weight.reshape(-1, 4).sum(axis=0)
 
     assert weights(1, 1, 0, 0) == pytest.approx([0.5, 0.5, 0, 0])
     assert weights(0, 0, 1, 1) == pytest.approx([0.1, 0.1, 0.4, 0.4])
@@ -209,6 +211,16 @@ def test_pairs_count_less_where_they_disagree_more_than_who_is_nearest():
     assert weights(2, 2, 1, 1) == pytest.approx([0.25, 0.25, 0.25, 0.25])
     for kind in (0, 2):
         assert weights(kind, kind, kind, kind) == pytest.approx([0.25, 0.25, 0.25, 0.25])
+
+
+def test_few_pairs_are_no_measure_of_the_others():
+    """One nearest pair that is alike, and many in larger squares that are not, nor can be."""
+    image = np.repeat([[0.4], [0.4], [0.5], [0.5]], 3, axis=1)
+    first = np.array([0] + [0, 2] * ENOUGH, np.int32)
+    second, kind = np.array([1] + [2, 0] * ENOUGH, np.int32), np.array([1] + [2] * 2 * ENOUGH, np.int32)
+    pairs = Pairs(first, second, np.full(first.size, 1 / first.size), kind)
+    alone = believed(image, np.ones((4, 3)), pairs, 0.4, 0.01).weight[0]
+    assert alone == pytest.approx(1 / first.size)
 
 
 def test_a_kind_of_few_pairs_has_no_more_than_their_share():

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from stages.cli import main
+from stages.decomposition import _eyes
+from stages.photometry.sky import Sphere, even_directions
 from stages.scene.exr import read_exr
 from stages.scene.photos import read_mask
 from stages.scene.transfer_file import read_transfer
@@ -62,6 +65,17 @@ def test_albedo_times_shading_is_the_image_and_the_light_says_what_it_meets(conf
         albedo, shading = (read_exr(output / f"{what}/{name}.exr") for what in ("albedo", "shading"))
         off = np.abs(albedo * shading - linear)[mask].mean() / linear[mask].mean()
         assert off < 0.15
+
+
+def test_who_looks_again_sees_what_is_stored(config, output):
+    """The eyes that the decomposition makes of the file, in the directions that the file was made in."""
+    stored = read_transfer(artefact(config.parent / "w", "transfer", "transfer.npz"))
+    eyes = _eyes(SimpleNamespace(threads=1, executor=None), stored)
+    directions = even_directions(int(stored.directions))
+    assert stored.radii.size == 3
+    for radius, visible in zip(stored.radii, stored.visible, strict=True):
+        sphere = Sphere(tuple(stored.centre), radius) if np.isfinite(radius) else None
+        assert np.array_equal(eyes.see(directions, sphere), visible)
 
 
 def test_what_only_this_mode_knows_is_there(output):

@@ -42,9 +42,9 @@ class Occluders:
         return vertex, behind
 
     def blocked(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Whether rays, as for `cast`, meet anything at all: shape (r,), bool. On the thread that asks."""
+        """Whether rays, as for `cast`, meet anything at all: shape (r,), bool."""
         packed = np.concatenate([origins, directions], axis=1)
-        return self._scene.test_occlusions(o3d.core.Tensor(packed), nthreads=1).numpy()
+        return self._scene.test_occlusions(o3d.core.Tensor(packed), nthreads=self._threads).numpy()
 
 
 def scene_of(surface: Surface, threads: int = 0) -> tuple[o3d.t.geometry.RaycastingScene, np.ndarray]:

@@ -45,10 +45,13 @@ class Pairs:
         """Those of which there are some, sorted."""
         return np.unique(self.kind).tolist()
 
+    def count(self, kind: int) -> int:
+        """How many there are of a kind."""
+        return int((self.kind == kind).sum())
+
     def of_kind(self, kind: int) -> Pairs:
         """Those of one kind, of which there are some, alone and alike."""
-        own = self.kind == kind
-        count = int(own.sum())
+        own, count = self.kind == kind, self.count(kind)
         return Pairs(self.first[own], self.second[own], np.full(count, 1 / count), self.kind[own])
 
     def weighted(self, of_colour: float, worth: Mapping[int, float] | None = None) -> Pairs:

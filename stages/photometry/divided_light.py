@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.photometry.sky import SkyTransport
+from stages.photometry.sky import AROUND, SkyTransport, honeycomb
 from stages.photometry.sky_light import FoundLight, SkyScene
 
 BRIGHT = 3.0  # times the mean light: cells that are divided
 MOST = 24  # of them, those that send most: each costs six directions more, and lamps are few
-AROUND = 6  # new directions around the one in the middle, as honeycombs have it
 
 
 def divided(scene: SkyScene, found: FoundLight) -> tuple[SkyScene, FoundLight]:
@@ -32,27 +31,12 @@ def divided(scene: SkyScene, found: FoundLight) -> tuple[SkyScene, FoundLight]:
 
 
 def bright_cells(radiance: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Numbers of the cells, (M,), that are far brighter than the mean of all lights (G, M, 3), sorted."""
-    light = radiance.sum(axis=(0, 2))
-    bright = np.flatnonzero(light > BRIGHT * (cells * light).sum())
-    strongest = np.argsort(-(cells * light)[bright], kind="stable")[:MOST]
+    """Numbers of the cells, (M,), that any of the lights (G, M, 3) has far brighter than its mean, sorted."""
+    light = radiance.sum(axis=2)
+    brightness = (light / np.maximum(light @ cells, 1e-12)[:, None]).max(axis=0)
+    bright = np.flatnonzero(brightness > BRIGHT)
+    strongest = np.argsort(-(cells * brightness)[bright], kind="stable")[:MOST]
     return np.sort(bright[strongest])
-
-
-def honeycomb(directions: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Six directions around each of some, (n, 3), as far away as cells of such a size lie apart, (6 n, 3).
-
-    A cell of the honeycomb whose share of all directions is c is as wide as ``√(2/√3 · 4π c)``.
-    """
-    directions = directions.astype(np.float64)
-    width = np.sqrt(2 / np.sqrt(3) * 4 * np.pi * cells.astype(np.float64))[:, None, None]
-    aside = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
-    one = np.cross(directions, aside)
-    one /= np.linalg.norm(one, axis=1, keepdims=True)
-    other = np.cross(directions, one)
-    turn = 2 * np.pi * np.arange(AROUND)[None, :, None] / AROUND
-    off = np.cos(turn) * one[:, None] + np.sin(turn) * other[:, None]
-    return (np.cos(width) * directions[:, None] + np.sin(width) * off).reshape(-1, 3).astype(np.float32)
 
 
 def _with_more(
@@ -64,10 +48,11 @@ def _with_more(
     """
     cells = transport.cells.copy()
     cells[bright] /= AROUND + 1
-    before = np.unpackbits(transport.visible, axis=1, count=len(cells))
-    further = np.unpackbits(seen, axis=1, count=len(around))
+    whole, rest = divmod(len(cells), 8)
+    begun = np.unpackbits(transport.visible[:, whole:], axis=1)[:, :rest]
+    further = np.concatenate([begun, np.unpackbits(seen, axis=1, count=len(around))], axis=1)
     return {
         "directions": np.concatenate([transport.directions, around]),
         "cells": np.concatenate([cells, np.repeat(cells[bright], AROUND)]),
-        "visible": np.packbits(np.concatenate([before, further], axis=1), axis=1),
+        "visible": np.concatenate([transport.visible[:, :whole], np.packbits(further, axis=1)], axis=1),
     }

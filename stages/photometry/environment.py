@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from stages.photometry.sky import AROUND, honeycomb
+
 ROWS = 64
 
 
@@ -26,12 +28,17 @@ def picture_of_light(
 ) -> np.ndarray:
     """Light (M, C) from directions (M, 3) as a picture, (rows, 2 · rows, C), float32.
 
-    Every pixel is a blend of the directions around it, Gaussian, as wide as they are apart: by the share of
-    all directions that each stands for, (M,); None: all alike.
+    Every pixel is a blend of the directions around it, Gaussian, as wide as they are apart. Each direction
+    stands for a cell, a share of all directions, (M,); None: all alike. Where some are finer, the others are
+    divided as well, for else their broader Gaussians would dim what is bright.
     """
     towards = directions_of_picture(rows).reshape(-1, 3)
-    cells = np.full(len(directions), 1 / len(directions)) if cells is None else cells
-    spacing = 2 * np.sqrt(cells)  # radians: 4π times the share, its root, a little less
+    if cells is not None:
+        coarse = np.flatnonzero(cells > 2 * np.min(cells))
+        around = honeycomb(directions[coarse], cells[coarse] / (AROUND + 1))
+        directions = np.concatenate([directions, around])
+        radiance = np.concatenate([radiance, radiance[np.repeat(coarse, AROUND)]])
+    spacing = 2 / np.sqrt(len(directions))  # radians: about half of √(4π/M), which they are apart
     weight = np.exp((towards @ np.asarray(directions, np.float64).T - 1) / (0.5 * spacing**2))
     blended = (weight @ radiance) / weight.sum(axis=1, keepdims=True)
     return blended.reshape(rows, 2 * rows, -1).astype(np.float32)

@@ -11,6 +11,7 @@ from stages.photometry.sky_loops import pair_losses
 from stages.solvers.non_negative import descend_above_zero
 
 DARKEST = 1e-4  # of the scaled image, or of the shading: what logarithms do not go below
+ENOUGH = 200  # pairs that tell how far paint of that distance differs
 OF_ONE_COLOUR = 0.2  # of the weight, at most: there is darker paint of the same colour, grey above all
 
 
@@ -110,14 +111,16 @@ def believed(image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float,
     With d what pairs of a kind disagree by, a near pair counts ``min(1, (d_nearest / d)²)``, and those of one
     colour together ``0.2 min(1, (d_near / d_colour)²)`` of the whole. Grey paint that changes softly has one
     colour and many depths: who is nearest tells the light from it. Paint in stripes, where who is near
-    disagrees as much as anybody, leaves all of them their say.
+    disagrees as much as anybody, leaves all of them their say. The nearest are those of the smallest squares
+    that have pairs enough.
     """
     kinds = pairs.kinds
     left = {kind: disagreement(image, shading, pairs.of_kind(kind), scale, noise) for kind in kinds}
     near = [kind for kind in kinds if kind != COLOUR]
     if not near:
         return pairs
-    worth = {kind: _credit(left[kind], left[near[0]]) for kind in near}
+    nearest = next((kind for kind in near if pairs.count(kind) >= ENOUGH), near[-1])
+    worth = {kind: _credit(left[kind], left[nearest]) for kind in near}
     weighted = pairs.weighted(0.0, worth)
     of_near = disagreement(image, shading, weighted, scale, noise)
     return pairs.weighted(OF_ONE_COLOUR * _credit(left.get(COLOUR, 0.0), of_near), worth)

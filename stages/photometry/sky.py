@@ -13,6 +13,7 @@ from stages.photometry.sky_loops import gather_irradiance, gather_lobes, gather_
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 FARTHEST = np.float32(2 / 3)  # of the sphere's radius: nearer to it, the light would be endless
+AROUND = 6  # neighbours of a cell in a honeycomb
 GRAZING = -0.2  # of the sphere's radius: a point's own normal may lean away from its vertices'
 
 
@@ -54,6 +55,22 @@ def even_directions(count: int) -> np.ndarray:
     z, angle = 1 - 2 * place / count, GOLDEN_ANGLE * place
     radius = np.sqrt(1 - z * z)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+def honeycomb(directions: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Six directions around each of some, (n, 3), as far away as cells of such a size lie apart, (6 n, 3).
+
+    A cell of the honeycomb whose share of all directions is c is as wide as ``√(2/√3 · 4π c)``.
+    """
+    directions = directions.astype(np.float64)
+    width = np.sqrt(2 / np.sqrt(3) * 4 * np.pi * cells.astype(np.float64))[:, None, None]
+    aside = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
+    one = np.cross(directions, aside)
+    one /= np.linalg.norm(one, axis=1, keepdims=True)
+    other = np.cross(directions, one)
+    turn = 2 * np.pi * np.arange(AROUND)[None, :, None] / AROUND
+    off = np.cos(turn) * one[:, None] + np.sin(turn) * other[:, None]
+    return (np.cos(width) * directions[:, None] + np.sin(width) * off).reshape(-1, 3).astype(np.float32)
 
 
 def visible_directions(

@@ -148,19 +148,17 @@ def decompose_by_sky(
     photos = Photos.of(views, looks, image / of_pixel, gains.spread, settings.lighting)
     best, left, found, differences = _best_explanation(photos, scenes, settings, step)
     scene = scenes[best]
-    shading = photos.shading(scene, found)
-    sheen, in_gloss = None, found
+    sheen = None
     if differences is not None:
-        gloss = photos.sheen(scene, found, differences, shading, settings.light, step)
-        sheen, in_gloss = gloss or (None, found)
+        sheen, found = photos.sheen(scene, found, differences, settings.light, step) or (None, found)
     unsure = differences is None if sheen is None else not sheen.glossy.all()
     del differences  # many lobes
     if sheen is not None:
-        photos = photos.without_sheen(sheen, photos.mirror(scene, in_gloss))
-    finer, found = divided(scene, in_gloss)
+        photos = photos.without_sheen(sheen, photos.mirror(scene, found))
+    finer, near = divided(scene, found)
     if sheen is not None or finer is not scene:
-        found = photos.light(finer, settings.light, step, near=found)
-        scene, shading = finer, photos.shading(finer, found)
+        scene, found = finer, photos.light(finer, settings.light, step, near=near)
+    shading = photos.shading(scene, found)
     light = _scaled(found.radiance, shading * of_pixel)
     light_found = (light, best, left, gains, sheen, photos.brightening, photos.light_of_view)
     del image  # `photos` has what follows

@@ -139,7 +139,7 @@ class Photos:
         )
 
     def gloss(
-        self, differences: Differences, shading: np.ndarray, found: FoundLight
+        self, scene: SkyScene, differences: Differences, found: FoundLight
     ) -> tuple[Sheen, Differences] | None:
         """A first guess at the sheen, and how views of what has it differ; None where nothing is glossy.
 
@@ -151,7 +151,7 @@ class Photos:
             strength = mirrored.radiance.sum(axis=0) / np.maximum(light.sum(axis=0), 1e-12)
             everything = np.ones(len(self.seen), bool)
             return Sheen(strength, mirrored.roughness, mirrored.left, everything), differences
-        paint = paints_of(self.views, self.matt, shading, self.looks.trusted)
+        paint = paints_of(self.views, self.matt, self.shading(scene, found), self.looks.trusted)
         of_paint = (paint == number for number in range(int(paint.max()) + 1))
         shown = [own for own in of_paint if _shows(differences.within(own).strength(light))]
         if not shown:
@@ -166,7 +166,6 @@ class Photos:
         scene: SkyScene,
         found: FoundLight,
         differences: Differences,
-        shading: np.ndarray,
         settings: SkySettings,
         step: Callable[[], None],
     ) -> tuple[Sheen, FoundLight] | None:
@@ -177,7 +176,7 @@ class Photos:
         what the sheen takes off the photos is found anew before each turn. Highlights are not compared until
         the light is known: that costs more than a turn, and changes little.
         """
-        gloss = self.gloss(differences, shading, found)
+        gloss = self.gloss(scene, differences, found)
         if gloss is None:
             return None
         sheen, own = gloss
