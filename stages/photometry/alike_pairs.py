@@ -14,7 +14,7 @@ from stages.photometry.stack import StackedViews
 # for the light; `decomposition.chroma_step` says what passes for an edge of paint once the light is known.
 COLOUR_CELL = 0.12
 THIN = 0.1  # of the pixels: where fewer have four neighbours, the others are drawn as well
-PARTNERS = 4  # of either kind, per pixel
+PARTNERS = 4  # of each kind, per pixel
 # Of a view's side, squares of pixels that are likely to be of one paint: small ones, for where that changes
 # softly, and larger ones, since within smooth surface what is nearer hardly differs by its light.
 NEAR = (0.03, 0.06, 0.12)
@@ -65,8 +65,9 @@ class Pairs:
         for kind, each in (worth or {}).items():
             near[self.kind == kind] = each
         share = of_colour if colour.any() and near.any() else float(colour.any())
-        shares = ((share, colour), (1 - share, near))
-        return replace(self, weight=sum(own * of / max(of.sum(), 1e-12) for own, of in shares))
+        weight = share * colour / max(colour.sum(), 1)
+        weight += (1 - share) * near / max(near.sum(), 1e-12)
+        return replace(self, weight=weight)
 
 
 @dataclass(frozen=True, eq=False)
