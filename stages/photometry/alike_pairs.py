@@ -18,6 +18,7 @@ PARTNERS = 4  # of each kind, per pixel
 # Of a view's side, squares of pixels that are likely to be of one paint: small ones, for where that changes
 # softly, and larger ones, since within smooth surface what is nearer hardly differs by its light.
 NEAR = (0.03, 0.06, 0.12)
+SMALLEST = 5  # px: in smaller ones pixels share their light as well as their paint
 COLOUR = 0  # the kind of pairs that are of one colour
 
 
@@ -96,7 +97,7 @@ class Drawn:
         """Draw from the pixels `among`; see `sample_of`."""
         pixels = sample_of(views, among, count, rng)
         view = np.searchsorted(views.starts, pixels, side="right") - 1
-        squares = tuple(max(2, round(near * views.side)) for near in NEAR)
+        squares = tuple(sorted({max(SMALLEST, round(near * views.side)) for near in NEAR}))
         return cls(pixels, view, views.positions()[pixels], squares)
 
     def pairs(self, albedo: np.ndarray, rng: np.random.Generator) -> Pairs:
