@@ -18,7 +18,7 @@ PARTNERS = 4  # of each kind, per pixel
 # Of a view's side, squares of pixels that are likely to be of one paint: small ones, for where that changes
 # softly, and larger ones, since within smooth surface what is nearer hardly differs by its light.
 NEAR = (0.03, 0.06, 0.12)
-SMALLEST = 5  # px: in smaller ones pixels share their light as well as their paint
+SMALLEST = 3  # px: in smaller ones pixels share their light as well as their paint
 COLOUR = 0  # the kind of pairs that are of one colour
 
 
