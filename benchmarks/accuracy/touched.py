@@ -42,9 +42,14 @@ class Touched:
     says: str
 
     @property
+    def default(self) -> Any:
+        """What it is where nobody touches it."""
+        return getattr(DecompositionSettings(), self.setting)
+
+    @property
     def values(self) -> tuple[Any, ...]:
         """All that are shown, in their order."""
-        return tuple(sorted({*self.others, getattr(DecompositionSettings(), self.setting)}))
+        return tuple(sorted({*self.others, self.default}))
 
 
 TOUCHED = (
@@ -107,9 +112,11 @@ def methods_of(touched: Touched) -> tuple[Method, ...]:
 
 def section_of(touched: Touched, judged: JudgedRow) -> str:
     """What the setting does, how far from the truth each value is, and the picture."""
-    default = getattr(DecompositionSettings(), touched.setting)
     table = [
-        [f"{value}" + " (default)" * (value == default), *(f"{error:.3f}" for error in one.scores.si_rmse)]
+        [
+            f"{value}" + " (default)" * (value == touched.default),
+            *(f"{error:.3f}" for error in one.scores.si_rmse),
+        ]
         for value, one in zip(touched.values, judged.judged, strict=True)
     ]
     return "\n\n".join(

@@ -16,9 +16,9 @@ from stages.solvers.non_negative import descend_above_zero
 ROUGHNESSES = (0.15, 0.2, 0.3)  # α of GGX: a sharper lobe falls between 256 directions
 MIDDLE = 1  # of them: what it hardly explains no other does
 LINKS = 15_000  # that are looked at, or up to twice as many
-TOLD_APART = 256  # directions, at most, by such lobes
 FEWEST = 200  # of them for one strength: what fewer differ by is as well explained by chance
 FEWEST_PER_DIRECTION = 10  # of them for a light of its own: as many numbers per channel explain noise
+TOLD_APART = 256  # directions, at most, by lobes of these roughnesses
 LIT = 0.1  # of the mean shading, per channel: what a link's ends have at least
 ALIKE = 5.0  # times: what one end is lit by more than the other where they show the same surface
 NOISE = 0.02  # of the scaled image: differences below this count by their square
@@ -188,9 +188,11 @@ class Differences:
         lit = (np.minimum(of_p, of_q) > least).all(axis=1) & (f < ALIKE) & (f > 1 / ALIKE)
         p, q, f = p[lit], q[lit], f[lit, None].astype(np.float32)
         apart = seen[p] - f * seen[q]
-        lobes = (pixels.lobes(towards, a, p) - f * pixels.lobes(towards, a, q) for a in ROUGHNESSES)
-        each = zip(ROUGHNESSES, lobes, strict=True)
-        return cls(p, q, tuple(InMirror(a, apart, of_a, pixels.cells) for a, of_a in each))
+        mirrors = (
+            InMirror(a, apart, pixels.lobes(towards, a, p) - f * pixels.lobes(towards, a, q), pixels.cells)
+            for a in ROUGHNESSES
+        )
+        return cls(p, q, tuple(mirrors))
 
     def within(self, glossy: np.ndarray) -> Differences:
         """Those with both ends among some of the pixels, (N,) bool."""
