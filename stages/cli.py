@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Parse, do, and answer with an exit code: 0 done, 2 something the user can put right, 1 our fault."""
     # BLAS splits its sums by the number of cores: on one thread the bits are the same on every machine, and
     # the stages are parallel over views, rows or channels anyway. Read when numpy is first imported.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     words = list(sys.argv[1:] if argv is None else argv)
     if words == ["--version"]:
         sys.stdout.write(f"unshade {tool_version('unshade')}\n")

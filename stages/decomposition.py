@@ -45,12 +45,13 @@ def run(job: Job) -> None:
     from stages.scene.view_files import read_views, scaled_channels
 
     cameras = read_cameras(job.inputs["cameras"])
-    masks, normals, pixels = [], [], []
+    masks, normals, pixels, unclipped = [], [], [], []
     with job.progress("views", len(cameras)) as step:
         for mask, normal, linear in read_views(job.inputs, cameras, job.executor.map):
             masks.append(mask)
             normals.append(normal)
             pixels.append(linear)
+            unclipped.append(_unclipped(linear))
             step()
     links = numbered_links(job.inputs["correspondences"], cameras)
     views = stack_views(masks, normals, links, job.executor.map)
@@ -58,9 +59,9 @@ def run(job: Job) -> None:
     images, scale = scaled_channels(pixels)
     if job.settings.mode == "transfer":
         own = np.concatenate([image[mask] for image, mask in zip(normals, masks, strict=True)])
-        del normals
+        del normals, pixels
         stored = read_transfer(job.inputs["transfer"])
-        solved = _by_transfer(job, cameras, masks, views, images, own, _unsaturated(pixels), stored)
+        solved = _by_transfer(job, cameras, masks, views, images, own, np.concatenate(unclipped), stored)
         _write_what_transfer_knows(job, cameras, masks, solved, scale, stored)
     else:
         del normals, pixels  # the stack has its own
@@ -89,7 +90,7 @@ def _by_transfer(
     views: StackedViews,
     images: list[np.ndarray],
     normals: np.ndarray,
-    trusted: np.ndarray,
+    unclipped: np.ndarray,
     stored: StoredTransfer,
 ) -> Solved:
     """`mode: transfer`, by either kind of light."""
@@ -108,14 +109,15 @@ def _by_transfer(
     weights = _weights(job, views)
     towards = ways_to_cameras(cameras, masks)
     incidence = np.einsum("nk,nk->n", normals, towards)
-    trusted = trusted & (incidence > GRAZING)
     if settings.light == "harmonics":
+        trusted = np.ones_like(unclipped)  # Eq. 2 as it stands: all data count
         transfer = _pixel_transfer(job, stored, blend, normals)
         with job.progress("rounds", settings.stopping.rounds) as step:
             solved = transfer_solutions.by_transfer(
                 views, images, transfer, as_transfer(settings, weights), job.threads, step
             )
     else:
+        trusted = unclipped & (incidence > GRAZING)
         scenes, opposed = sky_scenes(stored, blend, normals, _eyes(job, stored))
         _tell_opposed(job, opposed, len(normals))
         looks = Looks(trusted, towards)
@@ -124,7 +126,7 @@ def _by_transfer(
         with job.progress("steps", steps) as step:
             solved = transfer_solutions.by_sky(views, images, scenes, looks, how, job.threads, step)
         _note_light(job, stored, solved.sky)
-        trusted = solved.sky.trusted
+        trusted &= solved.sky.trusted  # where none was, all had to do: their albedo is a guess
     job.note(untrusted_pixels=int(np.count_nonzero(~trusted)))
     return solved.judged(views, images, incidence, trusted)
 
@@ -162,8 +164,8 @@ def _weights(job: Job, views: StackedViews) -> EnergyWeights:
     return weights
 
 
-def _unsaturated(pixels: np.ndarray) -> np.ndarray:
-    """Pixels that no channel of a photo has clipped; linear images that go beyond 1 have no white."""
+def _unclipped(pixels: np.ndarray) -> np.ndarray:
+    """Pixels of a view that no channel of its photo has clipped; a linear image beyond 1 has no white."""
     import numpy as np
 
     if pixels.max(initial=0.0) > 1.0001:
@@ -291,7 +293,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 15,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 16,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

@@ -67,7 +67,7 @@ def run(job: Job) -> None:
 
 RELIGHT = Stage(
     name="relight",
-    version=3,
+    version=4,
     about="The views under another light, from their albedo.",
     settings=RelightSettings,
     takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer", "light"),

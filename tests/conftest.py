@@ -12,7 +12,7 @@ import pytest
 from pipeline import Job, Silence, Stage
 
 # As the command line does before numpy is imported: BLAS on more threads sums in another order.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 from stages.solvers.threading_layer import use_threads  # noqa: E402
 

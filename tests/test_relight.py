@@ -50,10 +50,10 @@ def test_a_light_comes_back_from_its_picture():
 
 
 def test_under_even_light_open_surface_shows_its_albedo():
-    normals, none = even_directions(20), sp.csr_array((1, 1), dtype=np.float32)
+    normals, none = even_directions(400), sp.csr_array((1, 1), dtype=np.float32)
     scene = SkyScene.of(
         normals,
-        sp.csr_array((20, 1), dtype=np.float32),
+        sp.csr_array((400, 1), dtype=np.float32),
         Proxy(
             np.zeros((1, 3)),
             np.array([[0.0, 0, 1]], np.float32),
@@ -63,7 +63,8 @@ def test_under_even_light_open_surface_shows_its_albedo():
         COUNT,
         None,
     )
-    albedo = np.linspace(0.1, 1.0, 60).reshape(20, 3)
+    albedo = np.linspace(0.1, 1.0, 1200).reshape(400, 3)
+    albedo[7] = [9.0, 7.0, 5.0]  # a label, far brighter than all else
     shown, shading = relit(scene, albedo, np.full((COUNT, 3), 2.0), bounces=3, brightest=0.5)
     assert np.allclose(shading, 2, rtol=0.02)
     ratio = shown / albedo

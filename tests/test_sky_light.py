@@ -156,6 +156,26 @@ def test_a_suns_shadow_is_told_from_paint_however_dark_it_is():
     assert error(image / found, albedo) < 0.03
 
 
+def test_as_many_lights_as_views_are_found_as_well_as_a_few():
+    """A lamp that moves from view to view: each of many lights has little to say in the whole."""
+    scene, seen = sphere_scene(view_count=24), {}
+    albedo = np.stack(scene.true_channels(), axis=1)
+    normals, starts = normals_of(scene), scene.stacked().starts
+    for count in (3, 24):
+        own = slice(0, int(starts[count]))
+        masks, maps = scene.masks[:count], scene.normals[:count]
+        views, sky = stack_views(masks, maps, {}), open_scene(normals[own])
+        towards = np.random.default_rng(0).normal(size=(count, 3)) + [0, 0, 2]
+        lamps = np.maximum(even_directions(DIRECTIONS) @ towards.T / np.linalg.norm(towards, axis=1), 0) ** 6
+        radiance = np.repeat((0.3 + 2.5 * lamps).T[:, :, None], 3, axis=2)
+        rows = [slice(int(a), int(b)) for a, b in zip(views.starts, views.starts[1:], strict=False)]
+        shading = np.concatenate([sky.pixels.shading(e, r) for e, r in zip(radiance, rows, strict=True)])
+        image, everything = photo_of(albedo[own], shading), np.ones(len(shading), bool)
+        light = sky_light(sky, views, image, everything, np.arange(count), FEW)
+        seen[count] = error(light.shading(sky, views.starts, np.arange(count)), shading)
+    assert seen[24] < 0.02 and seen[24] < 1.5 * seen[3], seen
+
+
 def test_coloured_lamps_are_not_taken_for_paint(lit):
     """A red one from the left, a blue one from the right: whoever holds light to be neutral, blames paint."""
     views, sky, albedo, _, _ = lit
@@ -170,6 +190,27 @@ def test_coloured_lamps_are_not_taken_for_paint(lit):
         found[price] = error(image / light.shading(sky, views.starts, one_light), albedo)
     free, held = found.values()
     assert free < 0.05 < 0.2 < held
+
+
+def test_ground_of_another_colour_is_not_lit_by_a_sky_of_that_colour():
+    """Red wall above grey ground, both nearly flat: hardly any surface lies between, and tells."""
+    rng = np.random.default_rng(2)
+    side, seen = 60, 3
+    row = np.arange(side)[:, None] + np.zeros(side)
+    ground = row >= side // 2
+    facing = np.where(ground[..., None], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
+    rough = facing + 0.3 * rng.normal(size=(side, side, 3))
+    normals = (rough / np.linalg.norm(rough, axis=2, keepdims=True)).astype(np.float32)
+    mask = np.ones((side, side), bool)
+    views = stack_views([mask] * seen, [normals] * seen, {})
+    sky = open_scene(np.tile(normals.reshape(-1, 3), (seen, 1)))
+    radiance = 0.5 + np.maximum(even_directions(DIRECTIONS) @ [0.0, 1.0, 0.2], 0)
+    shading = sky.pixels.shading(np.tile(radiance[:, None], 3))
+    albedo = np.tile(np.where(ground[..., None], 0.3, [0.45, 0.25, 0.2]).reshape(-1, 3), (seen, 1))
+    found = light_and_shading((views, sky), photo_of(albedo, shading))[1]
+    tinge = np.log(found[:, 0] / found[:, 2])
+    apart = np.median(tinge[: side**2][ground.ravel()]) - np.median(tinge[: side**2][~ground.ravel()])
+    assert abs(apart) < 0.05
 
 
 def test_grey_paint_that_changes_softly_is_told_from_light_where_there_is_relief(lit):
@@ -203,7 +244,7 @@ def test_pairs_count_less_where_they_disagree_more_than_who_is_nearest():
         """Of each of the four, all its copies together."""
         kind = np.tile(np.array(kinds, np.int32), times)
         pairs = Pairs(first, second, np.full(kind.size, 1 / kind.size), kind)
-        return believed(image, np.ones((4, 3)), pairs, 0.4, 0.01).weight.reshape(-1, 4).sum(axis=0)
+        return believed(image, np.ones((4, 3)), pairs, 0.4, PairWeights()).weight.reshape(-1, 4).sum(axis=0)
 
     assert weights(1, 1, 0, 0) == pytest.approx([0.5, 0.5, 0, 0])
     assert weights(0, 0, 1, 1) == pytest.approx([0.1, 0.1, 0.4, 0.4])
@@ -219,7 +260,7 @@ def test_few_pairs_are_no_measure_of_the_others():
     first = np.array([0] + [0, 2] * ENOUGH, np.int32)
     second, kind = np.array([1] + [2, 0] * ENOUGH, np.int32), np.array([1] + [2] * 2 * ENOUGH, np.int32)
     pairs = Pairs(first, second, np.full(first.size, 1 / first.size), kind)
-    alone = believed(image, np.ones((4, 3)), pairs, 0.4, 0.01).weight[0]
+    alone = believed(image, np.ones((4, 3)), pairs, 0.4, PairWeights()).weight[0]
     assert alone == pytest.approx(1 / first.size)
 
 
@@ -227,7 +268,9 @@ def test_a_kind_of_few_pairs_has_no_more_than_their_share():
     image = np.repeat([[0.4], [0.4], [0.5], [0.5]], 3, axis=1)
     places = np.array([0, 2] * 50, np.int32)
     pairs = Pairs(places, places + 1, np.full(100, 0.01), np.array([1] + [2] * 99, np.int32))
-    assert believed(image, np.ones((4, 3)), pairs, 0.4, 0.01).weight == pytest.approx(np.full(100, 0.01))
+    assert believed(image, np.ones((4, 3)), pairs, 0.4, PairWeights()).weight == pytest.approx(
+        np.full(100, 0.01)
+    )
 
 
 def test_light_bounces_from_surface_that_no_pixel_shows_with_the_paint_of_its_nearest():
@@ -375,6 +418,20 @@ def test_gains_of_the_views_are_found_and_moving_light_is_told_from_them(lit):
     moving = sphere_scene(view_count=3, turn_deg=90.0)
     image = np.concatenate([i[m] for i, m in zip(moving.images, moving.masks, strict=True)])
     assert view_gains(moving.stacked(), image / np.percentile(image, 99), image[:, 0] >= 0).spread > 0.15
+
+
+@pytest.mark.parametrize(
+    ("exposures", "blue"), [([1.0, 2, 0.5], 0.0), ([1.0, 2, 0.5], 0.02), ([1.0, 2, 0.05], 1.0)]
+)
+def test_a_dim_channel_or_view_does_not_hide_the_exposures(lit, exposures, blue):
+    """Yellow light; or one photo far darker than the others."""
+    views, _, albedo, shading, _ = lit
+    gains = np.outer(exposures, [1, 1, blue])
+    image = albedo * shading * np.repeat(gains, np.diff(views.starts), axis=0)
+    found = view_gains(views, image / np.percentile(image, 99), np.ones(len(image), bool))
+    wanted = gains[:, 0] / np.exp(np.log(gains[:, 0]).mean())
+    assert np.allclose(found.gains[:, :2], wanted[:, None], rtol=0.03)
+    assert found.spread < 0.03
 
 
 def test_views_without_links_have_no_gains():

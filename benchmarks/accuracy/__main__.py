@@ -13,7 +13,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in another order
 
 from benchmarks.accuracy.methods import ABLATIONS, METHODS, judge_row  # noqa: E402
 from benchmarks.accuracy.report import write_report  # noqa: E402

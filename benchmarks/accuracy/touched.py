@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in another order
 
 from benchmarks.accuracy.methods import JudgedRow, Method, judge_row  # noqa: E402
 from benchmarks.accuracy.scenes import laboratory_of, paper_rows  # noqa: E402

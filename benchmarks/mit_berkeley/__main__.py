@@ -26,7 +26,7 @@ from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in another order
 
 from benchmarks.mit_berkeley.methods import (  # noqa: E402
     Problem,

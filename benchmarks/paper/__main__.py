@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in another order
 
 from benchmarks.paper.judging import Judge  # noqa: E402
 from benchmarks.paper.laboratory import FULL, QUARTER, TENTH, TINY, Laboratory, Size  # noqa: E402

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in another order
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # of apxchol, whose channels go side by side, as all do
 
 from benchmarks.solver.corrugated_plane import corrugated_plane  # noqa: E402

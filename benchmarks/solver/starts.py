@@ -10,7 +10,7 @@ import os
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: more threads sum in another order
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in another order
 
 import numpy as np  # noqa: E402
 

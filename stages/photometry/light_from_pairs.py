@@ -27,6 +27,9 @@ class PairWeights:
         Price of light that differs from direction to direction.
     noise : float
         Of the scaled image: pixels darker than twice that say little.
+    colour : float
+        How many times as much as one of brightness a difference of colour tells of other paint: shadows are
+        deep, but hardly of another colour.
     max_steps : int
         Of the descent.
     """
@@ -34,6 +37,7 @@ class PairWeights:
     neutrality: float = 0.005
     evenness: float = 1e-3
     noise: float = 0.01
+    colour: float = 4.0
     max_steps: int = 200
 
 
@@ -89,21 +93,26 @@ def light_from_pairs(
     Notes
     -----
     Minimises, over light e ≥ 0 (bounds kept by L-BFGS-B),
-    ``Σ_pq w_pq φ(|log ρ_p − log ρ_q| / scale) + neutrality + evenness`` with ``ρ = I / (T e + bounced)`` and
-    ``φ(x) = x²/(1 + x²)`` (Geman and McClure): pairs of different paint count, at most, as one that is
-    quite wrong. Neither an albedo nor its smoothness enters, so no λ weighs against the paint; and
-    since light is at least 0 everywhere, so is the shading.
+    ``Σ_pq w_pq φ(u_pq) + neutrality + evenness`` with ``u = (m² + colour² v) / scale²``, m and v the
+    channels' mean and variance of ``log ρ_p − log ρ_q``, ``ρ = I / (T e + bounced)`` and ``φ(u) = u/(1 + u)``
+    (Geman and McClure): pairs of different paint count, at most, as one that is quite wrong. Neither an
+    albedo nor its smoothness enters, so no λ weighs against the paint; and since light is at least 0
+    everywhere, so is the shading.
     """
     objective = PairObjective(sample, bounced, pairs, scale, weights, len(start))
     return descend_above_zero(objective, start, weights.max_steps)
 
 
-def disagreement(image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, noise: float) -> float:
+def disagreement(
+    image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, weights: PairWeights
+) -> float:
     """Mean loss of pairs of pixels, (n, 3) each, under a shading: 0 to 1, as `light_from_pairs` has it."""
-    return _Losses(image, noise).of(shading, pairs, scale)[0]
+    return _Losses(image, weights).of(shading, pairs, scale)[0]
 
 
-def believed(image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, noise: float) -> Pairs:
+def believed(
+    image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, weights: PairWeights
+) -> Pairs:
     """Weigh pairs of each kind by how far they are to be believed; arguments as of `disagreement`.
 
     Notes
@@ -115,14 +124,14 @@ def believed(image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float,
     that have pairs enough.
     """
     kinds = pairs.kinds
-    left = {kind: disagreement(image, shading, pairs.of_kind(kind), scale, noise) for kind in kinds}
+    left = {kind: disagreement(image, shading, pairs.of_kind(kind), scale, weights) for kind in kinds}
     near = [kind for kind in kinds if kind != COLOUR]
     if not near:
         return pairs
     nearest = next((kind for kind in near if pairs.count(kind) >= ENOUGH), near[-1])
     worth = {kind: _credit(left[kind], left[nearest]) for kind in near}
     weighted = pairs.weighted(0.0, worth)
-    of_near = disagreement(image, shading, weighted, scale, noise)
+    of_near = disagreement(image, shading, weighted, scale, weights)
     return pairs.weighted(OF_ONE_COLOUR * _credit(left.get(COLOUR, 0.0), of_near), worth)
 
 
@@ -134,10 +143,10 @@ def _credit(left: float, least: float) -> float:
 class _Losses:
     """What pairs of pixels lose under a shading, and the slope."""
 
-    def __init__(self, image: np.ndarray, noise: float) -> None:
-        image = image.astype(np.float64)
+    def __init__(self, image: np.ndarray, weights: PairWeights) -> None:
+        image, self._colour = image.astype(np.float64), weights.colour
         self._logs = np.log(np.maximum(image, DARKEST))
-        self._trust = (image / (image + 2 * noise)) ** 2
+        self._trust = (image / (image + 2 * weights.noise)) ** 2
         self._trust[image <= 0] = 0
 
     def of(self, shading: np.ndarray, pairs: Pairs, scale: float) -> tuple[float, np.ndarray]:
@@ -145,7 +154,8 @@ class _Losses:
         shading = np.maximum(shading.astype(np.float64), 0) + DARKEST
         by_log = np.zeros_like(self._logs)
         logs = self._logs - np.log(shading)
-        loss = pair_losses(logs, self._trust, pairs.first, pairs.second, pairs.weight, scale, by_log)
+        who = pairs.first, pairs.second, pairs.weight
+        loss = pair_losses(logs, self._trust, *who, scale, self._colour, by_log)
         return loss, (-by_log / shading).astype(np.float32)
 
 
@@ -163,7 +173,7 @@ class PairObjective:
     ) -> None:
         self._sample, self._bounced, self._pairs = sample, bounced, pairs
         self._scale, self._weights = scale, weights
-        self._losses = _Losses(sample.image, weights.noise)
+        self._losses = _Losses(sample.image, weights)
         order = np.argsort(sample.light_of, kind="stable")
         ends = np.searchsorted(sample.light_of[order], np.arange(lights + 1))
         self._rows = [order[a:b] for a, b in zip(ends, ends[1:], strict=False)]

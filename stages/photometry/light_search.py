@@ -96,7 +96,7 @@ class Search:
         image, light = self.sample.image, now or self.even_light()
         shading = light.shading(self.part, self.starts, self.light_of_view)[self.among]
         pairs = self.drawn.pairs(image / np.maximum(shading, NO_LIGHT) if now else image, self.rng)
-        return believed(image, shading, pairs, scale, self.settings.weights.noise)
+        return believed(image, shading, pairs, scale, self.settings.weights)
 
     def bounce(self, now: FoundLight) -> np.ndarray:
         """Shading of the paired pixels by light from other surface, (n, 3)."""
@@ -192,9 +192,9 @@ def disagreements(
         for scene, light in zip(scenes, lights, strict=True)
     ]
     draws = [drawn.pairs(seen / np.maximum(shading, NO_LIGHT), rng) for shading in shadings]
-    scale, noise = settings.scales[-1], settings.weights.noise
+    scale, weights = settings.scales[-1], settings.weights
     return [
-        float(np.mean([disagreement(seen, shading, pairs, scale, noise) for pairs in draws]))
+        float(np.mean([disagreement(seen, shading, pairs, scale, weights) for pairs in draws]))
         for shading in shadings
     ]
 

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from stages.photometry.harmonics import shading_basis
 from stages.photometry.transfer import Occlusion, Proxy, bounced
 
-BRIGHT_QUANTILE = 0.99  # of all albedo values: what counts as the brightest material
+BRIGHT_QUANTILE = 0.99  # of all albedo values: what counts as the brightest material; specks are brighter
 MOST = 0.95  # no surface gives back more: bounces would not die out
 
 
@@ -99,7 +99,7 @@ class PixelTransfer:
         -------
         ndarray, shape (N, K, 3), float32
         """
-        absolute = on_absolute_scale(albedo, bounces.brightest)
+        absolute = np.minimum(on_absolute_scale(albedo, bounces.brightest), MOST)
         direct, of_vertices = self.direct(), self.vertex_sky - self.seen.blocked
         basis = np.empty((*direct.shape, albedo.shape[1]), np.float32)
         for c in range(albedo.shape[1]):
@@ -152,9 +152,9 @@ def without_opposed(
 
 
 def on_absolute_scale(albedo: np.ndarray, brightest: float) -> np.ndarray:
-    """Scale it, all channels alike, so that the brightest material reflects so much; clipped to [0, 0.95]."""
+    """Scale it, all channels alike, at least 0, so that the brightest material reflects so much."""
     bright = float(np.quantile(albedo, BRIGHT_QUANTILE)) if albedo.size else 0.0
-    return np.clip(albedo * (brightest / bright if bright > 0 else 0.0), 0.0, MOST)
+    return np.maximum(albedo * (brightest / bright if bright > 0 else 0.0), 0.0)
 
 
 def blend_of_pixels(

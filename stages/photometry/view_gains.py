@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,9 @@ import numpy as np
 from stages.photometry.neighbourhoods import PATCHES
 from stages.photometry.stack import StackedViews
 
-DARK = 0.02  # of the scaled image: ratios of darker values are noise
+DARK = 0.02  # of the scaled image, or of a view's bright pixels where these are dim: darker is noise
+DARKEST = 0.002  # of the scaled image: a few steps of eight bits
+BRIGHT = 99  # percentile of a view and channel
 FEWEST = 50  # links of a pair of views that a median is trusted of
 FEWEST_IN_PATCH = 5  # links
 TO_DEVIATION = 1.4826  # median absolute to standard deviation, were the errors Gaussian
@@ -22,7 +25,7 @@ class ViewGains:
     Attributes
     ----------
     gains : ndarray, shape (n, 3), float64
-        Of every view and channel; geometric mean 1. Views without links have 1.
+        Of every view and channel; geometric mean 1. Views without links, and dark channels, have 1.
     spread : float
         What is left after the gains: the typical difference of the logarithms of two views' brightness in
         the same patch of surface. Noise makes it some percent; light that moves, or gloss all over
@@ -38,32 +41,62 @@ def view_gains(views: StackedViews, image: np.ndarray, trusted: np.ndarray) -> V
 
     Notes
     -----
-    For every pair of views the median over its links of ``log I^i − log I^j``; the gains are the
-    least-squares solution over all pairs, weighted by the root of their links. Under one static light, matt
-    surface shows the same to all views, so that nothing but the gains is left. Fine paint, half a pixel
-    off, is no sign of moving light: differences count by their mean over patches.
+    For every pair of views and channel the median over its links of ``log I^i − log I^j``, as far as both
+    are bright; the gains are the least-squares solution over all pairs, weighted by the root of their links.
+    Under one static light, matt surface shows the same to all views, so that nothing but the gains is left.
+    Fine paint, half a pixel off, is no sign of moving light: differences count by their mean over patches.
     """
-    logs = np.log(np.maximum(image, DARK))
-    bright = trusted & (image > DARK).all(axis=1)
-    patch = _patches(views)
-    rows, medians, differences = [], [], []
-    for (i, j), block in views.links.items():
-        one, other = (side + views.starts[k] for side, k in zip(block.nonzero(), (i, j), strict=True))
+    floor = np.repeat(_floors(views, image), np.diff(views.starts), axis=0)
+    logs, bright = np.log(np.maximum(image, floor)), trusted[:, None] & (image > floor)
+    gains = np.stack([_log_gains(views, logs[:, c], bright[:, c]) for c in range(3)], axis=1)
+    logs -= np.repeat(gains, np.diff(views.starts), axis=0)
+    left = _left(views, logs, bright)
+    spread = TO_DEVIATION * float(np.median(np.abs(left))) if left.size else 0.0
+    return ViewGains(np.exp(gains), spread)
+
+
+def _floors(views: StackedViews, image: np.ndarray) -> np.ndarray:
+    """What is dark in every view and channel, (n, 3)."""
+    bright = [
+        np.percentile(image[views.view(k)], BRIGHT, axis=0) if np.diff(views.starts)[k] else np.zeros(3)
+        for k in range(views.view_count)
+    ]
+    return np.clip(DARK * np.array(bright), DARKEST, DARK)
+
+
+def _log_gains(views: StackedViews, logs: np.ndarray, bright: np.ndarray) -> np.ndarray:
+    """Of every view in one channel, (n,): 0 where it is dark."""
+    rows, medians = [], []
+    for i, j, one, other in _linked(views):
         both = bright[one] & bright[other]
-        if np.count_nonzero(both) < FEWEST:
+        links = np.count_nonzero(both)
+        if links < FEWEST:
             continue
-        difference = logs[one[both]] - logs[other[both]]
         row = np.zeros(views.view_count)
         row[i], row[j] = 1, -1
-        rows.append(np.sqrt(len(difference)) * row)
-        medians.append(np.sqrt(len(difference)) * np.median(difference, axis=0))
-        differences.append((i, j, _of_patches(patch[one[both]], difference.mean(axis=1))))
-    if not rows:
-        return ViewGains(np.ones((views.view_count, 3)), 0.0)
-    gains = np.linalg.lstsq(np.array(rows), np.array(medians), rcond=None)[0]
-    left = [d - (gains[i] - gains[j]).mean() for i, j, d in differences]
-    spread = TO_DEVIATION * float(np.median(np.abs(np.concatenate(left))))
-    return ViewGains(np.exp(gains), spread)
+        rows.append(np.sqrt(links) * row)
+        medians.append(np.sqrt(links) * np.median(logs[one[both]] - logs[other[both]]))
+    return np.linalg.lstsq(rows, medians, rcond=None)[0] if rows else np.zeros(views.view_count)
+
+
+def _left(views: StackedViews, logs: np.ndarray, bright: np.ndarray) -> np.ndarray:
+    """Differences of linked pixels, gains divided out, where both are bright: means of patches, (·,)."""
+    patch, left = _patches(views), [np.zeros(0)]
+    for _, _, one, other in _linked(views):
+        both = bright[one] & bright[other]
+        some = both.any(axis=1)
+        if np.count_nonzero(some) < FEWEST:
+            continue
+        off = ((logs[one] - logs[other]) * both)[some].sum(axis=1) / both[some].sum(axis=1)
+        left.append(_of_patches(patch[one[some]], off))
+    return np.concatenate(left)
+
+
+def _linked(views: StackedViews) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
+    """Two views and the pixels of theirs that are linked, places in the stack, (m,) each."""
+    for (i, j), block in views.links.items():
+        one, other = block.nonzero()
+        yield i, j, one + views.starts[i], other + views.starts[j]
 
 
 def _patches(views: StackedViews) -> np.ndarray:

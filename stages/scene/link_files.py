@@ -32,6 +32,9 @@ def read_links(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
 
 
 def numbered_links(folder: Path, cameras: Sequence[Camera]) -> dict[tuple[int, int], sp.csr_array]:
-    """The same by the places of the two views among the cameras: C_ij of Eq. 18."""
+    """The same by the places of the two views among the cameras: C_ij of Eq. 18; only what holds links.
+
+    An empty matrix takes a number per row, and of many views most see nothing of most others.
+    """
     place = {camera.name: i for i, camera in enumerate(cameras)}
-    return {(place[i], place[j]): block for (i, j), block in read_links(folder).items()}
+    return {(place[i], place[j]): block for (i, j), block in read_links(folder).items() if block.nnz}

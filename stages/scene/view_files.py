@@ -84,7 +84,8 @@ def scaled_channels(pixels: np.ndarray) -> tuple[list[np.ndarray], float]:
     Returns
     -------
     tuple of list of ndarray, shape (N,), float32, and float
-        The channels, and the 99th percentile of all values by which they were divided.
+        The channels, and the 99th percentile of all values by which they were divided (of those above 0,
+        where these are fewer than one in a hundred).
 
     Raises
     ------
@@ -93,10 +94,12 @@ def scaled_channels(pixels: np.ndarray) -> tuple[list[np.ndarray], float]:
     """
     bright = float(np.percentile(pixels, 99))
     if bright <= 0:
-        raise UserError(
-            f"The images are black inside the masks (99th percentile {bright:g}); expected some light. "
-            "Check that the masks are white where the object is."
-        )
+        if not (pixels > 0).any():
+            raise UserError(
+                f"The images are black inside the masks (the brightest value is {pixels.max(initial=0):g}); "
+                "expected some light. Check that the masks are white where the object is."
+            )
+        bright = float(np.percentile(pixels[pixels > 0], 99))  # hardly any of it is lit
     channels = range(pixels.shape[1])
     return [np.ascontiguousarray(pixels[:, c], np.float32) / np.float32(bright) for c in channels], bright
 
