@@ -11,6 +11,7 @@ from stages.photometry.sky_loops import pair_losses
 from stages.solvers.non_negative import descend_above_zero
 
 DARKEST = 1e-4  # of the scaled image, or of the shading: what logarithms do not go below
+SETTLED = 1e-5  # slope by any direction of one light, at which a descent ends: further it explains paint
 ENOUGH = 200  # pairs that tell how far paint of that distance differs
 OF_ONE_COLOUR = 0.2  # of the weight, at most: there is darker paint of the same colour, grey above all
 
@@ -37,7 +38,7 @@ class PairWeights:
     neutrality: float = 0.005
     evenness: float = 1e-3
     noise: float = 0.01
-    colour: float = 4.0
+    colour: float = 2.0
     max_steps: int = 200
 
 
@@ -100,7 +101,8 @@ def light_from_pairs(
     everywhere, so is the shading.
     """
     objective = PairObjective(sample, bounced, pairs, scale, weights, len(start))
-    return descend_above_zero(objective, start, weights.max_steps)
+    settled = SETTLED / len(start)  # each of many lights has as much less to say in the mean of all pairs
+    return descend_above_zero(objective, start, weights.max_steps, settled)
 
 
 def disagreement(
