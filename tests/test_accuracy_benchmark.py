@@ -10,7 +10,7 @@ import pytest
 from benchmarks.accuracy import touched
 from benchmarks.accuracy.__main__ import main
 from benchmarks.accuracy.relighting import in_another_light
-from benchmarks.accuracy.report import worst_variance
+from benchmarks.accuracy.report import light_distance, worst_variance
 from benchmarks.accuracy.scenes import paper_rows
 from benchmarks.paper.laboratory import TINY
 from stages.evaluation.part_variance import part_variances
@@ -67,6 +67,13 @@ def test_variances_that_are_not_known_are_counted_and_hide_no_worst_ratio():
     assert known.startswith("4.0")
     assert worst_variance((*black[:3], *ours[3:]), paper) == f"{known}, 2 unknown"
     assert worst_variance(paper, part_variances(truth_views(), PARTS)) == "–"
+
+
+def test_the_light_s_distance_is_said_in_radii_of_whatever_scene_it_is():
+    left = {"inf": 0.2, "39.48": 0.1, "19.74": 0.12}
+    assert light_distance({"light_distance": 39.48, "disagreement": left}) == "8 radii"
+    assert light_distance({"light_distance": 19.74, "disagreement": left}) == "4 radii"
+    assert light_distance({"light_distance": "infinitely far", "disagreement": left}) == "infinitely far"
 
 
 def test_a_row_that_is_not_there_is_refused_by_name(tmp_path):
