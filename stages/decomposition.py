@@ -34,7 +34,8 @@ def run(job: Job) -> None:
 
     Memory, per masked pixel and all channels together: `solver: fast` some 550 B in `mode: paper`, 1100 B in
     `mode: transfer`, 1350 B there with `light: harmonics`; `solver: paper` about 500 B for what the channels
-    share, 500 B more for each at work. Where sheen is looked for, 0.4 GB more at any size.
+    share, 500 B more for each at work. Where sheen is looked for, 0.4 GB more at any size, and 0.2 GB for the
+    light's picture: of 256 directions, and as many times as much of more.
     """
     import numpy as np
 
