@@ -118,8 +118,19 @@ class Search:
         Albedo and bounces find together, from those before on. Without bounces its scale is as good as any.
         """
         now = FoundLight(light, before.bounced)
-        for _ in range(SETTLES if self.settings.bounces else 0):
-            now = _settled(self.part, self.starts, self.image, self.light_of_view, now, self.settings)
+        if not self.settings.bounces:
+            return now
+        scene, where = self.part, (self.part, self.starts, self.light_of_view)
+        of_pixels = now.direct(*where)  # what is sent on changes in the rounds; of this, its scale alone
+        of_vertices = np.stack([scene.vertices.shading(one) for one in light])
+        scale, nearest = np.float32(1), scene.nearest_shown
+        for _ in range(SETTLES):
+            shading = scale * of_pixels + now.sent_on(*where)
+            albedo, known = vertex_albedo(scene, self.image, shading)
+            factor = _brightest(albedo, known) / self.settings.brightest
+            absolute, scale = np.clip(albedo / factor, 0, MOST)[nearest], np.float32(scale * factor)
+            sent_on = _bounced(scene, scale * of_vertices, absolute, known[nearest], self.settings.bounces)
+            now = FoundLight(scale * light, sent_on)
         return now
 
 
@@ -197,22 +208,6 @@ def disagreements(
         float(np.mean([disagreement(seen, shading, pairs, scale, weights) for pairs in draws]))
         for shading in shadings
     ]
-
-
-def _settled(
-    scene: SkyScene,
-    starts: np.ndarray,
-    image: np.ndarray,
-    light_of_view: np.ndarray,
-    now: FoundLight,
-    settings: SkySettings,
-) -> FoundLight:
-    """The light at the scale that `brightest` asks for, and the bounces that the albedo under it sends on."""
-    albedo, known = vertex_albedo(scene, image, now.shading(scene, starts, light_of_view))
-    factor = _brightest(albedo, known) / settings.brightest
-    absolute, radiance = np.clip(albedo / factor, 0, MOST), now.radiance * factor
-    direct, nearest = np.stack([scene.vertices.shading(one) for one in radiance]), scene.nearest_shown
-    return FoundLight(radiance, _bounced(scene, direct, absolute[nearest], known[nearest], settings.bounces))
 
 
 def vertex_albedo(scene: SkyScene, image: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -113,14 +114,31 @@ class FoundLight:
 
     def shading(self, scene: SkyScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
         """Of a scene's pixels, view after view from ``starts``, (N, 3), float32; bounces included."""
+        direct = self.direct(scene, starts, light_of_view)
+        direct += self.sent_on(scene, starts, light_of_view)
+        return direct
+
+    def direct(self, scene: SkyScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
+        """The same without bounces."""
         out = np.empty((int(starts[-1]), 3), np.float32)
-        for view, own in enumerate(light_of_view):
-            rows = slice(int(starts[view]), int(starts[view + 1]))
+        for rows, own in _of_views(starts, light_of_view):
             out[rows] = scene.pixels.shading(self.radiance[own], rows)
-            out[rows] += scene.pixels.blend[rows] @ self.bounced[own]
+        return out
+
+    def sent_on(self, scene: SkyScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
+        """The same by bounces alone."""
+        out = np.empty((int(starts[-1]), 3), np.float32)
+        for rows, own in _of_views(starts, light_of_view):
+            out[rows] = scene.pixels.blend[rows] @ self.bounced[own]
         return out
 
     def shading_at(self, scene: SkyScene, pixels: np.ndarray) -> np.ndarray:
         """Of chosen pixels under the first light, (n, 3), float32; bounces included."""
         chosen = scene.pixels.at(pixels)
         return chosen.shading(self.radiance[0]) + chosen.blend @ self.bounced[0]
+
+
+def _of_views(starts: np.ndarray, light_of_view: np.ndarray) -> Iterator[tuple[slice, int]]:
+    """Places of every view's pixels, and its light."""
+    for view, own in enumerate(light_of_view):
+        yield slice(int(starts[view]), int(starts[view + 1])), own
