@@ -12,14 +12,16 @@ import scipy.sparse as sp
 
 from pipeline import Job, Stage, UserError
 from stages.correspondence import CORRESPONDENCE, CorrespondenceSettings
-from stages.decomposition import DECOMPOSITION, DecompositionSettings
+from stages.decomposition import DECOMPOSITION, DecompositionSettings, _unclipped
 from stages.photometry.harmonics import shading_basis
 from stages.scene.camera_file import write_cameras
 from stages.scene.cameras import Camera
 from stages.scene.exr import read_exr, write_exr
 from stages.scene.lighting_file import LightAround, write_light_around
+from stages.scene.link_files import numbered_links
 from stages.scene.photos import write_mask
 from stages.scene.upright import mean_camera_up
+from stages.scene.view_files import scaled_channels
 from tests.sphere_scene import SphereScene, camera_looking_at_origin, sphere_scene
 
 
@@ -161,6 +163,32 @@ def test_black_images_are_refused_with_a_way_out(linked, scene, tmp_path):
         write_exr(inputs["linear"] / f"{camera.name}.exr", np.zeros((*camera.shape, 3), np.float32))
     with pytest.raises(UserError, match=r"black inside the masks .* Check that the masks"):
         run_stage(DECOMPOSITION, tmp_path / "out", inputs, DecompositionSettings(mode="paper"))
+
+
+def test_images_of_which_hardly_anything_is_lit_are_scaled_by_what_is():
+    dark = np.zeros((1000, 3))
+    dark[3] = 0.25
+    channels, scale = scaled_channels(dark)
+    assert scale == 0.25 and channels[0].max() == 1
+
+
+def test_pairs_of_views_without_links_take_no_room(tmp_path):
+    cameras = sphere_scene(view_count=3).cameras
+    one = sp.csr_array(([1.0], ([2], [3])), shape=(4, 5))
+    for file, block in (("none.npz", 0 * one), ("one.npz", one)):
+        block.eliminate_zeros()
+        sp.save_npz(tmp_path / file, block)
+    names = [camera.name for camera in cameras]
+    rows = [{"i": names[0], "j": names[k], "file": file} for k, file in ((1, "none.npz"), (2, "one.npz"))]
+    (tmp_path / "index.json").write_text(json.dumps(rows), encoding="utf-8")
+    assert list(numbered_links(tmp_path, cameras)) == [(0, 2)]
+
+
+def test_what_is_clipped_is_a_matter_of_its_view():
+    """A glint in one linear image says nothing about the white of another photo."""
+    photo = np.array([[0.5, 0.5, 0.5], [1.0, 0.9, 0.8], [0.99, 0.2, 0.2]])
+    assert _unclipped(photo).tolist() == [True, False, False]
+    assert _unclipped(np.vstack([photo, [7.0, 7.0, 7.0]])).all()
 
 
 def test_pixels_that_are_not_numbers_are_refused_by_name(linked, scene, tmp_path):

@@ -97,6 +97,9 @@ def test_harmonic_light_meets_transfer_vectors(config, output):
     assert "transfer vector of the point" in lighting["convention"]
     assert np.shape(lighting["views"][0]["red"]) == (16,)
     assert len(list((output / "environment").glob("*.exr"))) == len(NAMES)
+    name = NAMES[0]
+    known, mask = read_exr(output / f"confidence/{name}.exr"), read_mask(output / f"mask/{name}.png")
+    assert (known[mask] > 0).mean() > 0.95, "all data count in Eq. 2"
     assert main(["run", str(config)]) == 0
 
 
