@@ -46,13 +46,12 @@ def run(job: Job) -> None:
     from stages.scene.view_files import read_views, scaled_channels
 
     cameras = read_cameras(job.inputs["cameras"])
-    masks, normals, pixels, unclipped = [], [], [], []
+    masks, normals, pixels = [], [], []
     with job.progress("views", len(cameras)) as step:
         for mask, normal, linear in read_views(job.inputs, cameras, job.executor.map):
             masks.append(mask)
             normals.append(normal)
             pixels.append(linear)
-            unclipped.append(_unclipped(linear))
             step()
     links = numbered_links(job.inputs["correspondences"], cameras)
     views = stack_views(masks, normals, links, job.executor.map)
@@ -60,9 +59,10 @@ def run(job: Job) -> None:
     images, scale = scaled_channels(pixels)
     if job.settings.mode == "transfer":
         own = np.concatenate([image[mask] for image, mask in zip(normals, masks, strict=True)])
+        unclipped = np.concatenate([_unclipped(pixels[views.view(i)]) for i in range(len(cameras))])
         del normals, pixels
         stored = read_transfer(job.inputs["transfer"])
-        solved = _by_transfer(job, cameras, masks, views, images, own, np.concatenate(unclipped), stored)
+        solved = _by_transfer(job, cameras, masks, views, images, own, unclipped, stored)
         _write_what_transfer_knows(job, cameras, masks, solved, scale, stored)
     else:
         del normals, pixels  # the stack has its own

@@ -8,10 +8,9 @@ import numpy as np
 
 from stages.photometry.alike_pairs import COLOUR, Pairs
 from stages.photometry.sky_loops import pair_losses
-from stages.solvers.non_negative import descend_above_zero
+from stages.solvers.non_negative import SETTLED, descend_above_zero
 
 DARKEST = 1e-4  # of the scaled image, or of the shading: what logarithms do not go below
-SETTLED = 1e-5  # slope by any direction of one light, at which a descent ends: further it explains paint
 ENOUGH = 200  # pairs that tell how far paint of that distance differs
 OF_ONE_COLOUR = 0.2  # of the weight, at most: there is darker paint of the same colour, grey above all
 

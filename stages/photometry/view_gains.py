@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,7 +66,7 @@ def _floors(views: StackedViews, image: np.ndarray) -> np.ndarray:
 def _log_gains(views: StackedViews, logs: np.ndarray, bright: np.ndarray) -> np.ndarray:
     """Of every view in one channel, (n,): 0 where it is dark."""
     rows, medians = [], []
-    for i, j, one, other in _linked(views):
+    for (i, j), (one, other) in zip(sorted(views.links), views.linked_pixels(), strict=True):
         both = bright[one] & bright[other]
         links = np.count_nonzero(both)
         if links < FEWEST:
@@ -82,7 +81,7 @@ def _log_gains(views: StackedViews, logs: np.ndarray, bright: np.ndarray) -> np.
 def _left(views: StackedViews, logs: np.ndarray, bright: np.ndarray) -> np.ndarray:
     """Differences of linked pixels, gains divided out, where both are bright: means of patches, (·,)."""
     patch, left = _patches(views), [np.zeros(0)]
-    for _, _, one, other in _linked(views):
+    for one, other in views.linked_pixels():
         both = bright[one] & bright[other]
         some = both.any(axis=1)
         if np.count_nonzero(some) < FEWEST:
@@ -90,13 +89,6 @@ def _left(views: StackedViews, logs: np.ndarray, bright: np.ndarray) -> np.ndarr
         off = ((logs[one] - logs[other]) * both)[some].sum(axis=1) / both[some].sum(axis=1)
         left.append(_of_patches(patch[one[some]], off))
     return np.concatenate(left)
-
-
-def _linked(views: StackedViews) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
-    """Two views and the pixels of theirs that are linked, places in the stack, (m,) each."""
-    for (i, j), block in views.links.items():
-        one, other = block.nonzero()
-        yield i, j, one + views.starts[i], other + views.starts[j]
 
 
 def _patches(views: StackedViews) -> np.ndarray:

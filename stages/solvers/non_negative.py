@@ -7,12 +7,14 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize
 
+SETTLED = 1e-5  # slope by any of the numbers at which a descent ends: further, light explains paint
+
 
 def descend_above_zero(
     objective: Callable[[np.ndarray], tuple[float, np.ndarray]],
     start: np.ndarray,
     steps: int,
-    settled: float = 1e-5,
+    settled: float = SETTLED,
 ) -> np.ndarray:
     """Descend from a start, of any shape and at least 0, by at most so many steps of L-BFGS-B.
 
