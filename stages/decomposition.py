@@ -97,6 +97,7 @@ def _by_transfer(
     """`mode: transfer`, by either kind of light."""
     import numpy as np
 
+    from stages.geometry.short_edges import with_short_edges
     from stages.photometry import transfer_solutions
     from stages.photometry.light_search import REFINED
     from stages.photometry.sky_photos import TURNS, Looks
@@ -106,7 +107,8 @@ def _by_transfer(
 
     settings: DecompositionSettings = job.settings
     points = read_surface_points(job.inputs, cameras, masks)
-    blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]).faces, points)
+    short = with_short_edges(read_mesh(job.inputs["mesh"]), float(stored.longest_edge))
+    blend = pixels_on_proxy(stored, short.surface.faces, short.carried(*points))
     weights = _weights(job, views)
     towards = ways_to_cameras(cameras, masks)
     incidence = np.einsum("nk,nk->n", normals, towards)

@@ -33,6 +33,7 @@ def run(job: Job) -> None:
     """Open surface, albedo and light; shade; save. Memory: some 150 B per masked pixel."""
     import numpy as np
 
+    from stages.geometry.short_edges import with_short_edges
     from stages.photometry.relighting import relit
     from stages.photometry.sky_scenes import pixels_on_proxy, sky_scenes
     from stages.scene.camera_file import read_cameras
@@ -49,7 +50,8 @@ def run(job: Job) -> None:
     normals, albedo = (_masked(job.inputs[kind], cameras, masks) for kind in ("normal", "albedo"))
     stored = read_transfer(job.inputs["transfer"])
     points = read_surface_points(job.inputs, cameras, masks)
-    blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]).faces, points)
+    short = with_short_edges(read_mesh(job.inputs["mesh"]), float(stored.longest_edge))
+    blend = pixels_on_proxy(stored, short.surface.faces, short.carried(*points))
     # what is seen of light from infinitely far away
     far = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])
     (scene,), opposed = sky_scenes(far, blend, normals)

@@ -58,6 +58,13 @@ class TransferSettings(Settings):
         unit="vertices",
         ge=100,
     )
+    longest_edge: float = setting(
+        0.02,
+        "Faces are cut in two while an edge is longer, and there are fewer than `max_vertices`: what is in the "
+        "way of the light is looked for at vertices only, so a floor of two triangles would show no shadow.",
+        unit="radii of the mesh",
+        gt=0,
+    )
     lift: float = setting(
         0.5,
         "Rays begin this far above the surface, lest its own roughness block the sky.",
@@ -72,8 +79,9 @@ def run(job: Job) -> None:
     import numpy as np
 
     from stages.geometry.occluders import Occluders
-    from stages.geometry.proxy import blend_of, proxy_of
+    from stages.geometry.proxy import blend_of, proxy_of, room_for
     from stages.geometry.rays import vertex_normals
+    from stages.geometry.short_edges import with_short_edges
     from stages.geometry.surface import mean_edge
     from stages.photometry.sky import Eyes, Sphere, even_directions
     from stages.photometry.transfer import occlusion, points_at_once
@@ -81,15 +89,17 @@ def run(job: Job) -> None:
     from stages.scene.transfer_file import StoredTransfer, write_transfer
 
     settings: TransferSettings = job.settings
-    surface = read_mesh(job.inputs["mesh"])
-    proxy = proxy_of(surface, settings.max_vertices)
+    mesh = read_mesh(job.inputs["mesh"])
+    centre, radius = _middle(mesh)
+    short = with_short_edges(mesh, settings.longest_edge * radius, room_for(mesh, settings.max_vertices))
+    surface = short.surface
+    proxy = proxy_of(surface, settings.max_vertices, short.longest)
     normals = vertex_normals(proxy.vertices, proxy.faces)
     occluders, count = Occluders(proxy, job.threads), len(proxy.vertices)
     eyes = proxy.vertices + settings.lift * mean_edge(proxy) * normals
     origins = eyes - occluders.origin
     with job.progress("rays", -(-count // points_at_once(settings.directions))) as step:
         seen = occlusion(origins, normals, occluders.cast, count, settings.degree, settings.directions, step)
-    centre, radius = _middle(proxy)
     radii = [np.inf, *(radius * distance for distance in settings.light_distances)]
     directions = even_directions(settings.sky_directions)
     looking = Eyes(origins, normals, occluders.blocked, occluders.origin, job.executor)
@@ -107,6 +117,7 @@ def run(job: Job) -> None:
             behind=seen.behind,
             corners=corners,
             weights=weights,
+            longest_edge=np.array(short.longest),
             vertices=proxy.vertices,
             faces=proxy.faces,
             eyes=eyes,
@@ -130,7 +141,7 @@ def _middle(surface: Surface) -> tuple[np.ndarray, float]:
 
 TRANSFER = Stage(
     name="transfer",
-    version=3,
+    version=4,
     about="What of the sky each point sees, and what it sees instead.",
     settings=TransferSettings,
     takes=("mesh",),

@@ -6,17 +6,25 @@ import numpy as np
 import open3d as o3d
 
 from stages.geometry.occluders import scene_of
+from stages.geometry.short_edges import with_short_edges
 from stages.geometry.surface import decimated, mean_edge
 from stages.scene.meshes import Surface
 
 FACES_PER_VERTEX = 2  # of a closed mesh
 
 
-def proxy_of(surface: Surface, most_vertices: int) -> Surface:
+def room_for(surface: Surface, most_vertices: int) -> int:
+    """How many vertices it may have once its edges are short: half as many again if it is too large."""
+    count = len(surface.vertices)
+    return most_vertices if count <= most_vertices else count + count // 2
+
+
+def proxy_of(surface: Surface, most_vertices: int, longest_edge: float = np.inf) -> Surface:
     """The surface itself, or a quadric decimation of it to about so many vertices.
 
     Vertices that lie on one another are one first, as in STL or at the seams of a texture: otherwise nothing
-    could be decimated.
+    could be decimated. Decimation leaves large faces where all is flat; they are cut until no edge is longer
+    than `longest_edge`, unless there would be half as many vertices again.
     """
     places, number = np.unique(surface.vertices, axis=0, return_inverse=True)
     if len(places) < len(surface.vertices):
@@ -25,7 +33,8 @@ def proxy_of(surface: Surface, most_vertices: int) -> Surface:
         surface = Surface(places, faces[~collapsed])
     if len(surface.vertices) <= most_vertices:
         return surface
-    return decimated(surface, FACES_PER_VERTEX * most_vertices)
+    small = decimated(surface, FACES_PER_VERTEX * most_vertices)
+    return with_short_edges(small, longest_edge, most_vertices + most_vertices // 2).surface
 
 
 def blend_of(

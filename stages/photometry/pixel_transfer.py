@@ -175,7 +175,7 @@ def blend_of_pixels(
         (u, v): the point is (1 − u − v) a + u b + v c.
     faces : ndarray, shape (F, 3)
     corners, weights : ndarray, shape (V, 3)
-        Every vertex of the mesh as a blend of the proxy's.
+        Every vertex that faces have as a blend of the proxy's.
     vertex_count : int
         P.
 

@@ -18,7 +18,7 @@ SurfacePoints = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # faces, bary
 
 
 def pixels_on_proxy(stored: StoredTransfer, faces: np.ndarray, points: SurfacePoints) -> sp.csr_array:
-    """Every pixel as a blend of the proxy's vertices, (N, P); `faces` (F, 3) are the mesh's."""
+    """Every pixel as a blend of the proxy's vertices, (N, P); `faces` (F, 3) are the short-edged mesh's."""
     return blend_of_pixels(*points, faces, stored.corners, stored.weights, len(stored.blocked))
 
 

@@ -16,7 +16,7 @@ MATRICES = ("form_factors", "behind")
 
 @dataclass(frozen=True, eq=False)
 class StoredTransfer:
-    """As the `transfer` stage leaves it; P vertices of a proxy stand for V of the mesh.
+    """As the `transfer` stage leaves it; P vertices of a proxy stand for V of the mesh with short edges.
 
     Attributes
     ----------
@@ -28,7 +28,9 @@ class StoredTransfer:
         Shares of what a vertex sees instead of the sky: fronts, backs.
     corners : ndarray, shape (V, 3), int32
     weights : ndarray, shape (V, 3), float32
-        Every vertex of the mesh as a blend of the proxy's.
+        Every vertex of the mesh with short edges as a blend of the proxy's.
+    longest_edge : ndarray, shape (), float64
+        What makes that mesh of the mesh itself again, model units.
     vertices : ndarray, shape (P, 3), float64
         Of the proxy, world.
     faces : ndarray, shape (F, 3), int32
@@ -51,6 +53,7 @@ class StoredTransfer:
     behind: sp.csr_array
     corners: np.ndarray
     weights: np.ndarray
+    longest_edge: np.ndarray
     vertices: np.ndarray
     faces: np.ndarray
     eyes: np.ndarray

@@ -1,0 +1,152 @@
+"""Large faces are cut until what vertices see tells what faces see; nothing else about the mesh changes."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stages import transfer
+from stages.geometry.proxy import proxy_of
+from stages.geometry.short_edges import with_short_edges
+from stages.photometry.sky import even_directions
+from stages.photometry.sky_scenes import pixels_on_proxy
+from stages.scene.meshes import Surface, read_mesh, write_mesh
+from stages.scene.transfer_file import read_transfer
+from tests.bowls import bowl
+
+TETRAHEDRON = Surface(
+    np.array([[0.0, 0, 0], [3, 0, 0], [0.5, 2, 0], [1, 0.3, 5]]),
+    np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32),
+)
+
+
+def square(side: float, height: float) -> Surface:
+    """Two triangles that look up."""
+    half = side / 2
+    corners = [[-half, -half, height], [half, -half, height], [half, half, height], [-half, half, height]]
+    return Surface(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+
+
+def together(*surfaces: Surface) -> Surface:
+    first = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
+    faces = [surface.faces + begin for surface, begin in zip(surfaces, first, strict=False)]
+    return Surface(
+        np.concatenate([surface.vertices for surface in surfaces]), np.concatenate(faces).astype(np.int32)
+    )
+
+
+def edges(surface: Surface) -> np.ndarray:
+    """Their ends, (3 F, 2), sorted."""
+    ends = np.stack([surface.faces, np.roll(surface.faces, -1, axis=1)], axis=2)
+    return np.sort(ends.reshape(-1, 2), axis=1)
+
+
+def lengths(surface: Surface) -> np.ndarray:
+    ends = surface.vertices[edges(surface)]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+def twice_areas(surface: Surface) -> np.ndarray:
+    """Vectors along the faces' normals, (F, 3)."""
+    a, b, c = (surface.vertices[surface.faces[:, corner]] for corner in range(3))
+    return np.cross(b - a, c - a)
+
+
+def places(surface: Surface, faces: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    shares = np.column_stack([1 - uv.sum(axis=1), uv])
+    return np.einsum("nc,nck->nk", shares, surface.vertices[surface.faces[faces]])
+
+
+def some_points(surface: Surface, count: int = 2000) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(1)
+    return rng.integers(0, len(surface.faces), count), rng.dirichlet([1, 1, 1], count)[:, 1:]
+
+
+def test_no_edge_stays_too_long_and_no_crack_opens():
+    short = with_short_edges(TETRAHEDRON, 0.3)
+    assert short.longest == 0.3
+    assert 0.1 < lengths(short.surface).max() <= 0.3
+    ends, faces_of_edge = np.unique(edges(short.surface), axis=0, return_counts=True)
+    assert (faces_of_edge == 2).all()
+    assert len(short.surface.vertices) - len(ends) + len(short.surface.faces) == 2
+
+
+def test_the_surface_itself_stays_where_it_is_and_looks_the_same_way():
+    short = with_short_edges(TETRAHEDRON, 0.3)
+    faces, uv = some_points(TETRAHEDRON)
+    (new_faces,), (new_uv,) = short.carried([faces], [uv])
+    assert np.allclose(places(short.surface, new_faces, new_uv), places(TETRAHEDRON, faces, uv), atol=1e-9)
+    assert new_uv.min() >= 0 and new_uv.sum(axis=1).max() <= 1 + 1e-9
+    assert len(np.unique(new_faces)) > len(short.surface.faces) / 4
+    one_way, whole = twice_areas(short.surface)[new_faces], twice_areas(TETRAHEDRON)[faces]
+    assert (np.einsum("nk,nk->n", one_way, whole) > 0).all()
+    area = np.linalg.norm(twice_areas(short.surface), axis=1).sum()
+    assert area == pytest.approx(np.linalg.norm(twice_areas(TETRAHEDRON), axis=1).sum())
+
+
+def test_a_mesh_of_short_edges_is_left_alone():
+    surface = bowl(0.5)
+    short = with_short_edges(surface, 10.0)
+    assert short.surface is surface
+    faces, uv = some_points(surface)
+    (same_faces,), (same_uv,) = short.carried([faces], [uv])
+    assert same_faces is faces and same_uv is uv
+
+
+def test_where_there_would_be_too_many_vertices_all_edges_stay_longer():
+    everything = with_short_edges(TETRAHEDRON, 0.1)
+    most = len(everything.surface.vertices) // 3
+    some = with_short_edges(TETRAHEDRON, 0.1, most)
+    assert most / 4 < len(some.surface.vertices) <= most
+    assert lengths(some.surface).max() <= some.longest < 0.3
+    again = with_short_edges(TETRAHEDRON, some.longest)
+    assert np.array_equal(again.surface.faces, some.surface.faces)
+    assert np.array_equal(again.surface.vertices, some.surface.vertices)
+
+
+def test_what_decimation_has_made_large_is_cut_again():
+    """A floor with one bump in it: nearly all of the faces that are kept lie there."""
+    flat = with_short_edges(square(2.0, 0.0), 0.02).surface
+    away = np.linalg.norm(flat.vertices[:, :2], axis=1)
+    bump = np.exp(-((away / 0.2) ** 2)) + 1e-4 * np.random.default_rng(2).normal(size=len(away))
+    floor = Surface(flat.vertices + bump[:, None] * [0, 0, 0.3], flat.faces)
+    assert lengths(proxy_of(floor, 2000)).max() > 0.2
+    proxy = proxy_of(floor, 2000, 0.1)
+    assert lengths(proxy).max() <= 0.1 and len(proxy.vertices) <= 3000
+
+
+def test_a_floor_of_two_triangles_knows_what_is_above_it(tmp_path):
+    """A plate over its middle hides the sky there, and not at the floor's rim."""
+    write_mesh(tmp_path / "mesh.ply", together(square(4.0, 0.0), square(1.0, 0.4)))
+    run_transfer(tmp_path)
+    stored = read_transfer(tmp_path / "transfer.npz")
+    faces = np.array([0, 0, 1])
+    uv = np.array([[0.0, 0.5], [0.5, 0.02], [0.48, 0.02]])  # the middle; near the rim; nearly the middle
+    short = with_short_edges(read_mesh(tmp_path / "mesh.ply"), float(stored.longest_edge))
+    blend = pixels_on_proxy(stored, short.surface.faces, short.carried([faces], [uv]))
+    upwards = int(np.argmax(even_directions(64)[:, 2]))
+    sees_up = blend @ np.unpackbits(stored.visible[0], axis=1)[:, upwards].astype(np.float32)
+    assert sees_up.tolist() == pytest.approx([0, 1, 0], abs=1e-5)
+
+
+def run_transfer(folder) -> None:
+    """The stage on `mesh.ply` of a folder, as its runner calls it."""
+
+    @contextmanager
+    def progress(_label, _steps):
+        yield lambda: None
+
+    transfer.run(
+        SimpleNamespace(
+            settings=transfer.TransferSettings(directions=16, sky_directions=64),
+            inputs={"mesh": folder / "mesh.ply"},
+            outputs={"transfer": folder / "transfer.npz"},
+            threads=1,
+            executor=None,
+            progress=progress,
+            note=lambda **_: None,
+        )
+    )
