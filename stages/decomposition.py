@@ -296,7 +296,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 16,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 17,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

@@ -60,8 +60,9 @@ class TransferSettings(Settings):
     )
     longest_edge: float = setting(
         0.02,
-        "Faces are cut in two while an edge is longer, and there are fewer than `max_vertices`: what is in the "
-        "way of the light is looked for at vertices only, so a floor of two triangles would show no shadow.",
+        "Faces are cut in two while an edge is longer, and there are fewer than `max_vertices`: what is in "
+        "the way of the light is looked for at vertices only, so a floor of two triangles would show no "
+        "shadow.",
         unit="radii of the mesh",
         gt=0,
     )

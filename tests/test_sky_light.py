@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from stages.photometry import sky_decomposition
 from stages.photometry.albedo_under_light import albedo_under_light
-from stages.photometry.alike_pairs import Pairs, alike_pairs, sample_of
+from stages.photometry.alike_pairs import COLOUR, Pairs, alike_pairs, sample_of
 from stages.photometry.appearance import appearance_of
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
@@ -379,12 +379,29 @@ def test_pairs_join_what_is_near_or_of_one_colour():
     rng = np.random.default_rng(0)
     colours = np.array([[0.8, 0.2, 0.2], [0.2, 0.2, 0.8]])[np.arange(40) % 2]
     positions = np.column_stack([np.zeros(40, int), np.arange(40) // 2 * 100])
-    pairs = alike_pairs(colours, np.zeros(40, int), positions, (5, 10), rng)
+    pairs = alike_pairs(colours, np.zeros(40, int), positions, np.zeros((40, 3)), (5, 10), rng)
     same = np.arange(40)[pairs.first] % 2 == np.arange(40)[pairs.second] % 2
     near = np.abs(positions[pairs.first, 1] - positions[pairs.second, 1]) < 10
     assert np.all(same | near)
     assert pairs.weight.sum() == pytest.approx(1)
     assert pairs.weight[~same].sum() == pytest.approx(0.5)
+
+
+def test_what_is_near_in_the_image_alone_is_not_paired():
+    """Both sides of an outline: a wall, and what stands before it."""
+    rng = np.random.default_rng(0)
+    column, row = np.arange(400) % 20, np.arange(400) // 20
+    before = column >= 10
+    places = np.column_stack([column, row, np.where(before, 40, 0)])
+    grey, positions = np.full((400, 3), 0.5), np.column_stack([row, column])
+    pairs = alike_pairs(grey, np.zeros(400, int), positions, places, (3, 6), rng)
+    across = before[pairs.first] != before[pairs.second]
+    assert across[pairs.kind == COLOUR].any()
+    assert not across[pairs.kind != COLOUR].any()
+    assert np.unique(pairs.first[pairs.kind != COLOUR]).size > 350
+    level = np.column_stack([column, row, np.zeros(400)])
+    flat = alike_pairs(grey, np.zeros(400, int), positions, level, (3, 6), np.random.default_rng(0))
+    assert (before[flat.first] != before[flat.second])[flat.kind != COLOUR].any()
 
 
 def test_the_sample_lies_inside_the_masks_and_is_sorted():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ PARTNERS = 4  # of each kind, per pixel
 # softly, and larger ones, since within smooth surface what is nearer hardly differs by its light.
 NEAR = (0.03, 0.06, 0.12)
 SMALLEST = 3  # px: in smaller ones pixels share their light as well as their paint
+APART = 3.0  # median distances of a kind: what is farther from one another lies at two sides of an outline
 COLOUR = 0  # the kind of pairs that are of one colour
 
 
@@ -83,6 +84,8 @@ class Drawn:
         Number of the view that each belongs to.
     positions : ndarray, shape (n, 2)
         Row and column there.
+    places : ndarray, shape (n, 3)
+        Where on the surface they are, world axes.
     squares : tuple of int
         Sides of the squares in which pixels are near, px.
     """
@@ -90,19 +93,27 @@ class Drawn:
     pixels: np.ndarray
     views: np.ndarray
     positions: np.ndarray
+    places: np.ndarray
     squares: tuple[int, ...]
 
     @classmethod
-    def of(cls, views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator) -> Drawn:
-        """Draw from the pixels `among`; see `sample_of`."""
+    def of(
+        cls,
+        views: StackedViews,
+        places: Callable[[np.ndarray], np.ndarray],
+        among: np.ndarray,
+        count: int,
+        rng: np.random.Generator,
+    ) -> Drawn:
+        """Draw from the pixels `among`, (m,); see `sample_of`. `places`: see `SkyScene.places`."""
         pixels = sample_of(views, among, count, rng)
         view = np.searchsorted(views.starts, pixels, side="right") - 1
         squares = tuple(sorted({max(SMALLEST, round(near * views.side)) for near in NEAR}))
-        return cls(pixels, view, views.positions()[pixels], squares)
+        return cls(pixels, view, views.positions()[pixels], places(pixels), squares)
 
     def pairs(self, albedo: np.ndarray, rng: np.random.Generator) -> Pairs:
         """Pair them by what their albedo, (n, 3), seems to be; see `alike_pairs`."""
-        return alike_pairs(albedo, self.views, self.positions, self.squares, rng)
+        return alike_pairs(albedo, self.views, self.positions, self.places, self.squares, rng)
 
 
 def sample_of(views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -119,10 +130,13 @@ def alike_pairs(
     albedo: np.ndarray,
     views: np.ndarray,
     positions: np.ndarray,
+    places: np.ndarray,
     squares: tuple[int, ...],
     rng: np.random.Generator,
 ) -> Pairs:
     """Pair the pixels of a sample, half of the weight on those of one colour, half on those that are near.
+
+    In the image, and on the surface as well: a thing and the floor behind it are not of one paint.
 
     Parameters
     ----------
@@ -132,12 +146,15 @@ def alike_pairs(
         Number of the view that each pixel belongs to.
     positions : ndarray, shape (n, 2)
         Row and column there.
+    places : ndarray, shape (n, 3)
+        Where on the surface they are, world axes.
     squares : tuple of int
         Sides of the squares in which pixels are near, px, from small to large.
     rng : numpy.random.Generator
     """
     groups = [_colour_of(albedo), *(_square_of(views, positions, side, rng) for side in squares)]
-    partners = [_partners(group, rng) for group in groups]
+    colour, *near = (_partners(group, rng) for group in groups)
+    partners = [colour, *(_on_one_surface(pairs, places) for pairs in near)]
     both = np.concatenate(partners).astype(np.int32)
     kind = np.repeat(np.arange(len(partners), dtype=np.int32), [len(own) for own in partners])
     return Pairs(both[:, 0].copy(), both[:, 1].copy(), np.zeros(len(both)), kind).weighted(0.5)
@@ -164,6 +181,14 @@ def _partners(group: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         alike = group[one] == group[other]
         pairs.append(np.column_stack([one[alike], other[alike]]))
     return np.concatenate(pairs)
+
+
+def _on_one_surface(pairs: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Of pairs that are near in the image, (m, 2), those that are not much farther apart than most."""
+    if not len(pairs):
+        return pairs
+    apart = np.linalg.norm(places[pairs[:, 0]] - places[pairs[:, 1]], axis=1)
+    return pairs[apart <= APART * np.median(apart)]
 
 
 def _inner(mask: np.ndarray) -> np.ndarray:

@@ -75,7 +75,7 @@ class Search:
         looked = np.flatnonzero(trusted)
         looked = np.sort(rng.choice(looked, min(LOOKED_AT, looked.size), replace=False))
         part, starts = scene.at(looked), np.searchsorted(looked, views.starts)
-        drawn = Drawn.of(views, looked, settings.samples * (3 + count) // 4, rng)
+        drawn = Drawn.of(views, scene.places, looked, settings.samples * (3 + count) // 4, rng)
         among = np.searchsorted(looked, drawn.pixels)
         own_image = image[drawn.pixels].astype(np.float64)
         shares = part.pixels.shares(among)
@@ -196,7 +196,7 @@ def disagreements(
     of the loss is paint's, and differs by more from draw to draw than from light to light.
     """
     rng = np.random.default_rng(settings.seed)
-    drawn = Drawn.of(views, np.flatnonzero(trusted), settings.samples, rng)
+    drawn = Drawn.of(views, scenes[0].places, np.flatnonzero(trusted), settings.samples, rng)
     seen, starts = image[drawn.pixels], np.searchsorted(drawn.pixels, views.starts)
     shadings = [
         light.shading(scene.at(drawn.pixels), starts, light_of_view)

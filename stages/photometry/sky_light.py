@@ -91,6 +91,10 @@ class SkyScene:
         """The same with some of the pixels only."""
         return replace(self, pixels=self.pixels.at(pixels))
 
+    def places(self, pixels: np.ndarray) -> np.ndarray:
+        """Where on the surface chosen pixels are, (n, 3), world axes, from the middle of its vertices."""
+        return self.pixels.blend[pixels] @ (self.proxy.positions - self.proxy.positions.mean(axis=0))
+
     @cached_property
     def nearest_shown(self) -> np.ndarray:
         """Of the vertices, (P,); see the function of that name."""
