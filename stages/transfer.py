@@ -69,7 +69,7 @@ class TransferSettings(Settings):
     lift: float = setting(
         0.5,
         "Rays begin this far above the surface, lest its own roughness block the sky.",
-        unit="mean edges of the mesh, or of what it is decimated to",
+        unit="mean edges of the mesh, or of what it is decimated to; of `longest_edge` where that is less",
         gt=0,
         le=10,
     )
@@ -97,7 +97,9 @@ def run(job: Job) -> None:
     proxy = proxy_of(surface, settings.max_vertices, short.longest)
     normals = vertex_normals(proxy.vertices, proxy.faces)
     occluders, count = Occluders(proxy, job.threads), len(proxy.vertices)
-    eyes = proxy.vertices + settings.lift * mean_edge(proxy) * normals
+    # halves of faces are as rough as the whole was
+    roughness = min(max(mean_edge(mesh), mean_edge(proxy)), short.longest)
+    eyes = proxy.vertices + settings.lift * roughness * normals
     origins = eyes - occluders.origin
     with job.progress("rays", -(-count // points_at_once(settings.directions))) as step:
         seen = occlusion(origins, normals, occluders.cast, count, settings.degree, settings.directions, step)
