@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.accuracy import touched
 from benchmarks.accuracy.__main__ import main
+from benchmarks.accuracy.on_a_floor import write_on_a_floor
 from benchmarks.accuracy.relighting import in_another_light
 from benchmarks.accuracy.report import light_distance, worst_variance
 from benchmarks.accuracy.scenes import paper_rows
@@ -16,6 +17,8 @@ from benchmarks.paper.laboratory import TINY
 from stages.evaluation.part_variance import part_variances
 from stages.photometry.environment import directions_of_picture
 from stages.scene.exr import write_exr
+from stages.scene.meshes import read_mesh, read_vertex_colours, write_mesh
+from tests.bowls import bowl
 from tests.judged_scene import PARTS, predicted, truth_views
 
 
@@ -94,3 +97,19 @@ def test_settings_that_people_touch_are_shown_at_their_default_and_beside_it(rep
         assert [row[0].strip().removesuffix(" (default)") for row in rows] == list(map(str, one.values))
         assert said.count("(default)") == 1
         assert len({tuple(row[1:]) for row in rows}) > 1
+
+
+def test_a_scan_on_a_floor_has_one_colour_per_square_and_looks_outwards(tmp_path):
+    write_mesh(tmp_path / "scan.ply", bowl(0.5))
+    made = write_on_a_floor(tmp_path / "scan.ply", tmp_path / "made" / "scan.ply")
+    assert [path.name for path in made.parent.iterdir()] == ["scan.ply"]
+    surface, albedo = read_mesh(made), read_vertex_colours(made)
+    halves = surface.faces[-12:]  # of every square the first, then of every square the second
+    assert np.allclose(albedo[halves], albedo[halves[:, :1]])
+    assert np.allclose(albedo[halves[[0, 6]]], [0.6, 0.45, 0.3], atol=0.005)
+    a, b, c = (surface.vertices[halves[:, corner]] for corner in range(3))
+    outwards = np.cross(b - a, c - a)
+    assert (outwards[[0, 6], 1] > 0).all() and np.allclose(outwards[[0, 6]][:, [0, 2]], 0)
+    box = np.delete(np.arange(12), [0, 6])
+    centre = surface.vertices[halves[box]].reshape(-1, 3).mean(axis=0)
+    assert (np.einsum("fk,fk->f", outwards[box], a[box] - centre) > 0).all()

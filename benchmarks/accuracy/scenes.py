@@ -5,11 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from benchmarks.accuracy.on_a_floor import write_on_a_floor
 from benchmarks.paper.laboratory import QUARTER, TINY, Laboratory, Size
 from benchmarks.paper.rows import ROWS, Row
 from pipeline.terminal import Terminal
 
-PAPERS_OWN = Path(__file__).resolve().parents[2] / "workspaces" / "paper"
+WORKSPACES = Path(__file__).resolve().parents[2] / "workspaces"
+PAPERS_OWN = WORKSPACES / "paper"
+MADE = WORKSPACES / "accuracy" / "made"  # objects that the benchmark puts together
 
 SCANS = {
     "gutenberg": "meshes-threedscans/subdiv2/Gutenberg.ply",
@@ -19,6 +22,7 @@ SCANS = {
 SCAN_SIZE = Size(180, 180, views=8)
 STRIPES = {"paint": "stripes", "striped_part": None, "stripe_period": 0.15}
 TEXTURE = {"paint": "texture"}
+ON_A_FLOOR = {"paint": "vertex"}
 GLOSSY = {"gloss": 0.2, "glossy_parts": ()}
 SMOOTHED = {"smoothing": 20}
 
@@ -47,6 +51,7 @@ COMBINATIONS: tuple[tuple[str, str, dict[str, Any], dict[str, Any]], ...] = (
     ("gutenberg", "four_lamps", TEXTURE | GLOSSY, {}),
     ("plato", "venice", GLOSSY, {}),
     ("skull", "four_lamps", GLOSSY, {}),
+    ("plato", "city", ON_A_FLOOR, {}),
 )
 LIGHTS_OF_OUR_OWN = ("dome", "four_lamps", "one_lamp")
 
@@ -69,13 +74,15 @@ def scan_rows(data: Path) -> tuple[tuple[Row, Size], ...]:
 
 def _row(data: Path, scan: str, light: str, render: dict[str, Any], geometry: dict[str, Any]) -> Row:
     own = light in LIGHTS_OF_OUR_OWN
-    sources = {"object": data / SCANS[scan]}
+    floor, mesh = render == ON_A_FLOOR, data / SCANS[scan]
+    sources = {"object": write_on_a_floor(mesh, MADE / f"{scan}-floor.ply") if floor else mesh}
     if not own:
         sources["environment"] = data / f"hdri-polyhaven-1k/{light}.hdr"
-    twists = [str(render.get("paint", "parts")), *(["gloss"] * ("gloss" in render)), *geometry]
+    paint = "floor" if floor else str(render.get("paint", "parts"))
+    twists = [paint, *(["gloss"] * ("gloss" in render)), *geometry]
     return Row(
         name="-".join([scan, light, *twists]),
-        about=f"{scan} in {twists[0]} under {light.replace('_', ' ')}",
+        about=f"{scan} {'on a' if floor else 'in'} {paint} under {light.replace('_', ' ')}",
         render={"light": light if own else "environment", "y_up": True, **render},
         known_geometry=geometry,
         sources=sources,

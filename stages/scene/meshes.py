@@ -9,7 +9,7 @@ import numpy as np
 import open3d as o3d
 
 from pipeline import UserError
-from stages.scene.colour import linear_from_srgb
+from stages.scene.colour import linear_from_srgb, srgb_from_linear
 
 # Each holds the whole mesh in one file; GLTF keeps its vertices in another, which nobody would digest.
 MESHES = (".ply", ".obj", ".stl", ".off", ".glb")
@@ -49,10 +49,13 @@ def read_mesh(path: Path) -> Surface:
     return surface
 
 
-def write_mesh(path: Path, surface: Surface) -> None:
-    """Write a binary PLY."""
+def write_mesh(path: Path, surface: Surface, albedo: np.ndarray | None = None) -> None:
+    """Write a binary PLY; with linear albedo, (v, 3), as vertex colours that `read_vertex_colours` reads."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    if not o3d.io.write_triangle_mesh(str(path), to_open3d(surface)):
+    mesh = to_open3d(surface)
+    if albedo is not None:
+        mesh.vertex_colors = o3d.utility.Vector3dVector(srgb_from_linear(albedo))
+    if not o3d.io.write_triangle_mesh(str(path), mesh):
         raise OSError(f"{path} could not be written")
 
 
