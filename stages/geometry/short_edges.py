@@ -18,25 +18,28 @@ class Cut:
 
     Attributes
     ----------
-    new_face : ndarray, shape (F,), int32
-        Of each face the half that got a new number, −1 where it is whole.
-    longest : ndarray, shape (F,), int8
-        Corner that its longest edge begins at.
+    before : int
+        How many faces there were; the k-th cut has made number ``before + k``.
+    faces : ndarray, shape (n,)
+        Those that were cut, sorted.
+    longest : ndarray, shape (n,)
+        Corners that their longest edges begin at.
     """
 
-    new_face: np.ndarray
+    before: int
+    faces: np.ndarray
     longest: np.ndarray
 
     def carried(self, faces: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points by face, (n,), and shares of its corners, (n, 3), on the faces after the cut."""
-        at = np.flatnonzero(self.new_face[faces] >= 0)
-        if not len(at):
-            return faces, shares
-        cut = faces[at]
+        place = np.full(self.before, -1, np.int32)
+        place[self.faces] = np.arange(len(self.faces))
+        at = np.flatnonzero(place[faces] >= 0)
+        cut = place[faces[at]]
         a, b, c = np.take_along_axis(shares[at], _corners_from(self.longest[cut]), axis=1).T
         beyond = b > a
         faces, shares = faces.copy(), shares.copy()
-        faces[at[beyond]] = self.new_face[cut[beyond]]
+        faces[at[beyond]] = self.before + cut[beyond]
         ends, middle = np.abs(a - b), 2 * np.minimum(a, b)
         shares[at] = np.where(beyond, [c, middle, ends], [c, ends, middle]).T
         return faces, shares
@@ -78,14 +81,12 @@ class ShortEdged:
         """
         if not self.cuts:
             return list(faces), list(barycentric)
-        views = [self._carried(*view) for view in zip(faces, barycentric, strict=True)]
-        return [view[0] for view in views], [view[1] for view in views]
-
-    def _carried(self, faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        every, uv = np.concatenate(faces), np.concatenate(barycentric)
         shares = np.column_stack([1 - uv.sum(axis=1), uv])
         for cut in self.cuts:
-            faces, shares = cut.carried(faces, shares)
-        return faces, shares[:, 1:]
+            every, shares = cut.carried(every, shares)
+        ends = np.cumsum([len(view) for view in faces])[:-1]
+        return np.split(every, ends), np.split(shares[:, 1:], ends)
 
 
 def with_short_edges(surface: Surface, longest: float, most_vertices: float = np.inf) -> ShortEdged:
@@ -107,39 +108,40 @@ def with_short_edges(surface: Surface, longest: float, most_vertices: float = np
     -------
     ShortEdged
     """
-    allowed = max(float(_edges(surface).max(initial=0)), longest)
+    lengths = _edges(surface.vertices, surface.faces).max(axis=1)
+    allowed = max(float(lengths.max(initial=0)), longest)
     found = ShortEdged(surface, allowed, ())
     while allowed > longest:
         allowed = max(allowed / STEP, longest)
-        finer = _cut_down(found, allowed)
+        finer, lengths = _cut_down(found, lengths, allowed)
         if len(finer.surface.vertices) > most_vertices:
             break
         found = finer
     return found
 
 
-def _cut_down(found: ShortEdged, allowed: float) -> ShortEdged:
-    """The same with all faces cut until no edge is longer."""
+def _cut_down(found: ShortEdged, lengths: np.ndarray, allowed: float) -> tuple[ShortEdged, np.ndarray]:
+    """The same with faces cut until no edge is longer; and every face's longest edge, (F,)."""
     surface, cuts, middles = found.surface, list(found.cuts), _Middles(len(found.surface.vertices))
-    while (_edges(surface) > allowed).any():
-        surface, cut = _cut_once(surface, allowed, middles)
+    while len(faces := np.flatnonzero(lengths > allowed)):
+        own = _edges(surface.vertices, surface.faces[faces])
+        cut = Cut(len(surface.faces), faces, np.argmax(own, axis=1))
+        surface = _cut_once(surface, cut, middles)
+        halves = np.concatenate([faces, np.arange(cut.before, len(surface.faces))])
+        lengths = np.concatenate([lengths, np.empty(len(faces))])
+        lengths[halves] = _edges(surface.vertices, surface.faces[halves]).max(axis=1)
         cuts.append(cut)
-    return ShortEdged(surface, allowed, tuple(cuts))
+    return ShortEdged(surface, allowed, tuple(cuts)), lengths
 
 
-def _cut_once(surface: Surface, allowed: float, middles: _Middles) -> tuple[Surface, Cut]:
-    """Every face with too long an edge cut in two: (c, a, m) in its place and (c, m, b) after all others."""
-    lengths = _edges(surface)
-    longest, faces = np.argmax(lengths, axis=1), surface.faces.copy()
-    cut = np.flatnonzero(lengths.max(axis=1) > allowed)
-    a, b, c = np.take_along_axis(faces[cut], _corners_from(longest[cut]), axis=1).T
+def _cut_once(surface: Surface, cut: Cut, middles: _Middles) -> Surface:
+    """With (c, a, m) in place of every cut face (a, b, c), m between a and b, and with (c, m, b) at the end."""
+    faces = surface.faces.copy()
+    a, b, c = np.take_along_axis(faces[cut.faces], _corners_from(cut.longest), axis=1).T
     m, fresh = middles.of(a, b)
-    new_face = np.full(len(faces), -1, np.int32)
-    new_face[cut] = len(faces) + np.arange(len(cut))
-    faces[cut] = np.stack([c, a, m], axis=1)
-    vertices = np.concatenate([surface.vertices, surface.vertices[fresh].mean(axis=1)])
+    faces[cut.faces] = np.stack([c, a, m], axis=1)
     faces = np.concatenate([faces, np.stack([c, m, b], axis=1).astype(np.int32)])
-    return Surface(vertices, faces), Cut(new_face, longest.astype(np.int8))
+    return Surface(np.concatenate([surface.vertices, surface.vertices[fresh].mean(axis=1)]), faces)
 
 
 class _Middles:
@@ -158,9 +160,9 @@ class _Middles:
         return number, np.stack([fresh >> 32, fresh & 0xFFFFFFFF], axis=1)
 
 
-def _edges(surface: Surface) -> np.ndarray:
-    """Lengths of the faces' edges, (F, 3), each by the corner that it begins at."""
-    corners = surface.vertices[surface.faces]
+def _edges(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Lengths of faces' edges, (n, 3), each by the corner that it begins at."""
+    corners = vertices[faces]
     return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
 
 
