@@ -135,7 +135,7 @@ def _cut_down(found: ShortEdged, lengths: np.ndarray, allowed: float) -> tuple[S
 
 
 def _cut_once(surface: Surface, cut: Cut, middles: _Middles) -> Surface:
-    """With (c, a, m) in place of each cut face (a, b, c), m between a and b, and with (c, m, b) at the end."""
+    """With (c, a, m) in place of a cut face (a, b, c), m between a and b, and with (c, m, b) at the end."""
     faces = surface.faces.copy()
     a, b, c = np.take_along_axis(faces[cut.faces], _corners_from(cut.longest), axis=1).T
     m, fresh = middles.of(a, b)
