@@ -101,7 +101,8 @@ def test_settings_that_people_touch_are_shown_at_their_default_and_beside_it(rep
 
 def test_a_scan_on_a_floor_has_one_colour_per_square_and_looks_outwards(tmp_path):
     write_mesh(tmp_path / "scan.ply", bowl(0.5))
-    made = write_on_a_floor(tmp_path / "scan.ply", tmp_path / "made" / "scan.ply")
+    made = tmp_path / "made" / "scan.ply"
+    write_on_a_floor(tmp_path / "scan.ply", made)
     assert [path.name for path in made.parent.iterdir()] == ["scan.ply"]
     surface, albedo = read_mesh(made), read_vertex_colours(made)
     halves = surface.faces[-12:]  # of every square the first, then of every square the second

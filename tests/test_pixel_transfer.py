@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.geometry.proxy import blend_of, proxy_of
+from stages.geometry.proxy import blend_of, short_edged_with_proxy
 from stages.geometry.rays import vertex_normals
 from stages.photometry.harmonics import shading_basis
 from stages.photometry.pixel_transfer import (
@@ -42,6 +42,11 @@ def transfer() -> PixelTransfer:
     transfer, opposed = PixelTransfer.of(normals[:PIXELS], blend, proxy, degree=1)
     assert opposed == 0
     return transfer
+
+
+def proxy_of(surface: Surface, most_vertices: int) -> Surface:
+    """Of a mesh whose edges are short."""
+    return short_edged_with_proxy(surface, np.inf, most_vertices)[1]
 
 
 def test_the_direct_basis_is_the_open_skys_less_what_is_blocked(transfer):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stages import transfer
-from stages.geometry.proxy import proxy_of
+from stages.geometry.proxy import short_edged_with_proxy
 from stages.geometry.short_edges import with_short_edges
 from stages.photometry.sky import even_directions
 from stages.photometry.sky_scenes import pixels_on_proxy
@@ -87,6 +87,17 @@ def test_the_surface_itself_stays_where_it_is_and_looks_the_same_way():
     assert area == pytest.approx(np.linalg.norm(twice_areas(TETRAHEDRON), axis=1).sum())
 
 
+def test_points_stay_with_their_views():
+    short = with_short_edges(TETRAHEDRON, 0.5)
+    faces, uv = some_points(TETRAHEDRON)
+    parts = [slice(0, 700), slice(700, 700), slice(700, 2000)]
+    views = short.carried([faces[part] for part in parts], [uv[part] for part in parts])
+    (whole,), (of_whole,) = short.carried([faces], [uv])
+    assert [len(view) for view in views[0]] == [700, 0, 1300]
+    assert np.array_equal(np.concatenate(views[0]), whole)
+    assert np.array_equal(np.concatenate(views[1]), of_whole)
+
+
 def test_a_mesh_of_short_edges_is_left_alone():
     surface = bowl(0.5)
     short = with_short_edges(surface, 10.0)
@@ -101,7 +112,7 @@ def test_where_there_would_be_too_many_vertices_all_edges_stay_longer():
     most = len(everything.surface.vertices) // 3
     some = with_short_edges(TETRAHEDRON, 0.1, most)
     assert most / 4 < len(some.surface.vertices) <= most
-    assert lengths(some.surface).max() <= some.longest < 0.3
+    assert 0.1 < lengths(some.surface).max() <= some.longest < 0.3
     again = with_short_edges(TETRAHEDRON, some.longest)
     assert np.array_equal(again.surface.faces, some.surface.faces)
     assert np.array_equal(again.surface.vertices, some.surface.vertices)
@@ -113,9 +124,20 @@ def test_what_decimation_has_made_large_is_cut_again():
     away = np.linalg.norm(flat.vertices[:, :2], axis=1)
     bump = np.exp(-((away / 0.2) ** 2)) + 1e-4 * np.random.default_rng(2).normal(size=len(away))
     floor = Surface(flat.vertices + bump[:, None] * [0, 0, 0.3], flat.faces)
-    assert lengths(proxy_of(floor, 2000)).max() > 0.2
-    proxy = proxy_of(floor, 2000, 0.1)
+    _, uncut = short_edged_with_proxy(floor, 10.0, 2000)
+    assert lengths(uncut).max() > 0.2
+    _, proxy = short_edged_with_proxy(floor, 0.1, 2000)
     assert lengths(proxy).max() <= 0.1 and len(proxy.vertices) <= 3000
+
+
+def test_a_mesh_that_is_not_too_large_is_cut_and_not_decimated():
+    """Though with the halves of the floor's faces it has more vertices than a mesh may have uncut."""
+    both = together(bowl(0.5), square(4.0, -0.6))
+    most = len(both.vertices) + 1
+    short, proxy = short_edged_with_proxy(both, 0.2, most)
+    assert proxy is short.surface
+    assert most < len(proxy.vertices) <= most + most // 2
+    assert np.array_equal(proxy.vertices[: len(both.vertices)], both.vertices)
 
 
 def test_a_floor_of_two_triangles_knows_what_is_above_it(tmp_path):

@@ -404,6 +404,19 @@ def test_what_is_near_in_the_image_alone_is_not_paired():
     assert (before[flat.first] != before[flat.second])[flat.kind != COLOUR].any()
 
 
+def test_how_far_is_far_is_asked_of_every_view_and_not_of_what_has_no_place():
+    """One view from ten times as far away; of a third the surface is seen from behind."""
+    rng = np.random.default_rng(0)
+    column, row = np.arange(400) % 20, np.arange(400) // 20
+    positions, level = np.column_stack([row, column]), np.column_stack([column, row, np.zeros(400)])
+    places = np.concatenate([level, 10 * level, np.full((400, 3), np.nan)])
+    views = np.repeat(np.arange(3), 400)
+    pairs = alike_pairs(np.full((1200, 3), 0.5), views, np.tile(positions, (3, 1)), places, (3, 6), rng)
+    near = pairs.first[pairs.kind != COLOUR]
+    counts = np.bincount(views[near], minlength=3)
+    assert counts.min() > 0.9 * counts.max() > 0
+
+
 def test_the_sample_lies_inside_the_masks_and_is_sorted():
     views = sphere_scene(view_count=2).stacked()
     every = np.arange(views.starts[-1])

@@ -14,7 +14,7 @@ OF_THE_SCAN = np.array([(0.35, 0.35, 0.35), (0.6, 0.25, 0.2), (0.5, 0.5, 0.45), 
 OF_THE_FLOOR, OF_THE_BOX = (0.6, 0.45, 0.3), (0.25, 0.4, 0.6)
 FLOOR, BOX, ASIDE = 1.8, 0.3, 0.45  # sides, and where the box begins, in heights of the scan
 
-# Corners of a face by the axes, to the right when seen from outside; y is up. None below: the floor is there.
+# Corners of a face by the axes, counter-clockwise seen from outside; y is up. None below: the floor is there.
 SQUARES = np.array(
     [
         [(0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
@@ -26,8 +26,8 @@ SQUARES = np.array(
 )
 
 
-def write_on_a_floor(scan: Path, to: Path) -> Path:
-    """Write the scan, y up, in four paints, with floor and box; squares share no vertex. Returns `to`."""
+def write_on_a_floor(scan: Path, to: Path) -> None:
+    """Write the scan, y up, in four paints, with floor and box; squares share no vertex."""
     subject = mesh_subject(read_mesh(scan))
     vertices = subject.surface.vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -42,4 +42,4 @@ def write_on_a_floor(scan: Path, to: Path) -> Path:
     surface = Surface(np.concatenate([vertices, squares]), faces.astype(np.int32))
     own = to.with_suffix(f".{getpid()}.ply")  # another benchmark may be reading what is there
     write_mesh(own, surface, np.concatenate(paints))
-    return own.replace(to)
+    own.replace(to)

@@ -74,8 +74,10 @@ def scan_rows(data: Path) -> tuple[tuple[Row, Size], ...]:
 
 def _row(data: Path, scan: str, light: str, render: dict[str, Any], geometry: dict[str, Any]) -> Row:
     own = light in LIGHTS_OF_OUR_OWN
-    floor, mesh = render == ON_A_FLOOR, data / SCANS[scan]
-    sources = {"object": write_on_a_floor(mesh, MADE / f"{scan}-floor.ply") if floor else mesh}
+    floor, mesh = render.get("paint") == "vertex", data / SCANS[scan]
+    sources = {"object": MADE / f"{scan}-floor.ply" if floor else mesh}
+    if floor and mesh.exists():
+        write_on_a_floor(mesh, sources["object"])
     if not own:
         sources["environment"] = data / f"hdri-polyhaven-1k/{light}.hdr"
     paint = "floor" if floor else str(render.get("paint", "parts"))

@@ -6,35 +6,52 @@ import numpy as np
 import open3d as o3d
 
 from stages.geometry.occluders import scene_of
-from stages.geometry.short_edges import with_short_edges
+from stages.geometry.short_edges import ShortEdged, with_short_edges
 from stages.geometry.surface import decimated, mean_edge
 from stages.scene.meshes import Surface
 
 FACES_PER_VERTEX = 2  # of a closed mesh
 
 
-def room_for(surface: Surface, most_vertices: int) -> int:
-    """How many vertices it may have once its edges are short: half as many again if it is too large."""
-    count = len(surface.vertices)
-    return most_vertices if count <= most_vertices else count + count // 2
+def short_edged_with_proxy(
+    mesh: Surface, longest_edge: float, most_vertices: int
+) -> tuple[ShortEdged, Surface]:
+    """The mesh with short edges, and what stands for that: itself, or a decimation of it.
+
+    A mesh is decimated if it had more than `most_vertices` before it was cut. Decimation leaves large faces
+    where all is flat: they are cut as well. Cutting adds half as many vertices at most.
+
+    Parameters
+    ----------
+    mesh : Surface
+    longest_edge : float
+        Model units.
+    most_vertices : int
+    """
+    short = with_short_edges(mesh, longest_edge, half_more(max(len(mesh.vertices), most_vertices)))
+    whole = welded(short.surface)
+    if len(whole.vertices) <= most_vertices or (short.cuts and len(welded(mesh).vertices) <= most_vertices):
+        return short, whole
+    small = decimated(whole, FACES_PER_VERTEX * most_vertices)
+    return short, with_short_edges(small, short.longest, half_more(most_vertices)).surface
 
 
-def proxy_of(surface: Surface, most_vertices: int, longest_edge: float = np.inf) -> Surface:
-    """The surface itself, or a quadric decimation of it to about so many vertices.
+def half_more(count: int) -> int:
+    """What cutting may make of so many vertices."""
+    return count + count // 2
 
-    Vertices that lie on one another are one first, as in STL or at the seams of a texture: otherwise nothing
-    could be decimated. Decimation leaves large faces where all is flat; they are cut until no edge is longer
-    than `longest_edge`, unless there would be half as many vertices again.
+
+def welded(surface: Surface) -> Surface:
+    """The same with one vertex where several lie on one another, as in STL or at the seams of a texture.
+
+    Otherwise nothing could be decimated. Without such, it is the surface itself.
     """
     places, number = np.unique(surface.vertices, axis=0, return_inverse=True)
-    if len(places) < len(surface.vertices):
-        faces = number.reshape(-1)[surface.faces].astype(np.int32)
-        collapsed = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-        surface = Surface(places, faces[~collapsed])
-    if len(surface.vertices) <= most_vertices:
+    if len(places) == len(surface.vertices):
         return surface
-    small = decimated(surface, FACES_PER_VERTEX * most_vertices)
-    return with_short_edges(small, longest_edge, most_vertices + most_vertices // 2).surface
+    faces = number.reshape(-1)[surface.faces].astype(np.int32)
+    collapsed = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    return Surface(places, faces[~collapsed])
 
 
 def blend_of(

@@ -19,7 +19,7 @@ PARTNERS = 4  # of each kind, per pixel
 # softly, and larger ones, since within smooth surface what is nearer hardly differs by its light.
 NEAR = (0.03, 0.06, 0.12)
 SMALLEST = 3  # px: in smaller ones pixels share their light as well as their paint
-APART = 3.0  # median distances of a kind: what is farther from one another lies at two sides of an outline
+APART = 3.0  # median distances of a kind in a view: what is farther apart lies at two sides of an outline
 COLOUR = 0  # the kind of pairs that are of one colour
 
 
@@ -85,7 +85,7 @@ class Drawn:
     positions : ndarray, shape (n, 2)
         Row and column there.
     places : ndarray, shape (n, 3)
-        Where on the surface they are, world axes.
+        Where on the surface they are, world axes; not a number where that is not known.
     squares : tuple of int
         Sides of the squares in which pixels are near, px.
     """
@@ -147,14 +147,14 @@ def alike_pairs(
     positions : ndarray, shape (n, 2)
         Row and column there.
     places : ndarray, shape (n, 3)
-        Where on the surface they are, world axes.
+        Where on the surface they are, world axes; not a number where that is not known.
     squares : tuple of int
         Sides of the squares in which pixels are near, px, from small to large.
     rng : numpy.random.Generator
     """
     groups = [_colour_of(albedo), *(_square_of(views, positions, side, rng) for side in squares)]
     colour, *near = (_partners(group, rng) for group in groups)
-    partners = [colour, *(_on_one_surface(pairs, places) for pairs in near)]
+    partners = [colour, *(_on_one_surface(pairs, views, places) for pairs in near)]
     both = np.concatenate(partners).astype(np.int32)
     kind = np.repeat(np.arange(len(partners), dtype=np.int32), [len(own) for own in partners])
     return Pairs(both[:, 0].copy(), both[:, 1].copy(), np.zeros(len(both)), kind).weighted(0.5)
@@ -183,12 +183,15 @@ def _partners(group: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.concatenate(pairs)
 
 
-def _on_one_surface(pairs: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Of pairs that are near in the image, (m, 2), those that are not much farther apart than most."""
-    if not len(pairs):
-        return pairs
+def _on_one_surface(pairs: np.ndarray, views: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Of pairs that are near in their view, (m, 2), those that are not much farther apart than most there."""
     apart = np.linalg.norm(places[pairs[:, 0]] - places[pairs[:, 1]], axis=1)
-    return pairs[apart <= APART * np.median(apart)]
+    view, kept = views[pairs[:, 0]], np.ones(len(pairs), bool)
+    for own in (np.flatnonzero(view == one) for one in np.unique(view)):
+        known = apart[own][np.isfinite(apart[own])]
+        if known.size:
+            kept[own] = ~(apart[own] > APART * np.median(known))
+    return pairs[kept]
 
 
 def _inner(mask: np.ndarray) -> np.ndarray:

@@ -92,8 +92,14 @@ class SkyScene:
         return replace(self, pixels=self.pixels.at(pixels))
 
     def places(self, pixels: np.ndarray) -> np.ndarray:
-        """Where on the surface chosen pixels are, (n, 3), world axes, from the middle of its vertices."""
-        return self.pixels.blend[pixels] @ (self.proxy.positions - self.proxy.positions.mean(axis=0))
+        """Where on the surface chosen pixels are, (n, 3), world axes, from the middle of its vertices.
+
+        Not a number where a pixel blends no vertices: it sees the back of the mesh.
+        """
+        blend = self.pixels.blend[pixels]
+        where = blend @ (self.proxy.positions - self.proxy.positions.mean(axis=0))
+        where[np.diff(blend.indptr) == 0] = np.nan
+        return where
 
     @cached_property
     def nearest_shown(self) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ import scipy.sparse as sp
 
 from stages.photometry.harmonics import real_harmonics
 
-RAYS_AT_ONCE = 2**20  # some 400 MB with all harmonics of those that are blocked
+RAYS_AT_ONCE = 2**18  # of a thread: some 100 MB with all harmonics of those that are blocked
 GOLDEN = (np.sqrt(5) - 1) / 2
 PLASTIC = 0.7548776662466927  # 1 over the plastic number: turns of neighbouring vertices far from each other
 
@@ -65,6 +66,7 @@ def occlusion(
     vertex_count: int,
     degree: int,
     directions: int,
+    executor: Executor | None = None,
     after_each: Callable[[], None] = lambda: None,
 ) -> Occlusion:
     """Look from every point into its half of all directions.
@@ -82,6 +84,8 @@ def occlusion(
         Largest l: K = (degree + 1)².
     directions : int
         Rays per point.
+    executor : concurrent.futures.Executor or None
+        Threads that look from `points_at_once` at a time; never changes the result.
     after_each : callable
         Called after every `points_at_once`.
 
@@ -92,8 +96,8 @@ def occlusion(
     blocked enter the sums: a point that sees the whole sky is exact.
     """
     spiral, at_once = cosine_spiral(directions), points_at_once(directions)
-    blocked, fronts, backs = [], [], []
-    for begin in range(0, len(positions), at_once):
+
+    def look(begin: int) -> tuple[np.ndarray, sp.csr_array, sp.csr_array]:
         own = slice(begin, begin + at_once)
         towards = around(normals[own], spiral, np.arange(begin, begin + len(normals[own])))
         origins = np.repeat(np.asarray(positions[own], np.float32), directions, axis=0)
@@ -101,12 +105,19 @@ def occlusion(
         ray = np.flatnonzero(vertex >= 0)
         vertex, behind = vertex[ray], behind[ray]
         receiver, count = ray // directions, len(normals[own])
-        blocked.append(_sums(real_harmonics(towards[ray], degree), receiver, count) / directions)
-        for factors, chosen in ((fronts, ~behind), (backs, behind)):
-            shape = (count, vertex_count)
-            factors.append(_shares(receiver[chosen], vertex[chosen], shape, directions))
+        blocked = _sums(real_harmonics(towards[ray], degree), receiver, count) / directions
+        shape = (count, vertex_count)
+        fronts, backs = (
+            _shares(receiver[chosen], vertex[chosen], shape, directions) for chosen in (~behind, behind)
+        )
+        return blocked, fronts, backs
+
+    found = []
+    for part in (map if executor is None else executor.map)(look, range(0, len(positions), at_once)):
+        found.append(part)
         after_each()
-    stacked = (sp.csr_array(sp.vstack(parts, format="csr")) for parts in (fronts, backs))
+    blocked, *factors = zip(*found, strict=True)
+    stacked = (sp.csr_array(sp.vstack(parts, format="csr")) for parts in factors)
     return Occlusion(np.concatenate(blocked).astype(np.float32), *stacked)
 
 
