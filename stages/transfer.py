@@ -90,9 +90,9 @@ def run(job: Job) -> None:
 
     settings: TransferSettings = job.settings
     mesh = read_mesh(job.inputs["mesh"])
-    centre, radius = _middle(mesh)
-    short, proxy = short_edged_with_proxy(mesh, settings.longest_edge * radius, settings.max_vertices)
-    surface = short.surface
+    longest = settings.longest_edge * _middle(mesh)[1]
+    short, proxy = short_edged_with_proxy(mesh, longest, settings.max_vertices)
+    surface, (centre, radius) = short.surface, _middle(proxy)
     normals = vertex_normals(proxy.vertices, proxy.faces)
     occluders, count = Occluders(proxy, job.threads), len(proxy.vertices)
     # what hides the light there is the other faces' slope, and halves have that of the whole
