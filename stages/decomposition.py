@@ -97,14 +97,17 @@ def _by_transfer(
     """`mode: transfer`, by either kind of light."""
     import numpy as np
 
+    from stages.geometry.pixel_blends import pixels_on_proxy
     from stages.photometry import transfer_solutions
     from stages.photometry.light_search import REFINED
     from stages.photometry.sky_photos import TURNS, Looks
     from stages.photometry.sky_scenes import sky_scenes
-    from stages.scene.view_files import ways_to_cameras
+    from stages.scene.meshes import read_mesh
+    from stages.scene.view_files import read_surface_points, ways_to_cameras
 
     settings: DecompositionSettings = job.settings
-    blend = _blend(job, cameras, masks, stored)
+    points = read_surface_points(job.inputs, cameras, masks)
+    blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
     weights = _weights(job, views)
     towards = ways_to_cameras(cameras, masks)
     incidence = np.einsum("nk,nk->n", normals, towards)
@@ -128,18 +131,6 @@ def _by_transfer(
         trusted &= solved.sky.trusted  # where none was, all had to do: their albedo is a guess
     job.note(untrusted_pixels=int(np.count_nonzero(~trusted)))
     return solved.judged(views, images, incidence, trusted)
-
-
-def _blend(job: Job, cameras: list[Camera], masks: list[np.ndarray], stored: StoredTransfer) -> sp.csr_array:
-    """Every masked pixel as a blend of the vertices that the transfer is known at."""
-    from stages.geometry.short_edges import with_short_edges
-    from stages.photometry.sky_scenes import pixels_on_proxy
-    from stages.scene.meshes import read_mesh
-    from stages.scene.view_files import read_surface_points
-
-    points = read_surface_points(job.inputs, cameras, masks)
-    short = with_short_edges(read_mesh(job.inputs["mesh"]), float(stored.longest_edge))
-    return pixels_on_proxy(stored, short.surface.faces, short.carried(*points))
 
 
 def _eyes(job: Job, stored: StoredTransfer) -> Eyes:

@@ -13,10 +13,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import numpy as np
-    import scipy.sparse as sp
 
     from stages.scene.cameras import Camera
-    from stages.scene.transfer_file import StoredTransfer
 
 
 class RelightSettings(Settings):
@@ -35,12 +33,14 @@ def run(job: Job) -> None:
     """Open surface, albedo and light; shade; save. Memory: some 150 B per masked pixel."""
     import numpy as np
 
+    from stages.geometry.pixel_blends import pixels_on_proxy
     from stages.photometry.relighting import relit
     from stages.photometry.sky_scenes import sky_scenes
     from stages.scene.camera_file import read_cameras
+    from stages.scene.meshes import read_mesh
     from stages.scene.photos import read_environment, read_mask
     from stages.scene.transfer_file import read_transfer
-    from stages.scene.view_files import write_maps, write_previews
+    from stages.scene.view_files import read_surface_points, write_maps, write_previews
     from stages.solvers.threading_layer import use_threads
 
     settings: RelightSettings = job.settings
@@ -49,7 +49,8 @@ def run(job: Job) -> None:
     masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
     normals, albedo = (_masked(job.inputs[kind], cameras, masks) for kind in ("normal", "albedo"))
     stored = read_transfer(job.inputs["transfer"])
-    blend = _blend(job, cameras, masks, stored)
+    points = read_surface_points(job.inputs, cameras, masks)
+    blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
     # what is seen of light from infinitely far away
     far = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])
     (scene,), opposed = sky_scenes(far, blend, normals)
@@ -59,20 +60,6 @@ def run(job: Job) -> None:
     write_maps(job.outputs["relit"], cameras, masks, radiance)
     write_previews(job.outputs["relit"], cameras, masks, radiance)
     job.note(opposed_pixels=opposed, mean_shading=np.round(shading.mean(axis=0, dtype=float), 6).tolist())
-
-
-def _blend(
-    job: Job, cameras: Sequence[Camera], masks: Sequence[np.ndarray], stored: StoredTransfer
-) -> sp.csr_array:
-    """Every masked pixel as a blend of the vertices that the transfer is known at."""
-    from stages.geometry.short_edges import with_short_edges
-    from stages.photometry.sky_scenes import pixels_on_proxy
-    from stages.scene.meshes import read_mesh
-    from stages.scene.view_files import read_surface_points
-
-    points = read_surface_points(job.inputs, cameras, masks)
-    short = with_short_edges(read_mesh(job.inputs["mesh"]), float(stored.longest_edge))
-    return pixels_on_proxy(stored, short.surface.faces, short.carried(*points))
 
 
 def _masked(folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> np.ndarray:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from stages.geometry.pixel_blends import blend_of_pixels
 from stages.geometry.proxy import blend_of, short_edged_with_proxy
 from stages.geometry.rays import vertex_normals
 from stages.photometry.harmonics import shading_basis
@@ -11,7 +12,6 @@ from stages.photometry.pixel_transfer import (
     Bounces,
     PixelTransfer,
     at_vertices,
-    blend_of_pixels,
     nearest_shown,
     on_absolute_scale,
 )

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from stages import transfer
+from stages.geometry.pixel_blends import pixels_on_proxy
 from stages.geometry.proxy import short_edged_with_proxy
 from stages.geometry.short_edges import with_short_edges
 from stages.photometry.sky import even_directions
-from stages.photometry.sky_scenes import pixels_on_proxy
 from stages.scene.meshes import Surface, read_mesh, write_mesh
 from stages.scene.transfer_file import read_transfer
 from tests.bowls import bowl
@@ -147,8 +147,7 @@ def test_a_floor_of_two_triangles_knows_what_is_above_it(tmp_path):
     stored = read_transfer(tmp_path / "transfer.npz")
     faces = np.array([0, 0, 1])
     uv = np.array([[0.0, 0.5], [0.5, 0.02], [0.48, 0.02]])  # the middle; near the rim; nearly the middle
-    short = with_short_edges(read_mesh(tmp_path / "mesh.ply"), float(stored.longest_edge))
-    blend = pixels_on_proxy(stored, short.surface.faces, short.carried([faces], [uv]))
+    blend = pixels_on_proxy(stored, read_mesh(tmp_path / "mesh.ply"), ([faces], [uv]))
     upwards = int(np.argmax(even_directions(64)[:, 2]))
     sees_up = blend @ np.unpackbits(stored.visible[0], axis=1)[:, upwards].astype(np.float32)
     assert sees_up.tolist() == pytest.approx([0, 1, 0], abs=1e-5)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,45 +154,3 @@ def on_absolute_scale(albedo: np.ndarray, brightest: float) -> np.ndarray:
     """Scale it, all channels alike, at least 0, so that the brightest material reflects so much."""
     bright = float(np.quantile(albedo, BRIGHT_QUANTILE)) if albedo.size else 0.0
     return np.maximum(albedo * (brightest / bright if bright > 0 else 0.0), 0.0)
-
-
-def blend_of_pixels(
-    triangles: Sequence[np.ndarray],
-    barycentric: Sequence[np.ndarray],
-    faces: np.ndarray,
-    corners: np.ndarray,
-    weights: np.ndarray,
-    vertex_count: int,
-) -> sp.csr_array:
-    """Every pixel as a blend of a proxy's vertices.
-
-    Parameters
-    ----------
-    triangles : sequence of ndarray, shape (N_i,)
-        Face behind every masked pixel, view by view.
-    barycentric : sequence of ndarray, shape (N_i, 2)
-        (u, v): the point is (1 − u − v) a + u b + v c.
-    faces : ndarray, shape (F, 3)
-    corners, weights : ndarray, shape (V, 3)
-        Every vertex that faces have as a blend of the proxy's.
-    vertex_count : int
-        P.
-
-    Returns
-    -------
-    csr_array, shape (N, P), float32
-    """
-    to_proxy = _rows_of_three(corners, weights, vertex_count)
-    views = []
-    for seen, uv in zip(triangles, barycentric, strict=True):
-        shares = np.column_stack([1 - uv.sum(axis=1), uv]).astype(np.float32)
-        views.append(_rows_of_three(faces[seen], shares, len(corners)) @ to_proxy)
-    return sp.csr_array(sp.vstack(views, format="csr"))
-
-
-def _rows_of_three(columns: np.ndarray, values: np.ndarray, width: int) -> sp.csr_array:
-    """A matrix with three entries in every row; those that are 0 are left out."""
-    kept = values.ravel() != 0
-    ends = np.concatenate([[0], np.cumsum(kept)])[::3]
-    parts = values.ravel()[kept], columns.ravel()[kept].astype(np.int32), ends.astype(np.int32)
-    return sp.csr_array(parts, shape=(len(columns), width))

@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 
-from stages.photometry.pixel_transfer import blend_of_pixels, without_opposed
+from stages.photometry.pixel_transfer import without_opposed
 from stages.photometry.sky import Eyes, Sphere
 from stages.photometry.sky_light import SkyScene
 from stages.photometry.transfer import Occlusion, Proxy
 from stages.scene.transfer_file import StoredTransfer
-
-SurfacePoints = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # faces, barycentric; view by view
-
-
-def pixels_on_proxy(stored: StoredTransfer, faces: np.ndarray, points: SurfacePoints) -> sp.csr_array:
-    """Every pixel as a blend of the proxy's vertices, (N, P); `faces` (F, 3) are the short-edged mesh's."""
-    return blend_of_pixels(*points, faces, stored.corners, stored.weights, len(stored.blocked))
 
 
 def proxy_in(stored: StoredTransfer) -> Proxy:
