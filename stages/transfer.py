@@ -10,8 +10,13 @@ from pipeline import Artefact, Job, Settings, Stage, setting
 from stages.scene.distributions import OPEN3D
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
 
+    from stages.geometry.occluders import Occluders
+    from stages.photometry.sky import Eyes
+    from stages.photometry.transfer import Occlusion
     from stages.scene.meshes import Surface
 
 
@@ -80,11 +85,9 @@ def run(job: Job) -> None:
     import numpy as np
 
     from stages.geometry.occluders import Occluders
-    from stages.geometry.proxy import blend_of, short_edged_with_proxy
+    from stages.geometry.proxy import blend_of, roughness_of, short_edged_with_proxy
     from stages.geometry.rays import vertex_normals
-    from stages.geometry.surface import mean_edge
-    from stages.photometry.sky import Eyes, Sphere, even_directions
-    from stages.photometry.transfer import occlusion, points_at_once
+    from stages.photometry.sky import Eyes
     from stages.scene.meshes import read_mesh
     from stages.scene.transfer_file import StoredTransfer, write_transfer
 
@@ -92,24 +95,16 @@ def run(job: Job) -> None:
     mesh = read_mesh(job.inputs["mesh"])
     longest = settings.longest_edge * _middle(mesh)[1]
     short, proxy = short_edged_with_proxy(mesh, longest, settings.max_vertices)
-    surface, (centre, radius) = short.surface, _middle(proxy)
     normals = vertex_normals(proxy.vertices, proxy.faces)
-    occluders, count = Occluders(proxy, job.threads), len(proxy.vertices)
-    # what hides the light there is the other faces' slope, and halves have that of the whole
-    roughness = min(max(mean_edge(mesh), mean_edge(proxy)), short.longest)
-    eyes = proxy.vertices + settings.lift * roughness * normals
-    origins = eyes - occluders.origin
-    with job.progress("rays", -(-count // points_at_once(settings.directions))) as step:
-        asked = settings.degree, settings.directions
-        seen = occlusion(origins, normals, occluders.cast, count, *asked, job.executor, step)
+    places = proxy.vertices + settings.lift * roughness_of(mesh, proxy, short.longest) * normals
+    occluders = Occluders(proxy, job.threads)
+    eyes = Eyes(places - occluders.origin, normals, occluders.blocked, occluders.origin, job.executor)
+    seen = _surface_seen(eyes, occluders, job)
+    centre, radius = _middle(proxy)
     radii = [np.inf, *(radius * distance for distance in settings.light_distances)]
-    directions = even_directions(settings.sky_directions)
-    looking = Eyes(origins, normals, occluders.blocked, occluders.origin, job.executor)
-    with job.progress("directions", len(radii) * -(-len(directions) // 8)) as step:
-        spheres = [Sphere(tuple(centre), own) if np.isfinite(own) else None for own in radii]
-        visible = [looking.see(directions, sphere, step) for sphere in spheres]
-    own_normals = vertex_normals(surface.vertices, surface.faces)
-    corners, weights = blend_of(surface, own_normals, proxy, job.threads)
+    visible = _sky_seen(eyes, centre, radii, job)
+    own_normals = vertex_normals(short.surface.vertices, short.surface.faces)
+    corners, weights = blend_of(short.surface, own_normals, proxy, job.threads)
     write_transfer(
         job.outputs["transfer"],
         StoredTransfer(
@@ -122,15 +117,36 @@ def run(job: Job) -> None:
             longest_edge=np.array(short.longest),
             vertices=proxy.vertices,
             faces=proxy.faces,
-            eyes=eyes,
-            directions=np.array(len(directions)),
+            eyes=places,
+            directions=np.array(settings.sky_directions),
             centre=centre,
             radii=np.array(radii),
-            visible=np.stack(visible),
+            visible=visible,
         ),
     )
     blocked = np.asarray(seen.form_factors.sum(axis=1)) + np.asarray(seen.behind.sum(axis=1))
-    job.note(vertices=count, mean_blocked=round(float(blocked.mean()), 4))
+    job.note(vertices=len(normals), mean_blocked=round(float(blocked.mean()), 4))
+
+
+def _surface_seen(eyes: Eyes, occluders: Occluders, job: Job) -> Occlusion:
+    """What vertices see of each other instead of the sky."""
+    from stages.photometry.transfer import occlusion, points_at_once
+
+    count, asked = len(eyes.normals), (job.settings.degree, job.settings.directions)
+    with job.progress("rays", -(-count // points_at_once(job.settings.directions))) as step:
+        return occlusion(eyes.positions, eyes.normals, occluders.cast, count, *asked, eyes.executor, step)
+
+
+def _sky_seen(eyes: Eyes, centre: np.ndarray, radii: Sequence[float], job: Job) -> np.ndarray:
+    """In which directions vertices see each of the spheres that light may come from: (D, P, ⌈M/8⌉) bits."""
+    import numpy as np
+
+    from stages.photometry.sky import Sphere, even_directions
+
+    directions = even_directions(job.settings.sky_directions)
+    spheres = [Sphere(tuple(centre), radius) if np.isfinite(radius) else None for radius in radii]
+    with job.progress("directions", len(radii) * -(-len(directions) // 8)) as step:
+        return np.stack([eyes.see(directions, sphere, step) for sphere in spheres])
 
 
 def _middle(surface: Surface) -> tuple[np.ndarray, float]:

@@ -10,7 +10,7 @@ import pytest
 
 from stages import transfer
 from stages.geometry.pixel_blends import pixels_on_proxy
-from stages.geometry.proxy import short_edged_with_proxy
+from stages.geometry.proxy import roughness_of, short_edged_with_proxy
 from stages.geometry.short_edges import with_short_edges
 from stages.photometry.sky import even_directions
 from stages.scene.meshes import Surface, read_mesh, write_mesh
@@ -138,6 +138,21 @@ def test_a_mesh_that_is_not_too_large_is_cut_and_not_decimated():
     assert proxy is short.surface
     assert most < len(proxy.vertices) <= most + most // 2
     assert np.array_equal(proxy.vertices[: len(both.vertices)], both.vertices)
+
+
+def test_rays_begin_no_nearer_to_halves_of_faces_than_to_whole_ones():
+    """Facets of a coarse bowl hide as much of the sky from each other when they are cut."""
+    coarse = bowl(0.5)
+    _, halves = short_edged_with_proxy(coarse, lengths(coarse).mean() / 4, 10**6)
+    assert lengths(halves).mean() < lengths(coarse).mean() / 2
+    assert roughness_of(coarse, halves, longest_edge=1.0) == roughness_of(coarse, coarse, longest_edge=1.0)
+
+
+def test_rays_begin_near_a_floor_of_two_triangles():
+    """Mean edges of what is mostly floor tell nothing of how rough the rest is."""
+    floor = square(4.0, 0.0)
+    _, halves = short_edged_with_proxy(floor, 0.1, 10**6)
+    assert roughness_of(floor, halves, longest_edge=0.1) == 0.1
 
 
 def test_a_floor_of_two_triangles_knows_what_is_above_it(tmp_path):

@@ -36,6 +36,16 @@ def short_edged_with_proxy(
     return short, with_short_edges(small, short.longest, half_more(most_vertices)).surface
 
 
+def roughness_of(mesh: Surface, proxy: Surface, longest_edge: float) -> float:
+    """How coarse the facets are that hide the light from each other, as the length of an edge.
+
+    Halves of a face have the slope of the whole, so cutting makes nothing smoother: it is the mean edge of
+    the mesh as it was, or of its proxy if that is longer, but no more than edges of large flat faces were
+    cut to.
+    """
+    return min(max(mean_edge(mesh), mean_edge(proxy)), longest_edge)
+
+
 def half_more(count: int) -> int:
     """What cutting may make of so many vertices."""
     return count + count // 2
