@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.divided_light import MOST, bright_cells, divided
+from stages.photometry.divided_light import MOST_CELLS, bright_cells, divided
 from stages.photometry.environment import picture_of_light
 from stages.photometry.light_from_pairs import contrast
 from stages.photometry.light_search import sky_light
@@ -50,7 +50,7 @@ def test_the_light_is_the_same_and_its_cells_still_hold_all_directions():
     scene, light = scene_of(behind_a_wall(-2)), sunny()
     finer, same = divided(scene, light)
     bright = bright_cells(light.radiance, scene.pixels.cells)
-    assert 0 < bright.size < MOST
+    assert 0 < bright.size < MOST_CELLS
     assert len(finer.pixels.directions) == COUNT + AROUND * bright.size == same.radiance.shape[1]
     for transport in (finer.pixels, finer.vertices):
         assert transport.cells.sum() == pytest.approx(1)
@@ -111,7 +111,7 @@ def test_only_so_many_cells_are_divided_and_those_that_send_most():
     cells = np.full(1000, 1e-3)
     light = np.ones((1, 1000, 3))
     light[0, :100] = np.arange(1000, 1100)[:, None]
-    assert bright_cells(light, cells).tolist() == list(range(100 - MOST, 100))
+    assert bright_cells(light, cells).tolist() == list(range(100 - MOST_CELLS, 100))
     cells[99] = 1e-6
     assert 99 not in bright_cells(light, cells)
 
@@ -122,7 +122,7 @@ def test_of_many_lights_each_is_measured_by_itself():
     lights[np.arange(30), 20 * np.arange(30)] = 50
     lights[7] *= 1000
     found = bright_cells(lights, np.full(1000, 1e-3))
-    assert found.size == MOST and np.all(found % 20 == 0)
+    assert found.size == MOST_CELLS and np.all(found % 20 == 0)
 
 
 def test_the_picture_holds_all_the_light_where_some_cells_are_finer():

@@ -10,7 +10,7 @@ from stages.photometry.sky import AROUND, SkyTransport, honeycomb
 from stages.photometry.sky_light import FoundLight, SkyScene
 
 BRIGHT = 3.0  # times the mean light: cells that are divided
-MOST = 24  # of them, those that send most: each costs six directions more, and lamps are few
+MOST_CELLS = 24  # of them, those that send most: each costs six directions more, and lamps are few
 
 
 def divided(scene: SkyScene, found: FoundLight) -> tuple[SkyScene, FoundLight]:
@@ -35,7 +35,7 @@ def bright_cells(radiance: np.ndarray, cells: np.ndarray) -> np.ndarray:
     light = radiance.sum(axis=2)
     brightness = (light / np.maximum(light @ cells, 1e-12)[:, None]).max(axis=0)
     bright = np.flatnonzero(brightness > BRIGHT)
-    strongest = np.argsort(-(cells * brightness)[bright], kind="stable")[:MOST]
+    strongest = np.argsort(-(cells * brightness)[bright], kind="stable")[:MOST_CELLS]
     return np.sort(bright[strongest])
 
 

@@ -15,12 +15,12 @@ from stages.photometry.light_from_pairs import (
     disagreement,
     light_from_pairs,
 )
-from stages.photometry.pixel_transfer import MOST
+from stages.photometry.pixel_transfer import WHITEST
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.stack import StackedViews
 from stages.photometry.transfer import bounced
 
-BRIGHT_QUANTILE = 0.98  # of the vertices' albedo, weighted by their light: the brightest material
+BRIGHT_SHARE = 0.98  # of the vertices' albedo, weighted by their light: the brightest material
 LOOKED_AT = 300_000  # pixels that tell the albedo of the vertices while light is sought
 REFINED = 2  # scales, where the light is nearly known
 SETTLES = 3  # rounds in which bounces and albedo find together under one light
@@ -128,7 +128,7 @@ class Search:
             shading = scale * of_pixels + now.sent_on(*where)
             albedo, known = vertex_albedo(scene, self.image, shading)
             factor = _brightest(albedo, known) / self.settings.brightest
-            absolute, scale = np.clip(albedo / factor, 0, MOST)[nearest], np.float32(scale * factor)
+            absolute, scale = np.clip(albedo / factor, 0, WHITEST)[nearest], np.float32(scale * factor)
             sent_on = _bounced(scene, scale * of_vertices, absolute, known[nearest], self.settings.bounces)
             now = FoundLight(scale * light, sent_on)
         return now
@@ -226,7 +226,7 @@ def _brightest(albedo: np.ndarray, known: np.ndarray) -> float:
     upto = np.cumsum(known.ravel()[order], dtype=np.float64)
     if upto.size == 0 or upto[-1] <= 0:
         return 1.0
-    bright = float(albedo.ravel()[order][np.searchsorted(upto, BRIGHT_QUANTILE * upto[-1])])
+    bright = float(albedo.ravel()[order][np.searchsorted(upto, BRIGHT_SHARE * upto[-1])])
     return bright if bright > 0 else 1.0
 
 

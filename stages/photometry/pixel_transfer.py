@@ -12,7 +12,7 @@ from stages.photometry.harmonics import shading_basis
 from stages.photometry.transfer import Occlusion, Proxy, bounced
 
 BRIGHT_QUANTILE = 0.99  # of all albedo values: what counts as the brightest material; specks are brighter
-MOST = 0.95  # no surface gives back more: bounces would not die out
+WHITEST = 0.95  # no surface gives back more: bounces would not die out
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class PixelTransfer:
         -------
         ndarray, shape (N, K, 3), float32
         """
-        absolute = np.minimum(on_absolute_scale(albedo, bounces.brightest), MOST)
+        absolute = np.minimum(on_absolute_scale(albedo, bounces.brightest), WHITEST)
         direct, of_vertices = self.direct(), self.vertex_sky - self.seen.blocked
         basis = np.empty((*direct.shape, albedo.shape[1]), np.float32)
         for c in range(albedo.shape[1]):

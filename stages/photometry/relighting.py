@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from stages.photometry.environment import directions_of_picture
-from stages.photometry.pixel_transfer import MOST, at_vertices, on_absolute_scale
+from stages.photometry.pixel_transfer import WHITEST, at_vertices, on_absolute_scale
 from stages.photometry.sky_light import SkyScene
 from stages.photometry.transfer import bounced
 
@@ -61,7 +61,7 @@ def relit(
     shading, of_vertices = scene.pixels.shading(light), scene.vertices.shading(light)
     blend = scene.pixels.blend
     for c in range(3 if bounces and len(absolute) else 0):
-        values = np.minimum(absolute[:, c], MOST)
+        values = np.minimum(absolute[:, c], WHITEST)
         there, typical = at_vertices(blend, scene.nearest_shown, values), float(np.median(values))
         own = np.ascontiguousarray(of_vertices[:, c : c + 1])
         total = bounced(own, scene.proxy.seen, there.astype(np.float32), typical, bounces)

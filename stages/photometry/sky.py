@@ -14,7 +14,7 @@ from stages.photometry.sky_loops import gather_irradiance, gather_lobes, gather_
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 FARTHEST = np.float32(2 / 3)  # of the sphere's radius: nearer to it, the light would be endless
 AROUND = 6  # neighbours of a cell in a honeycomb
-GRAZING = -0.2  # of the sphere's radius: a point's own normal may lean away from its vertices'
+LEANING = -0.2  # of the sphere's radius: a point's own normal may lean away from its vertices'
 
 
 # Rays, as origins and unit directions, (r, 3) float32 each, to whether something is in their way, (r,) bool.
@@ -111,7 +111,7 @@ def visible_directions(
     def look(byte: int) -> None:
         for bit, direction in enumerate(np.asarray(directions[8 * byte : 8 * byte + 8], np.float32)):
             towards = np.broadcast_to(direction, origins.shape) if offsets is None else direction - offsets
-            before = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > GRAZING)
+            before = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > LEANING)
             towards = towards[before]
             if offsets is not None:
                 towards /= np.linalg.norm(towards, axis=1, keepdims=True)
