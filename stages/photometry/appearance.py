@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.photometry.highlights import Linked
-from stages.photometry.neighbourhoods import patch_means
+from stages.photometry.neighbourhoods import add_at, patch_means
 from stages.photometry.paint_detail import DIM
 from stages.photometry.paint_edges import DARK, NO_SHADING, PaintEdges, colour_change
 from stages.photometry.stack import StackedViews
@@ -78,8 +78,8 @@ def appearance_of(
         coloured = colour_change(image[one], image[other]) / edges.chroma_step**2
         share = 1 - np.exp(-(left**2) - coloured)
         for end in (one, other):
-            np.add.at(paint, end, share)
-            np.add.at(degree, end, 1)
+            add_at(paint, end, share)
+            add_at(degree, end, 1)
     grained = rise(patch_means(views, paint / np.maximum(degree, 1)), TEXTURED)
     sure = trusted & (light > DIM * np.median(light))
     quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # the same in any amount of light

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.neighbourhoods import means_around, patch_means
+from stages.photometry.neighbourhoods import add_at, means_around, patch_means
 from stages.photometry.paint_edges import DARK
 from stages.photometry.stack import Pixels, StackedViews
 
@@ -107,7 +107,7 @@ class Linked:
         count = np.zeros(len(trusted))
         for ends in trusted_links(views, trusted):
             for end in ends:
-                np.add.at(count, end, 1)
+                add_at(count, end, 1)
         enough = means_around(views, count > 0, SIZE_PX) >= FEWEST
         return cls(views, trusted, means_around(views, count, SIZE_PX), enough)
 
@@ -120,8 +120,8 @@ class Linked:
         total = np.zeros(len(values))
         for one, other in trusted_links(self.views, self.trusted):
             difference = values[one] - values[other]
-            np.add.at(total, one, difference)
-            np.add.at(total, other, -difference)
+            add_at(total, one, difference)
+            add_at(total, other, -difference)
         mean = means_around(self.views, total, SIZE_PX) / np.maximum(self.links, 1e-6)
         return np.where(self.enough, mean, 0)
 

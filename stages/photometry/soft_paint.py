@@ -7,7 +7,7 @@ from itertools import cycle
 import numpy as np
 
 from stages.photometry.appearance import rise
-from stages.photometry.neighbourhoods import means_around, patch_means, patch_side
+from stages.photometry.neighbourhoods import add_at, means_around, patch_means, patch_side
 from stages.photometry.paint_edges import DARK, NO_SHADING, PaintEdges, colour_change
 from stages.photometry.stack import StackedViews
 
@@ -48,8 +48,8 @@ def soft_paint(
         even *= trusted[one] & trusted[other]
         left = even * np.clip(quotient[other] - quotient[one], -STRONGEST, STRONGEST)
         for end in (one, other):
-            np.add.at(change[axis], end, left)
-            np.add.at(weight[axis], end, even)
+            add_at(change[axis], end, left)
+            add_at(weight[axis], end, even)
     across, down = (
         patch_means(views, own) / (patch_means(views, every) + FEW)
         for own, every in zip(change, weight, strict=True)
