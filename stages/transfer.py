@@ -159,11 +159,11 @@ def _middle(surface: Surface) -> tuple[np.ndarray, float]:
 
 TRANSFER = Stage(
     name="transfer",
-    version=4,
+    version=5,
     about="What of the sky each point sees, and what it sees instead.",
     settings=TransferSettings,
     takes=("mesh",),
     gives=(Artefact("transfer", "transfer vectors and form factors", file="transfer.npz"),),
     run=run,
-    tools=("numpy", "scipy", "numba", *OPEN3D),
+    tools=("numpy", "scipy", "numba", "fast-simplification", *OPEN3D),
 )

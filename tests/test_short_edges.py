@@ -10,7 +10,7 @@ import pytest
 
 from stages import transfer
 from stages.geometry.pixel_blends import pixels_on_proxy
-from stages.geometry.proxy import roughness_of, short_edged_with_proxy
+from stages.geometry.proxy import roughly_decimated, roughness_of, short_edged_with_proxy
 from stages.geometry.short_edges import with_short_edges
 from stages.photometry.sky import even_directions
 from stages.scene.meshes import Surface, read_mesh, write_mesh
@@ -125,9 +125,29 @@ def test_what_decimation_has_made_large_is_cut_again():
     bump = np.exp(-((away / 0.2) ** 2)) + 1e-4 * np.random.default_rng(2).normal(size=len(away))
     floor = Surface(flat.vertices + bump[:, None] * [0, 0, 0.3], flat.faces)
     _, uncut = short_edged_with_proxy(floor, 10.0, 2000)
-    assert lengths(uncut).max() > 0.2
+    assert lengths(uncut).max() > 0.15
     _, proxy = short_edged_with_proxy(floor, 0.1, 2000)
     assert lengths(proxy).max() <= 0.1 and len(proxy.vertices) <= 3000
+
+
+def test_a_fine_flat_floor_is_decimated_to_faces_of_even_size():
+    floor = with_short_edges(square(2.0, 0.0), 0.02).surface
+    small = roughly_decimated(floor, len(floor.faces) // 16)
+    assert len(small.faces) <= len(floor.faces) // 16
+    assert lengths(small).max() < 12 * lengths(floor).mean()
+    up = twice_areas(small)[:, 2]
+    assert (up > 0).all() and up.sum() / 2 == pytest.approx(4.0, rel=0.01)
+
+
+def test_decimation_knows_no_units():
+    """A thousand times as large, as a mesh in millimetres is, it is the same mesh."""
+    hollow = with_short_edges(bowl(0.7), 0.03).surface
+    small = roughly_decimated(hollow, 1000)
+    large = roughly_decimated(Surface(1024 * hollow.vertices, hollow.faces), 1000)
+    assert 900 < len(small.faces) <= 1000 and np.array_equal(large.faces, small.faces)
+    assert np.allclose(large.vertices, 1024 * small.vertices, atol=0, rtol=1e-9)
+    off, its_own = (np.abs(np.linalg.norm(one.vertices, axis=1) - 1).max() for one in (small, hollow))
+    assert off < 1.1 * its_own  # facets are cut where they are: inside of the sphere
 
 
 def test_a_mesh_that_is_not_too_large_is_cut_and_not_decimated():

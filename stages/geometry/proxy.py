@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fast_simplification
 import numpy as np
 import open3d as o3d
 
@@ -11,6 +12,8 @@ from stages.geometry.surface import decimated, mean_edge
 from stages.scene.meshes import Surface
 
 FACES_PER_VERTEX = 2  # of a closed mesh
+UNIT = 100  # mean edges: in such a length the bound of rough decimation begins at 1/60 of an edge
+AGGRESSIVENESS = 3  # and rises to three edges; with 7, the library's default, far too soon, and without end
 
 
 def short_edged_with_proxy(
@@ -32,7 +35,7 @@ def short_edged_with_proxy(
     whole = welded(short.surface)
     if len(whole.vertices) <= most_vertices or (short.cuts and len(welded(mesh).vertices) <= most_vertices):
         return short, whole
-    small = decimated(whole, FACES_PER_VERTEX * most_vertices)
+    small = roughly_decimated(whole, FACES_PER_VERTEX * most_vertices)
     return short, with_short_edges(small, short.longest, half_more(most_vertices)).surface
 
 
@@ -44,6 +47,22 @@ def roughness_of(mesh: Surface, proxy: Surface, longest_edge: float) -> float:
     cut to.
     """
     return min(max(mean_edge(mesh), mean_edge(proxy)), longest_edge)
+
+
+def roughly_decimated(surface: Surface, faces: int) -> Surface:
+    """Another of about so many faces, where the surface is, within a small part of its edges.
+
+    Quadric decimation under a bound that rises: of all edges the next below it goes, not the cheapest one.
+    That is six times as fast as `stages.geometry.surface.decimated` (fountain: 3 s), as near in the mean, and
+    leaves flat floors faces of even size instead of slivers; open borders fray by some edges. Where too many
+    are left below the highest bound, the other goes on.
+    """
+    middle, unit = surface.vertices.mean(axis=0), UNIT * mean_edge(surface)
+    vertices, corners = fast_simplification.simplify(
+        (surface.vertices - middle) / unit, surface.faces, target_count=faces, agg=AGGRESSIVENESS
+    )
+    small = decimated(Surface(vertices, corners.astype(np.int32)), faces)
+    return Surface(small.vertices * unit + middle, small.faces)
 
 
 def half_more(count: int) -> int:
