@@ -16,6 +16,7 @@ PIXEL_LIBRARIES = {
     "numpy",
     "scipy",
     "cv2",
+    "fast_simplification",
     "open3d",
     "pycolmap",
     "OpenEXR",
@@ -28,6 +29,7 @@ SLOW_TO_IMPORT = {
     "numpy",
     "scipy",
     "cv2",
+    "fast_simplification",
     "open3d",
     "pycolmap",
     "OpenEXR",
@@ -49,6 +51,7 @@ FOLDERS_BELOW = {  # which folders of stages/ each folder may import
 }
 DISTRIBUTIONS = {  # of what is imported by another name than it is installed by
     "cv2": {"opencv-python-headless"},
+    "fast_simplification": {"fast-simplification"},
     "open3d": set(OPEN3D),
     "OpenEXR": {"openexr"},
     "PIL": {"pillow"},
