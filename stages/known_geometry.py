@@ -40,7 +40,7 @@ def run(job: Job) -> None:
 
 KNOWN_GEOMETRY = Stage(
     name="known_geometry",
-    version=1,
+    version=2,
     about="The rendered mesh as it is, or smoothed: geometry that is only roughly known.",
     settings=KnownGeometrySettings,
     takes=("true_mesh",),

@@ -260,6 +260,16 @@ def test_more_steps_smooth_more_and_none_is_the_same_mesh():
     )
 
 
+def test_faces_that_share_places_and_no_vertices_are_smoothed_as_one_surface():
+    """As in STL: otherwise every face would shrink to a point."""
+    whole = ball()
+    faces = np.arange(whole.faces.size, dtype=np.int32).reshape(-1, 3)
+    apart = laplacian_smoothing(Surface(whole.vertices[whole.faces].reshape(-1, 3), faces), 20)
+    together = laplacian_smoothing(whole, 20)
+    np.testing.assert_array_equal(apart.faces, faces)
+    np.testing.assert_allclose(apart.vertices, together.vertices[whole.faces].reshape(-1, 3), atol=1e-12)
+
+
 def test_vertex_colours_are_decoded_from_srgb(tmp_path):
     mesh = to_open3d(ball(0.1))
     encoded = np.random.default_rng(0).integers(0, 256, (len(mesh.vertices), 3))

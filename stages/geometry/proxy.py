@@ -9,7 +9,7 @@ import open3d as o3d
 from stages.geometry.occluders import scene_of
 from stages.geometry.short_edges import ShortEdged, with_short_edges
 from stages.geometry.surface import decimated, mean_edge
-from stages.scene.meshes import Surface
+from stages.scene.meshes import Surface, joined
 
 FACES_PER_VERTEX = 2  # of a closed mesh
 UNIT = 100  # mean edges: in such a length the bound of rough decimation begins at 1/60 of an edge
@@ -71,16 +71,12 @@ def half_more(count: int) -> int:
 
 
 def welded(surface: Surface) -> Surface:
-    """The same with one vertex where several lie on one another, as in STL or at the seams of a texture.
-
-    Otherwise nothing could be decimated. Without such, it is the surface itself.
-    """
-    places, number = np.unique(surface.vertices, axis=0, return_inverse=True)
-    if len(places) == len(surface.vertices):
+    """The same, `joined`, without faces that have become lines: otherwise nothing could be decimated."""
+    whole, _ = joined(surface)
+    if whole is surface:
         return surface
-    faces = number.reshape(-1)[surface.faces].astype(np.int32)
-    collapsed = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-    return Surface(places, faces[~collapsed])
+    collapsed = (whole.faces == np.roll(whole.faces, 1, axis=1)).any(axis=1)
+    return Surface(whole.vertices, whole.faces[~collapsed])
 
 
 def blend_of(

@@ -67,6 +67,21 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return x_in_world[finite], normals[finite]
 
 
+def joined(surface: Surface) -> tuple[Surface, np.ndarray]:
+    """One vertex where several lie on one another, as in STL or at the seams of a texture.
+
+    Returns
+    -------
+    tuple of Surface, and ndarray, shape (V,)
+        The surface itself where there are none; and of each of its vertices, which one that is there.
+    """
+    places, number = np.unique(surface.vertices, axis=0, return_inverse=True)
+    if len(places) == len(surface.vertices):
+        return surface, np.arange(len(places))
+    number = number.reshape(-1)
+    return Surface(places, number[surface.faces].astype(np.int32)), number
+
+
 def to_open3d(surface: Surface) -> o3d.geometry.TriangleMesh:
     """The same mesh for open3d."""
     return o3d.geometry.TriangleMesh(
