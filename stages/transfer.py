@@ -141,12 +141,11 @@ def _sky_seen(eyes: Eyes, centre: np.ndarray, radii: Sequence[float], job: Job) 
     """In which directions vertices see each of the spheres that light may come from: (D, P, ⌈M/8⌉) bits."""
     import numpy as np
 
-    from stages.photometry.sky import Sphere, even_directions
+    from stages.photometry.sky import even_directions, sphere_of
 
     directions = even_directions(job.settings.sky_directions)
-    spheres = [Sphere(tuple(centre), radius) if np.isfinite(radius) else None for radius in radii]
     with job.progress("directions", len(radii) * -(-len(directions) // 8)) as step:
-        return np.stack([eyes.see(directions, sphere, step) for sphere in spheres])
+        return np.stack([eyes.see(directions, sphere_of(centre, radius), step) for radius in radii])
 
 
 def _middle(surface: Surface) -> tuple[np.ndarray, float]:

@@ -37,6 +37,11 @@ class Sphere:
     radius: float
 
 
+def sphere_of(centre: np.ndarray, radius: float) -> Sphere | None:
+    """That which light at a distance comes from, world and model units; None where it is infinitely far."""
+    return Sphere(tuple(centre), radius) if np.isfinite(radius) else None
+
+
 def offsets_in(sphere: Sphere | None, positions: np.ndarray) -> np.ndarray:
     """Positions (N, 3) from the sphere's centre, in radii: 0 where it is infinitely large; float32.
 

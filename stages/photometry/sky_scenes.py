@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from stages.photometry.pixel_transfer import without_opposed
-from stages.photometry.sky import Eyes, Sphere
+from stages.photometry.sky import Eyes, sphere_of
 from stages.photometry.sky_light import SkyScene
 from stages.photometry.transfer import Occlusion, Proxy
 from stages.scene.transfer_file import StoredTransfer
@@ -37,7 +37,7 @@ def sky_scenes(
     blend, opposed = without_opposed(normals, blend, stored.normals)
     proxy, scenes = proxy_in(stored), []
     for radius, visible in zip(stored.radii.tolist(), stored.visible, strict=True):
-        sphere = Sphere(tuple(stored.centre), radius) if np.isfinite(radius) else None
+        sphere = sphere_of(stored.centre, radius)
         scene = SkyScene.of(normals, blend, proxy, visible, int(stored.directions), sphere)
         scenes.append(replace(scene, eyes=eyes))
     return scenes, opposed
