@@ -2,30 +2,44 @@
 
 from __future__ import annotations
 
-from pipeline import Artefact, Job, Settings, Stage
+from pipeline import Artefact, Job, Settings, Stage, setting
 from stages.scene.distributions import OPEN3D
 
 
 class AdoptMeshSettings(Settings):
-    """The mesh is taken as it is: nothing to set."""
+    """Settings of the `adopt_mesh` stage."""
+
+    crease_deg: float = setting(
+        60.0,
+        "Where a file gives every face corners of its own (STL; OBJ and GLB with a texture), those that lie "
+        "on one another become one vertex, so that normals are smooth, as the shading is; but not where "
+        "faces meet at more than this angle. The corners of a box are kept, and the noise of a scan makes "
+        "none. Other files say themselves what is shared: nothing is changed. 0: as the file has it.",
+        unit="degrees",
+        ge=0,
+        le=180,
+    )
 
 
 def run(job: Job) -> None:
-    """Read the mesh, whatever its format, and keep it as PLY."""
+    """Read the mesh, whatever its format, and keep it as PLY; corners that are one become one."""
+    from stages.geometry.creases import shared_corners
     from stages.scene.meshes import read_mesh, write_mesh
 
-    surface = read_mesh(job.inputs["mesh_file"])
+    given = read_mesh(job.inputs["mesh_file"])
+    crease_deg = job.settings.crease_deg
+    surface = shared_corners(given, crease_deg) if crease_deg else given
     write_mesh(job.outputs["mesh"], surface)
-    job.note(vertices=len(surface.vertices), faces=len(surface.faces))
+    job.note(vertices_in_file=len(given.vertices), vertices=len(surface.vertices), faces=len(surface.faces))
 
 
 ADOPT_MESH = Stage(
     name="adopt_mesh",
-    version=2,
+    version=3,
     about="The user's own mesh, in the frame of the cameras.",
     settings=AdoptMeshSettings,
     takes=("mesh_file",),
     gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
     run=run,
-    tools=("numpy", *OPEN3D),
+    tools=("numpy", "scipy", *OPEN3D),
 )
