@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import struct
+
 import numpy as np
 import open3d as o3d
 import pytest
@@ -155,6 +158,42 @@ def test_meshes_of_every_format_are_read(tmp_path, suffix):
     mesh.compute_triangle_normals()
     o3d.io.write_triangle_mesh(str(path), mesh)
     assert len(read_mesh(path).faces) == 12
+
+
+def test_a_glb_is_read_where_its_scene_places_it(tmp_path):
+    write_glb(tmp_path / "mesh.glb", SQUARE, translation=[10.0, 0.0, 0.0])
+    found, expected = read_mesh(tmp_path / "mesh.glb"), SQUARE.vertices + [10, 0, 0]
+    np.testing.assert_array_equal(
+        np.sort(found.vertices[found.faces], axis=1), np.sort(expected[SQUARE.faces], axis=1)
+    )
+
+
+def write_glb(path, surface: Surface, translation: list[float]) -> None:
+    """By hand, as the format has it: what open3d writes as GLB no reader of its own takes."""
+    data = surface.vertices.astype("<f4").tobytes() + surface.faces.astype("<u4").tobytes()
+    split = 12 * len(surface.vertices)
+    low, high = surface.vertices.min(axis=0).tolist(), surface.vertices.max(axis=0).tolist()
+    places = {"bufferView": 0, "componentType": 5126, "count": len(surface.vertices), "type": "VEC3"}
+    corners = {"bufferView": 1, "componentType": 5125, "count": surface.faces.size, "type": "SCALAR"}
+    text = json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0, "translation": translation}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+            "buffers": [{"byteLength": len(data)}],
+            "bufferViews": [
+                {"buffer": 0, "byteOffset": 0, "byteLength": split},
+                {"buffer": 0, "byteOffset": split, "byteLength": len(data) - split},
+            ],
+            "accessors": [{**places, "min": low, "max": high}, corners],
+        }
+    ).encode()
+    text += b" " * (-len(text) % 4)
+    length = 12 + 8 + len(text) + 8 + len(data)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, length) + chunks)
 
 
 def test_a_mesh_survives_being_written(tmp_path):
