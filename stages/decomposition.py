@@ -295,7 +295,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 18,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 19,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

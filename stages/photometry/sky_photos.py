@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from stages.photometry.highlights import Linked, brightening, without_highlights
+from stages.photometry.highlights import Linked, brightening, darkened, without_highlights
 from stages.photometry.light_in_gloss import light_in_gloss
 from stages.photometry.light_search import Search, disagreements, sky_light
 from stages.photometry.paints import paints_of
@@ -97,11 +97,17 @@ class Photos:
     def of(
         cls, views: StackedViews, looks: Looks, seen: np.ndarray, spread: float, lighting: Lighting
     ) -> Photos:
-        """Tell in how many lights views with such a spread were taken, and take highlights off."""
+        """Tell in how many lights views with such a spread were taken; leave out what is `darkened`.
+
+        And take highlights off. Where every view has a light of its own neither can be told.
+        """
         linked = Linked.of(views, looks.trusted)
         rise = brightening(linked, seen)
         light_of_view = lighting.light_of_view(spread, rise, views.view_count)
-        matt = seen if light_of_view.any() else without_highlights(linked, seen)
+        if light_of_view.any():
+            return cls(views, looks, seen, seen, light_of_view, rise)
+        looks = looks.without(darkened(linked, seen))
+        matt = without_highlights(Linked.of(views, looks.trusted), seen)
         return cls(views, looks, seen, matt, light_of_view, rise)
 
     @property
