@@ -14,7 +14,7 @@ class AdoptMeshSettings(Settings):
         "Where a file gives every face corners of its own (STL; OBJ and GLB with a texture), those that lie "
         "on one another become one vertex, so that normals are smooth, as the shading is; but not where "
         "faces meet at more than this angle. The corners of a box are kept, and the noise of a scan makes "
-        "none. Other files say themselves what is shared: nothing is changed. 0: as the file has it.",
+        "none. What faces share in the file they go on sharing. 0: as the file has it.",
         unit="degrees",
         ge=0,
         le=180,
@@ -23,12 +23,18 @@ class AdoptMeshSettings(Settings):
 
 def run(job: Job) -> None:
     """Read the mesh, whatever its format, and keep it as PLY; corners that are one become one."""
+    from pipeline import UserError
     from stages.geometry.creases import shared_corners
-    from stages.scene.meshes import read_mesh, write_mesh
+    from stages.scene.meshes import read_mesh, without_strays, write_mesh
 
     given = read_mesh(job.inputs["mesh_file"])
-    crease_deg = job.settings.crease_deg
-    surface = shared_corners(given, crease_deg) if crease_deg else given
+    surface, crease_deg = without_strays(given), job.settings.crease_deg
+    surface = shared_corners(surface, crease_deg) if crease_deg else surface
+    if not len(surface.faces):
+        raise UserError(
+            f"{job.inputs['mesh_file']} has {len(given.faces)} triangles, each with corners in one place; "
+            "expected a surface. Export the mesh again."
+        )
     write_mesh(job.outputs["mesh"], surface)
     job.note(vertices_in_file=len(given.vertices), vertices=len(surface.vertices), faces=len(surface.faces))
 

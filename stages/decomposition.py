@@ -193,7 +193,8 @@ def _tell_opposed(job: Job, opposed: int, pixels: int) -> None:
     if 2 * opposed > pixels:
         job.warn(
             f"{opposed} of {pixels} pixels see the back of the mesh; they count as seeing the whole sky. "
-            "Turn the mesh's faces outwards if it is inside out."
+            "Turn the mesh's faces outwards if it is inside out; if the cameras are inside it, its scale or "
+            "frame is not theirs."
         )
 
 
@@ -267,9 +268,15 @@ def _write_history(job: Job, solved: Solved) -> None:
         cg_steps=[sum(one.get("cg_steps", 0) for one in history) for history in steps],
         outcomes=[outcome.name.lower() for outcome in solved.outcomes],
     )
-    for name, outcome in zip(CHANNELS, solved.outcomes, strict=True):
+    if job.settings.mode == "transfer":  # its channels are solved together
+        told = {"All channels": solved.outcomes[0]}
+    else:
+        told = {
+            f"The {name} channel": outcome for name, outcome in zip(CHANNELS, solved.outcomes, strict=True)
+        }
+    for which, outcome in told.items():
         if outcome is not Outcome.CONVERGED:
-            job.warn(f"The {name} channel: {outcome.value}.")
+            job.warn(f"{which}: {outcome.value}.")
 
 
 DECOMPOSITION = Stage(
@@ -295,7 +302,7 @@ DECOMPOSITION = Stage(
 # The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 19,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 20,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,

@@ -35,9 +35,14 @@ def chosen_views(names: list[str], patterns: tuple[str, ...]) -> list[str]:
         A pattern fits no view.
     """
     for pattern in patterns:
-        if not any(fnmatchcase(name, pattern) for name in names):
+        if not any(_fits(name, pattern) for name in names):
             raise UserError(f"raycast.views: no view is called {pattern!r}; {near(pattern, names)}")
-    return [name for name in names if not patterns or any(fnmatchcase(name, p) for p in patterns)]
+    return [name for name in names if not patterns or any(_fits(name, p) for p in patterns)]
+
+
+def _fits(name: str, pattern: str) -> bool:
+    """A name fits itself as well, whatever brackets are in it."""
+    return name == pattern or fnmatchcase(name, pattern)
 
 
 def run(job: Job) -> None:

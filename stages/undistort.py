@@ -72,10 +72,12 @@ def run(job: Job) -> None:
         for image, camera in zip(images, cameras, strict=True)
     ]
     with job.progress("undistorting", len(views)) as step:
-        resampled = 0
-        for touched in job.executor.map(undistort_view, views):
+        resampled, black = 0, []
+        for view, (touched, empty) in zip(views, job.executor.map(undistort_view, views), strict=True):
             resampled += touched
+            black += [view.photo.name] if empty else []
             step()
+    _tell_black_masks(job, black, len(views))
     (workspace / "sparse").mkdir()
     pinhole_model(cameras, points_from=model).write(workspace / "sparse")
     write_stereo_settings(workspace, [f"{camera.name}.png" for camera in cameras])
@@ -87,8 +89,8 @@ def run(job: Job) -> None:
     )
 
 
-def undistort_view(view: View) -> bool:
-    """Write one view's linear image, 8-bit image and mask; whether it had to be resampled."""
+def undistort_view(view: View) -> tuple[bool, bool]:
+    """Write one view's linear image, 8-bit image and mask; whether it was resampled; its mask is black."""
     from stages.geometry.lenses import through_pinhole
     from stages.scene.exr import write_exr
     from stages.scene.masked_photos import read_masked_photo
@@ -100,7 +102,7 @@ def undistort_view(view: View) -> bool:
     write_png_srgb8(view.image, linear)
     if view.mask is not None or not kept.all():
         write_mask(view.kept, kept)
-    return touched
+    return touched, view.mask is not None and not kept.any()
 
 
 def _pinhole_cameras(model: pycolmap.Reconstruction, settings: UndistortSettings) -> list[Camera]:
@@ -138,6 +140,17 @@ def _find_masks(job: Job, names: list[str]) -> dict[str, Path]:
     if missing:
         job.warn(f"{len(missing)} of {len(names)} photos have no mask and are used whole: {listed(missing)}.")
     return found
+
+
+def _tell_black_masks(job: Job, black: list[str], views: int) -> None:
+    """Raise where nothing at all is kept: what follows, stereo first, would be for nothing."""
+    if len(black) == views:
+        raise UserError(
+            f"No mask in {job.inputs['masks']} keeps a pixel; expected white (255, at least 128) where the "
+            "object is. Masks of 0 and 1 have to be multiplied by 255."
+        )
+    if black:
+        job.warn(f"{len(black)} of {views} masks keep no pixel of their photos: {listed(black)}.")
 
 
 UNDISTORT = Stage(

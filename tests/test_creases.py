@@ -62,6 +62,13 @@ def test_what_the_file_says_is_shared_is_not_touched():
     assert shared_corners(BOX, 60.0) is BOX
 
 
+def test_nor_is_it_where_two_other_vertices_lie_on_one_another():
+    stray = Surface(np.concatenate([BOX.vertices, BOX.vertices[:1]]), BOX.faces)
+    found = shared_corners(stray, 60.0)
+    np.testing.assert_array_equal(corners_of(found), corners_of(BOX))
+    assert len(found.vertices) == 8
+
+
 def test_faces_of_opposite_winding_share_no_vertex():
     """Their normals would cancel."""
     square = Surface(

@@ -46,6 +46,7 @@ def test_views_are_chosen_by_name_and_pattern_and_a_typo_is_named():
     names = ["a/1", "a/2", "b/1"]
     assert chosen_views(names, ()) == names
     assert chosen_views(names, ("b/*", "a/2")) == ["a/2", "b/1"]
+    assert chosen_views(["a[1]", "b"], ("a[1]",)) == ["a[1]"]
     with pytest.raises(UserError, match="no view is called 'a/3'; did you mean"):
         chosen_views(names, ("a/3",))
 

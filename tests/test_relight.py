@@ -15,7 +15,7 @@ from stages.photometry.sky import even_directions
 from stages.photometry.sky_light import SkyScene
 from stages.photometry.transfer import Occlusion, Proxy
 from stages.scene.exr import read_exr, write_exr
-from stages.scene.photos import read_mask
+from stages.scene.photos import read_mask, write_png_srgb8
 from stages.scene.upright import upright_from_world
 from stages.synthetic.lights import SKY_DOME, dome_picture
 from tests.rendered_scene import TINY, artefact, unshade, write_config
@@ -146,6 +146,16 @@ def test_what_is_no_light_is_said(config, capsys):
     code, _, said = unshade(capsys, "relight", config, "--light", square)
     assert code == 2
     assert "twice as wide as high" in said.replace("\n", " ")
+    night = config.parent / "night.exr"
+    write_exr(night, np.zeros((8, 16, 3), np.float32))
+    code, _, said = unshade(capsys, "relight", config, "--light", night)
+    assert code == 2
+    assert "is black; expected light" in said.replace("\n", " ")
+    day = config.parent / "day.png"
+    write_png_srgb8(day, np.full((8, 16, 3), 0.5))
+    code, _, said = unshade(capsys, "relight", config, "--light", day)
+    assert code == 2
+    assert "expected EXR or HDR" in said.replace("\n", " ")
     code, _, said = unshade(capsys, "relight", config, "--light", config.parent / "nowhere.exr")
     assert code == 2
     assert "--light" in said

@@ -14,7 +14,7 @@ from stages.photometry.alike_pairs import COLOUR, Pairs, alike_pairs, sample_of
 from stages.photometry.appearance import appearance_of
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
-from stages.photometry.highlights import Linked, brightening, without_highlights
+from stages.photometry.highlights import Linked, brightening, darkened, without_highlights
 from stages.photometry.light_from_pairs import ENOUGH, PairObjective, PairWeights, Sample, believed
 from stages.photometry.light_search import Search, disagreements, sky_light
 from stages.photometry.paint_detail import with_detail
@@ -29,7 +29,7 @@ from stages.photometry.saddle import ALIKE, EdgeWeights, graph_of
 from stages.photometry.sky import even_directions
 from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky, explained_best
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
-from stages.photometry.sky_photos import Lighting, Looks
+from stages.photometry.sky_photos import Lighting, Looks, Photos
 from stages.photometry.soft_paint import soft_paint
 from stages.photometry.stack import StackedViews, stack_views
 from stages.photometry.transfer import Occlusion, Proxy
@@ -756,6 +756,58 @@ def test_clipped_pixels_do_not_drag_down_those_that_see_better(lit):
     )
     assert dragged < 0.03
     assert dragged_by_clipped > 2 * dragged
+
+
+SHADOW = 0.15  # of its light a place keeps that the photographer's shadow lies on
+
+
+def near_the_middle_of_the_first(lit, radius_deg: float) -> np.ndarray:
+    """Pixels of all views, (N,) bool, around the place in the first that others see as well."""
+    views, normals = lit[0], lit[4]
+    first = np.arange(len(normals)) < views.starts[1]
+    middle = normals[first & linked_to_others(views)].mean(axis=0)
+    return normals @ (middle / np.linalg.norm(middle)) > np.cos(np.deg2rad(radius_deg))
+
+
+def darkened_in_the_first(lit, to: float) -> tuple[np.ndarray, np.ndarray]:
+    """Photos with a place in the first darkened, and its pixels there, (N,) bool."""
+    image = photo_of(lit[2], lit[3])
+    first = np.arange(len(image)) < lit[0].starts[1]
+    place = first & near_the_middle_of_the_first(lit, 25)
+    image[place] *= to
+    return image, place
+
+
+@pytest.mark.parametrize("to", [SHADOW, 0.0])
+def test_a_place_that_one_photo_darkens_is_no_measure_and_darkens_no_other(lit, to):
+    views, everything, image = lit[0], np.ones(len(lit[2]), bool), photo_of(lit[2], lit[3])
+    shadowed, place = darkened_in_the_first(lit, to)
+    photos = Photos.of(views, looks(everything), shadowed, 0.0, Lighting("shared", MOVING))
+    inside = place & near_the_middle_of_the_first(lit, 18) & linked_to_others(views)
+    assert np.mean(photos.looks.trusted[inside]) < 0.1
+    assert np.mean(photos.looks.trusted[~place]) > 0.99
+    dragged, by_the_shadow = (
+        np.mean(matt[~place] < 0.95 * image[~place])
+        for matt in (photos.matt, without_highlights(Linked.of(views, everything), shadowed))
+    )
+    assert by_the_shadow > 0.3
+    assert dragged < 0.2 * by_the_shadow
+
+
+def test_what_all_photos_show_black_is_believed(lit):
+    image, inside = photo_of(lit[2], lit[3]), near_the_middle_of_the_first(lit, 18)
+    image[near_the_middle_of_the_first(lit, 25)] = 0
+    linked = Linked.of(lit[0], np.ones(len(image), bool))
+    assert not darkened(linked, image)[inside].any()
+    assert darkened(linked, darkened_in_the_first(lit, 0.0)[0])[inside].any()
+
+
+def test_of_two_views_neither_is_outvoted(lit):
+    shadowed, place = darkened_in_the_first(lit, SHADOW)
+    views, everything = lit[0], np.ones(len(shadowed), bool)
+    two = replace(views, links={(0, 1): views.links[0, 1]})
+    assert not darkened(Linked.of(two, everything), shadowed).any()
+    assert darkened(Linked.of(views, everything), shadowed)[place].any()
 
 
 def linked_to_others(views: StackedViews) -> np.ndarray:

@@ -229,6 +229,19 @@ def test_masks_that_fit_nothing_are_refused(make_job, tmp_path):
         undistort(make_job, tmp_path, model, tmp_path / "images", out="two", masks=tmp_path / "masks")
 
 
+def test_masks_that_keep_nothing_are_named_and_refused_where_all_are_so(make_job, tmp_path):
+    for index in range(2):
+        write_png_srgb8(tmp_path / "images" / f"{index}.png", np.full((60, 80, 3), 0.2))
+        write_mask(tmp_path / "masks" / f"{index}.png", np.full((60, 80), index == 0))
+    model = one_image_model("{}.png", lens_of("SIMPLE_PINHOLE", 80, 60, 70, 40, 30), 2)
+    job = undistort(make_job, tmp_path, model, tmp_path / "images", masks=tmp_path / "masks")
+    assert job.warnings == ["1 of 2 masks keep no pixel of their photos: 1.png."]
+    ones = np.ones((60, 80), np.uint8)  # white in a program that counts classes, black in a photo's
+    assert cv2.imwrite(str(tmp_path / "masks/0.png"), ones)
+    with pytest.raises(UserError, match="No mask in .* keeps a pixel; expected white .* multiplied by 255"):
+        undistort(make_job, tmp_path, model, tmp_path / "images", out="two", masks=tmp_path / "masks")
+
+
 def test_what_lies_beyond_the_photo_is_not_kept(make_job, tmp_path):
     """With blank pixels allowed, a barrel lens leaves corners that no light reached."""
     write_png_srgb8(tmp_path / "images" / "a.png", np.full((60, 80, 3), 0.2))

@@ -90,9 +90,9 @@ def check_size(name: str, what: str, array: np.ndarray, truth: np.ndarray) -> No
     if (height, width) != (true_height, true_width):
         raise UserError(
             f"View {name}: the {what} has {width} × {height} pixels, the true albedo {true_width} × "
-            f"{true_height}; expected the same size. Decompose at the truth's size (raycast.reduce=1, and "
-            "cameras without distortion by --colmap: undistortion crops), or render the truth at the "
-            "prediction's."
+            f"{true_height}; expected the same size. Decompose at the truth's size "
+            "(undistort.max_size_px=none, raycast.reduce=1, and cameras without distortion by --colmap: "
+            "undistortion crops), or render the truth at the prediction's."
         )
 
 

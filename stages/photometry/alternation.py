@@ -20,8 +20,9 @@ class Outcome(Enum):
 
     CONVERGED = "converged: the energy hardly changes any more"
     LIMIT_REACHED = (
-        "limit reached: the energy was still changing; allow more alternations (or rounds), "
-        "or accept a larger relative change of the energy"
+        "limit reached: the energy was still changing; allow more alternations (max_alternations; solver: "
+        "fast: fast_max_rounds), or accept a larger relative change of the energy (energy_tolerance; "
+        "fast_tolerance)"
     )
     STALLED = (
         "stalled: the energy hardly changed, but the albedo was not shown to be near its optimum under the "

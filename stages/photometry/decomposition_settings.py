@@ -101,7 +101,7 @@ class DecompositionSettings(Settings):
         0.9,
         "`mode: transfer`: what the brightest material is taken to reflect, since images do not tell; it "
         "says how much light bounces.",
-        gt=0,
+        ge=0.01,
         le=0.95,
     )
     lambda_: float | None = setting(
@@ -144,14 +144,14 @@ class DecompositionSettings(Settings):
         "`light: directions`: change of shading between neighbouring pixels that makes an edge likely to be "
         "the light's.",
         unit="of its logarithm",
-        gt=0,
+        ge=1e-4,
     )
     chroma_step: float = setting(
         0.12,
         "`light: directions`: change of colour between neighbouring pixels that makes an edge likely to be "
         "paint.",
         unit="of the logarithms of red and blue over green",
-        gt=0,
+        ge=1e-4,
     )
     delta: float = setting(
         1e-4,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,8 @@ FEWEST = 0.2  # share of a square that has to be linked for a word about it
 ROUNDS = 3  # with each, the brighter of the views that are left come down to the rest
 TOLERANCE = 0.02  # of the logarithm: noise
 BLACK = 0.002  # of the scaled image: what compression leaves of black, a few steps of eight bits
-DARKENED = 3  # times as bright
+DARKENED = 3  # times as bright as a place that something lies on
+VOTERS = 1.5  # links per pixel
 RARE = 0.05  # share of a patch: fewer negative values than that count for less
 
 
@@ -100,24 +101,21 @@ def darkened(linked: Linked, image: np.ndarray) -> np.ndarray:
     Notes
     -----
     One walks through the picture, the photographer's shadow falls on the stone, a background was painted
-    black: to the views that see the place as it is, it would be a highlight of theirs. Either a pixel is
-    black and most of its links lead to what is not, or most links of the square around it lead to what is
-    more than three times as bright, as gloss hardly ever makes it (in 0.03 % of the pixels of any of 24
-    scenes of known truth, at most; twice as bright in 1.4 %). What is black wherever it is seen stays.
+    black: to the views that see the place as it is, it would be a highlight of theirs. Over most of its links
+    a pixel sees less than a third, and it is black, or most links of the square around it, or of one close
+    by, say so too; gloss hardly ever does as much (see docs/transfer.md). A square is asked where pixels have
+    more links than one: of two views alone, either may be the one that is wrong. What is dark wherever it is
+    seen stays.
     """
     seen = np.log(np.maximum(image, 0).mean(axis=1) + DARK)
-    return (linked.share_below(seen, np.log(DARKENED)) > 0.5) | _blacked_out(linked, image.max(axis=1))
-
-
-def _blacked_out(linked: Linked, brightest: np.ndarray) -> np.ndarray:
-    """Of whose links more lead to what is seen than to what is not."""
-    black, seen = brightest <= BLACK, brightest > DARK
-    balance = np.zeros(len(black), np.int32)
+    balance = np.zeros(len(seen), np.int32)
     for one, other in trusted_links(linked.views, linked.trusted):
-        for here, there in ((one, other), (other, one)):
-            at = black[here]
-            add_at(balance, here[at], np.where(seen[there[at]], 1, -1))
-    return balance > 0
+        difference = seen[other] - seen[one]
+        add_at(balance, one, np.where(difference > np.log(DARKENED), 1, -1))
+        add_at(balance, other, np.where(-difference > np.log(DARKENED), 1, -1))
+    place = linked.enough & (linked.links > VOTERS) & (means_around(linked.views, balance, SIZE_PX) > 0)
+    close = means_around(linked.views, place, SIZE_PX) > 0
+    return place | (balance > 0) & (close | (image.max(axis=1) <= BLACK))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,18 +154,11 @@ class Linked:
         Fine paint, half a pixel off, comes to nothing there, a highlight does not. 0 where there are not
         `enough` links. The cost grows with the links.
         """
-        return self._mean(values, lambda difference: difference)
-
-    def share_below(self, values: np.ndarray, gap: float) -> np.ndarray:
-        """Share of the same links over which ``v_p`` is below ``v_q`` by more than the gap, (N,)."""
-        return self._mean(values, lambda difference: difference < -gap)
-
-    def _mean(self, values: np.ndarray, of: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         total = np.zeros(len(values))
         for one, other in trusted_links(self.views, self.trusted):
             difference = values[one] - values[other]
-            add_at(total, one, of(difference))
-            add_at(total, other, of(-difference))
+            add_at(total, one, difference)
+            add_at(total, other, -difference)
         mean = means_around(self.views, total, SIZE_PX) / np.maximum(self.links, 1e-6)
         return np.where(self.enough, mean, 0)
 

@@ -82,6 +82,11 @@ def joined(surface: Surface) -> tuple[Surface, np.ndarray]:
     return Surface(places, number[surface.faces].astype(np.int32)), number
 
 
+def without_strays(surface: Surface) -> Surface:
+    """Without the vertices that no face has: they are no surface, but would count for its size."""
+    return from_open3d(to_open3d(surface).remove_unreferenced_vertices())
+
+
 def to_open3d(surface: Surface) -> o3d.geometry.TriangleMesh:
     """The same mesh for open3d."""
     return o3d.geometry.TriangleMesh(

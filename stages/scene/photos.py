@@ -89,8 +89,14 @@ def read_environment(path: Path) -> np.ndarray:
     Raises
     ------
     UserError
-        It cannot be read, is not twice as wide as high, or holds light that is negative or no number.
+        It is neither EXR nor HDR, cannot be read, is not twice as wide as high, or holds no light, or some
+        that is negative or no number.
     """
+    if path.suffix.lower() not in (".exr", ".hdr"):
+        raise UserError(
+            f"{path} is no picture of light; expected EXR or HDR: in eight bits a sun is no brighter than "
+            "a cloud."
+        )
     picture = read_photo(path)
     height, width = picture.shape[:2]
     if width != 2 * height:
@@ -100,6 +106,8 @@ def read_environment(path: Path) -> np.ndarray:
         )
     if not np.isfinite(picture).all() or picture.min() < 0:
         raise UserError(f"{path} holds values that are negative or not numbers; expected radiance.")
+    if not picture.any():
+        raise UserError(f"{path} is black; expected light from somewhere.")
     return picture
 
 
