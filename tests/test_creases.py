@@ -6,9 +6,11 @@ import numpy as np
 import open3d as o3d
 import pytest
 
+from pipeline import UserError
+from stages.adopt_mesh import ADOPT_MESH
 from stages.geometry.creases import shared_corners
 from stages.geometry.rays import vertex_normals
-from stages.scene.meshes import Surface, from_open3d, read_mesh, to_open3d
+from stages.scene.meshes import Surface, from_open3d, read_mesh, to_open3d, write_mesh
 
 BOX = from_open3d(o3d.geometry.TriangleMesh.create_box(2.0, 3.0, 5.0))
 SPHERE = from_open3d(o3d.geometry.TriangleMesh.create_sphere(1.0, 20))
@@ -106,6 +108,21 @@ def test_stl_and_textured_obj_give_the_mesh_that_was_written(tmp_path):
         given = read_mesh(path)
         assert len(given.vertices) > len(SPHERE.vertices)  # else there is nothing to join
         assert len(shared_corners(given, 60.0).vertices) == len(SPHERE.vertices)
+
+
+def test_vertices_without_faces_are_not_adopted(make_job, tmp_path):
+    far = np.concatenate([BOX.vertices, np.full((50, 3), 1e4)])
+    write_mesh(tmp_path / "strays.ply", Surface(far, BOX.faces))
+    job = make_job(tmp_path / "out", ADOPT_MESH, mesh_file=tmp_path / "strays.ply")
+    ADOPT_MESH.run(job)
+    np.testing.assert_array_equal(corners_of(read_mesh(job.outputs["mesh"])), corners_of(BOX))
+    assert len(read_mesh(job.outputs["mesh"]).vertices) == 8
+
+
+def test_a_mesh_of_one_place_is_refused(make_job, tmp_path):
+    write_mesh(tmp_path / "point.ply", Surface(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32)))
+    with pytest.raises(UserError, match="1 triangles, each with corners in one place; expected a surface"):
+        ADOPT_MESH.run(make_job(tmp_path / "out", ADOPT_MESH, mesh_file=tmp_path / "point.ply"))
 
 
 def _write_with_texture(path, surface: Surface) -> None:
