@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from pipeline.settings import near
 from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
+
+if TYPE_CHECKING:
+    import numpy as np
+
+APART = 0.05  # of the mesh's size: further than stereo or a scan ever is from the points
+ENOUGH = 50  # sightings of sparse points for a word about it
 
 
 class RaycastSettings(Settings):
@@ -49,18 +56,21 @@ def run(job: Job) -> None:
     """Open mesh and cameras, cast each view's rays, save the maps. Memory: one view and the mesh."""
     import numpy as np
 
+    from stages.geometry.mesh_fit import gaps_at_points
     from stages.geometry.rays import RayCaster
     from stages.scene.camera_file import write_cameras
-    from stages.scene.colmap_model import cameras_of, read_model
+    from stages.scene.colmap_model import cameras_of, points_by_view, read_model
     from stages.scene.exr import write_exr
     from stages.scene.masks import kept_at
     from stages.scene.meshes import read_mesh
     from stages.scene.photos import write_mask
 
     settings: RaycastSettings = job.settings
-    cameras = {camera.name: camera for camera in cameras_of(read_model(job.inputs["workspace"] / "sparse"))}
-    caster = RayCaster(read_mesh(job.inputs["mesh"]))
-    views, coverage = [], {}
+    model = read_model(job.inputs["workspace"] / "sparse")
+    cameras, points = {camera.name: camera for camera in cameras_of(model)}, points_by_view(model)
+    mesh = read_mesh(job.inputs["mesh"])
+    caster = RayCaster(mesh)
+    views, coverage, gaps = [], {}, []
     with job.progress("rays", len(cameras)) as step:
         for name in chosen_views(list(cameras), settings.views):
             camera = cameras[name]
@@ -70,6 +80,7 @@ def run(job: Job) -> None:
             seen = caster.see(camera, job.threads)
             used = seen.mask & kept_at(job.inputs["kept"] / f"{name}.png", camera.shape)
             coverage[name] = round(float(used.mean()), 4)
+            gaps.append(gaps_at_points(camera, seen.depth, points[name]))
             step()
             if not used.any():
                 job.warn(f"View {name} sees nothing of the mesh inside its mask; it is left out.")
@@ -86,8 +97,26 @@ def run(job: Job) -> None:
             "No view sees the mesh; expected cameras and mesh in one frame. Check that --mesh and --colmap "
             "belong together, and that the masks are white where the object is."
         )
+    sightings = sum(len(points[name]) for name in coverage)
+    _tell_fit(job, np.concatenate(gaps), sightings, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
     write_cameras(job.outputs["cameras"], views)
     job.note(coverage=coverage, mean_coverage=round(float(np.mean(list(coverage.values()))), 4))
+
+
+def _tell_fit(job: Job, gaps: np.ndarray, sightings: int, size: float) -> None:
+    """Warn where the mesh lies elsewhere than the surface that the photos show."""
+    apart = int((gaps > APART * size).sum())
+    if sightings < ENOUGH or (2 * apart <= len(gaps) and len(gaps)):
+        return
+    where = (
+        f"{apart} of the {len(gaps)} on it lie more than {APART:.0%} of its size before or behind it"
+        if len(gaps)
+        else "none falls on it"
+    )
+    job.warn(
+        f"The mesh seems not to be in the cameras' frame: of {sightings} sightings of sparse points {where}; "
+        "expected most on its surface. Check its axes (y up or z up), scale and origin."
+    )
 
 
 RAYCAST = Stage(

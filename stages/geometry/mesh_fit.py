@@ -1,0 +1,27 @@
+"""Whether a mesh lies where the sparse points say that the surface is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.scene.cameras import Camera, project
+
+
+def gaps_at_points(camera: Camera, depth: np.ndarray, x_in_world: np.ndarray) -> np.ndarray:
+    """How far the mesh is before or behind the points that fall on it, (m,), model units.
+
+    Parameters
+    ----------
+    camera : Camera
+    depth : ndarray, shape (h, w)
+        Of the mesh; 0 where the view sees none of it.
+    x_in_world : ndarray, shape (n, 3)
+        Points that the view has observed, so that nothing is in front of them. Those beside the mesh, as in
+        the background of an object, say nothing.
+    """
+    xy, z = project(camera, x_in_world)
+    xy, z = xy[z > 0], z[z > 0]
+    inside = ((xy >= 0) & (xy < [camera.width, camera.height])).all(axis=1)
+    column, row = xy[inside].astype(np.int64).T
+    there = depth[row, column]
+    return np.abs(z[inside] - there)[there > 0]

@@ -1,0 +1,80 @@
+"""A mesh beside the surface that the sparse points show is said to be."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pycolmap
+import pytest
+
+from stages.geometry.mesh_fit import gaps_at_points
+from stages.geometry.rays import RayCaster
+from stages.raycast import APART, RAYCAST
+from stages.scene.cameras import Camera
+from stages.scene.colmap_model import pinhole_model, points_by_view, read_model
+from stages.scene.meshes import Surface, write_mesh
+from tests.test_surface import SQUARE, camera
+
+
+def on_the_square(count: int) -> np.ndarray:
+    xy = np.random.default_rng(0).uniform(-0.9, 0.9, (count, 2))
+    return np.column_stack([xy, np.full(count, 4.0)])
+
+
+def test_the_gap_is_along_the_depth_and_points_beside_the_mesh_say_nothing():
+    depth = RayCaster(SQUARE).see(camera()).depth
+    near, beside, behind_the_camera = on_the_square(20) - [0, 0, 0.3], [[1.5, 0, 4.0]], [[0, 0, -4.0]]
+    gaps = gaps_at_points(camera(), depth, np.concatenate([near, beside, behind_the_camera]))
+    np.testing.assert_allclose(gaps, np.full(20, 0.3), rtol=1e-5)
+
+
+def test_every_view_has_the_points_that_it_observed(tmp_path):
+    model_of(tmp_path, 60)
+    found = points_by_view(read_model(tmp_path))
+    assert {name: len(points) for name, points in found.items()} == {"a": 60, "b": 60}
+    np.testing.assert_allclose(found["a"], on_the_square(60))
+
+
+def model_of(folder, count: int) -> None:
+    """Two cameras before the square, and points on it that both have observed."""
+
+    cameras = [Camera(name, 40, 30, camera().intrinsics, camera(centre=(x, 0, 0)).cam_from_world)
+               for name, x in (("a", 0.0), ("b", 0.2))]  # fmt: skip
+    model = pinhole_model(cameras)
+    points = on_the_square(count)
+    for image_id, own in zip(sorted(model.images), cameras, strict=True):
+        x = points @ own.rotation.T + own.cam_from_world[:, 3]
+        xy = (x @ own.intrinsics.T)[:, :2] / x[:, 2:]
+        model.images[image_id].points2D = pycolmap.Point2DList([pycolmap.Point2D(each) for each in xy])
+    for number, point in enumerate(points):
+        elements = [pycolmap.TrackElement(image_id, number) for image_id in sorted(model.images)]
+        model.add_point3D(point, pycolmap.Track(elements))
+    folder.mkdir(parents=True, exist_ok=True)
+    model.write(folder)
+
+
+@pytest.mark.parametrize(
+    ("moved", "count", "said"),
+    [
+        (lambda v: v, 60, None),
+        (lambda v: v + [0, 0, 0.9 * APART * np.hypot(2, 2)], 60, None),
+        (
+            lambda v: v + [0, 0, 1.1 * APART * np.hypot(2, 2)],
+            60,
+            "of 120 sightings .* 120 of the 120 on it lie more",
+        ),
+        (lambda v: 1.5 * v, 60, "120 of the 120 on it lie more than 5% of its size"),
+        (lambda v: 0.2 * v + [1.2, 0.8, 3.0], 60, "of 120 sightings of sparse points none falls on it"),
+        (lambda v: 1.5 * v, 20, None),
+    ],
+)
+def test_a_mesh_in_another_frame_is_said_to_be(make_job, tmp_path, moved, count, said):
+    model_of(tmp_path / "workspace/sparse", count)
+    write_mesh(tmp_path / "mesh.ply", Surface(moved(SQUARE.vertices), SQUARE.faces))
+    (tmp_path / "kept").mkdir()
+    inputs = {name: tmp_path / file for name, file in (("mesh", "mesh.ply"), ("workspace", "workspace"))}
+    job = make_job(tmp_path / "out", RAYCAST, kept=tmp_path / "kept", **inputs)
+    RAYCAST.run(job)
+    assert len(job.warnings) == (said is not None)
+    assert said is None or re.search(said, job.warnings[0])
