@@ -197,7 +197,11 @@ def harm(truth: Path, prediction: Path, how: str) -> None:
     ("how", "sentence"),
     [
         ("size", "View b.2: the prediction has 20 × 25 pixels, the true albedo 41 × 50"),
-        ("size", "(raycast.reduce=1, and cameras without distortion by --colmap: undistortion crops)"),
+        (
+            "size",
+            "(undistort.max_size_px=none, raycast.reduce=1, and cameras without distortion by --colmap: "
+            "undistortion crops)",
+        ),
         ("mask size", "View b.2: the prediction's mask has 4 × 3 pixels"),
         ("mask gone", "There is no mask for view b.2"),
         ("names", "(other) has the name of one in"),
