@@ -120,6 +120,7 @@ def _by_transfer(
             )
     else:
         trusted = unclipped & (incidence > GRAZING)
+        _tell_clipped(job, int(np.count_nonzero(~unclipped)), len(unclipped))
         scenes, opposed = sky_scenes(stored, blend, normals, _eyes(job, stored))
         _tell_opposed(job, opposed, len(normals))
         looks = Looks(trusted, towards)
@@ -186,6 +187,14 @@ def _pixel_transfer(
     transfer, opposed = PixelTransfer.of(normals, blend, proxy_in(stored), degree)
     _tell_opposed(job, opposed, len(normals))
     return transfer
+
+
+def _tell_clipped(job: Job, clipped: int, pixels: int) -> None:
+    if 2 * clipped > pixels:
+        job.warn(
+            f"{clipped} of {pixels} pixels are white in a channel of their photo (from {SATURATED:.0%} on); "
+            "expected few: their albedo is a guess. Develop the photos darker, or give them as EXR."
+        )
 
 
 def _tell_opposed(job: Job, opposed: int, pixels: int) -> None:

@@ -22,7 +22,7 @@ from stages.command.request import request_of
 from stages.command.words import Plan
 from stages.scene.exr import read_exr
 from stages.scene.meshes import read_points
-from stages.scene.photos import read_mask
+from stages.scene.photos import read_mask, read_photo, write_png_srgb8
 
 ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data"
@@ -221,6 +221,27 @@ def test_masks_restrict_what_is_decomposed(tmp_path, capsys):
         mask = read_mask(path)
         assert mask.any()
         assert not mask[:, mask.shape[1] // 2 + 1 :].any()
+
+
+SMALL = ["undistort.max_size_px=96", "transfer.max_vertices=1500", "transfer.sky_directions=64"]
+
+
+def test_photos_that_are_white_all_over_are_said_to_be(tmp_path, capsys):
+    """Four of them, developed far too bright: what comes out is a guess, and one has to know."""
+    for path in sorted((SAMPLE / "photos").glob("*.jpg"))[:4]:
+        white = np.full_like(read_photo(path), 1.0)
+        write_png_srgb8(tmp_path / "photos" / f"{path.stem}.png", white)
+    words = ["run", "--colmap", SAMPLE / "truth", "--images", tmp_path / "photos", "--mesh"]
+    words += [SAMPLE / "truth/mesh.ply", "--workspace", tmp_path / "w", *settings_of(SMALL)]
+    code, _, said = unshade(capsys, *words)
+    assert code == 0
+    assert "pixels are white in a channel of their photo (from 98% on); expected few" in " ".join(
+        said.split()
+    )
+
+
+def settings_of(values: list[str]) -> list[str]:
+    return [word for value in values for word in ("--set", value)]
 
 
 def test_a_later_failure_keeps_earlier_results(own_copy, capsys):
