@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pipeline import Artefact, Job, Settings, Stage, setting
+from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.distributions import OPEN3D
 
 
@@ -23,7 +23,6 @@ class AdoptMeshSettings(Settings):
 
 def run(job: Job) -> None:
     """Read the mesh, whatever its format, and keep it as PLY; corners that are one become one."""
-    from pipeline import UserError
     from stages.geometry.creases import shared_corners
     from stages.scene.meshes import read_mesh, without_strays, write_mesh
 

@@ -34,7 +34,7 @@ def run(job: Job) -> None:
         vertices=len(known.vertices),
         mean_move=float(moved.mean()),
         largest_move=float(moved.max()),
-        extent=float(np.linalg.norm(np.ptp(truth.vertices, axis=0))),
+        extent=truth.diagonal,
     )
 
 

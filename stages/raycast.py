@@ -59,15 +59,16 @@ def run(job: Job) -> None:
     from stages.geometry.mesh_fit import gaps_at_points
     from stages.geometry.rays import RayCaster
     from stages.scene.camera_file import write_cameras
-    from stages.scene.colmap_model import cameras_of, points_by_view, read_model
     from stages.scene.exr import write_exr
     from stages.scene.masks import kept_at
     from stages.scene.meshes import read_mesh
     from stages.scene.photos import write_mask
+    from stages.stereo.workspace import open_workspace
 
     settings: RaycastSettings = job.settings
-    model = read_model(job.inputs["workspace"] / "sparse")
-    cameras, points = {camera.name: camera for camera in cameras_of(model)}, points_by_view(model)
+    workspace = open_workspace(job.inputs["workspace"])
+    cameras, sparse = {camera.name: camera for camera in workspace.cameras}, workspace.points
+    observed = dict(zip(cameras, sparse.seen, strict=True))
     mesh = read_mesh(job.inputs["mesh"])
     caster = RayCaster(mesh)
     views, coverage, gaps = [], {}, []
@@ -80,7 +81,7 @@ def run(job: Job) -> None:
             seen = caster.see(camera, job.threads)
             used = seen.mask & kept_at(job.inputs["kept"] / f"{name}.png", camera.shape)
             coverage[name] = round(float(used.mean()), 4)
-            gaps.append(gaps_at_points(camera, seen.depth, points[name]))
+            gaps.append(gaps_at_points(camera, seen.depth, sparse.x_in_world[observed[name]]))
             step()
             if not used.any():
                 job.warn(f"View {name} sees nothing of the mesh inside its mask; it is left out.")
@@ -97,8 +98,8 @@ def run(job: Job) -> None:
             "No view sees the mesh; expected cameras and mesh in one frame. Check that --mesh and --colmap "
             "belong together, and that the masks are white where the object is."
         )
-    sightings = sum(len(points[name]) for name in coverage)
-    _tell_fit(job, np.concatenate(gaps), sightings, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
+    sightings = sum(int(observed[name].sum()) for name in coverage)
+    _tell_fit(job, np.concatenate(gaps), sightings, mesh.diagonal)
     write_cameras(job.outputs["cameras"], views)
     job.note(coverage=coverage, mean_coverage=round(float(np.mean(list(coverage.values()))), 4))
 

@@ -11,9 +11,10 @@ import pytest
 from stages.geometry.mesh_fit import gaps_at_points
 from stages.geometry.rays import RayCaster
 from stages.raycast import APART, RAYCAST
-from stages.scene.cameras import Camera
-from stages.scene.colmap_model import pinhole_model, points_by_view, read_model
+from stages.scene.cameras import Camera, project
+from stages.scene.colmap_model import pinhole_model
 from stages.scene.meshes import Surface, write_mesh
+from stages.stereo.workspace import open_workspace
 from tests.test_surface import SQUARE, camera
 
 
@@ -30,22 +31,22 @@ def test_the_gap_is_along_the_depth_and_points_beside_the_mesh_say_nothing():
 
 
 def test_every_view_has_the_points_that_it_observed(tmp_path):
-    model_of(tmp_path, 60)
-    found = points_by_view(read_model(tmp_path))
+    model_of(tmp_path / "sparse", 60)
+    workspace = open_workspace(tmp_path)
+    points, names = workspace.points, [own.name for own in workspace.cameras]
+    found = {name: points.x_in_world[seen] for name, seen in zip(names, points.seen, strict=True)}
     assert {name: len(points) for name, points in found.items()} == {"a": 60, "b": 60}
     np.testing.assert_allclose(found["a"], on_the_square(60))
 
 
 def model_of(folder, count: int) -> None:
     """Two cameras before the square, and points on it that both have observed."""
-
     cameras = [Camera(name, 40, 30, camera().intrinsics, camera(centre=(x, 0, 0)).cam_from_world)
                for name, x in (("a", 0.0), ("b", 0.2))]  # fmt: skip
     model = pinhole_model(cameras)
     points = on_the_square(count)
     for image_id, own in zip(sorted(model.images), cameras, strict=True):
-        x = points @ own.rotation.T + own.cam_from_world[:, 3]
-        xy = (x @ own.intrinsics.T)[:, :2] / x[:, 2:]
+        xy, _ = project(own, points)
         model.images[image_id].points2D = pycolmap.Point2DList([pycolmap.Point2D(each) for each in xy])
     for number, point in enumerate(points):
         elements = [pycolmap.TrackElement(image_id, number) for image_id in sorted(model.images)]

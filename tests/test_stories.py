@@ -223,25 +223,20 @@ def test_masks_restrict_what_is_decomposed(tmp_path, capsys):
         assert not mask[:, mask.shape[1] // 2 + 1 :].any()
 
 
-SMALL = ["undistort.max_size_px=96", "transfer.max_vertices=1500", "transfer.sky_directions=64"]
-
-
 def test_photos_that_are_white_all_over_are_said_to_be(tmp_path, capsys):
     """Four of them, developed far too bright: what comes out is a guess, and one has to know."""
     for path in sorted((SAMPLE / "photos").glob("*.jpg"))[:4]:
         white = np.full_like(read_photo(path), 1.0)
         write_png_srgb8(tmp_path / "photos" / f"{path.stem}.png", white)
     words = ["run", "--colmap", SAMPLE / "truth", "--images", tmp_path / "photos", "--mesh"]
-    words += [SAMPLE / "truth/mesh.ply", "--workspace", tmp_path / "w", *settings_of(SMALL)]
+    words += [SAMPLE / "truth/mesh.ply", "--workspace", tmp_path / "w"]
+    for small in ("undistort.max_size_px=96", "transfer.max_vertices=1500", "transfer.sky_directions=64"):
+        words += ["--set", small]
     code, _, said = unshade(capsys, *words)
     assert code == 0
     assert "pixels are white in a channel of their photo (from 98% on); expected few" in " ".join(
         said.split()
     )
-
-
-def settings_of(values: list[str]) -> list[str]:
-    return [word for value in values for word in ("--set", value)]
 
 
 def test_a_later_failure_keeps_earlier_results(own_copy, capsys):

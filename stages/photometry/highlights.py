@@ -78,7 +78,7 @@ def brightening(linked: Linked, image: np.ndarray) -> float:
     views hardly tell. Lamps that are carried about light most places in most views and leave deep
     shadows: below 1. Light that is brighter in few of many views passes for gloss.
     """
-    seen = np.log(np.maximum(image, 0).mean(axis=1) + DARK)
+    seen = _log_brightness(image)
     excess = linked.excess(seen)[linked.trusted]
     above, below = (np.square(np.maximum(side, 0)).sum() for side in (excess, -excess))
     return float(np.sqrt(above / below)) if below > 0 else 1.0
@@ -107,7 +107,7 @@ def darkened(linked: Linked, image: np.ndarray) -> np.ndarray:
     more links than one: of two views alone, either may be the one that is wrong. What is dark wherever it is
     seen stays.
     """
-    seen = np.log(np.maximum(image, 0).mean(axis=1) + DARK)
+    seen = _log_brightness(image)
     balance = np.zeros(len(seen), np.int32)
     for one, other in trusted_links(linked.views, linked.trusted):
         difference = seen[other] - seen[one]
@@ -168,6 +168,11 @@ def trusted_links(views: StackedViews, trusted: np.ndarray) -> Iterator[Pixels]:
     for one, other in views.linked_pixels():
         both = trusted[one] & trusted[other]
         yield one[both], other[both]
+
+
+def _log_brightness(image: np.ndarray) -> np.ndarray:
+    """Of the channels' mean, (N,); what is darker than noise hardly differs."""
+    return np.log(np.maximum(image, 0).mean(axis=1) + DARK)
 
 
 def _misfit(views: StackedViews, excess: np.ndarray) -> np.ndarray:

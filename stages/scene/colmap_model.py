@@ -89,16 +89,6 @@ def registered(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
     return sorted((model.images[i] for i in model.reg_image_ids()), key=lambda image: image.name)
 
 
-def points_by_view(model: pycolmap.Reconstruction) -> dict[str, np.ndarray]:
-    """The 3-D points that every posed image has observed, by view name, each (n, 3), float64, world axes."""
-    return {
-        view_name(image.name): np.array(
-            [model.points3D[seen.point3D_id].xyz for seen in image.get_observation_points2D()]
-        ).reshape(-1, 3)
-        for image in registered(model)
-    }
-
-
 def cameras_of(model: pycolmap.Reconstruction) -> list[Camera]:
     """Our cameras of a pinhole model's posed images, sorted by image name.
 

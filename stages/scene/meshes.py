@@ -22,6 +22,11 @@ class Surface:
     vertices: np.ndarray
     faces: np.ndarray
 
+    @property
+    def diagonal(self) -> float:
+        """Of the box around all vertices along the world's axes, model units."""
+        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
 
 def read_mesh(path: Path) -> Surface:
     """Read PLY, OBJ, STL, OFF, GLB.

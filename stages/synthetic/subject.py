@@ -36,7 +36,7 @@ class Subject:
     @property
     def radius(self) -> float:
         """Half the diagonal of the bounding box, model units."""
-        return float(np.linalg.norm(np.ptp(self.surface.vertices, axis=0)) / 2)
+        return self.surface.diagonal / 2
 
 
 def bust_subject(spacing: float) -> Subject:
