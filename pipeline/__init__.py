@@ -2,7 +2,19 @@
 
 from pipeline.errors import UserError
 from pipeline.job import Job, Progress, Silence
+from pipeline.json_text import json_text
 from pipeline.settings import Settings, setting
 from pipeline.stage import Artefact, Source, Stage
 
-__all__ = ["Artefact", "Job", "Progress", "Settings", "Silence", "Source", "Stage", "UserError", "setting"]
+__all__ = [
+    "Artefact",
+    "Job",
+    "Progress",
+    "Settings",
+    "Silence",
+    "Source",
+    "Stage",
+    "UserError",
+    "json_text",
+    "setting",
+]

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from blake3 import blake3
 
 from pipeline.errors import UserError
+from pipeline.json_text import json_text
 
 DIGEST_HEX_DIGITS = 32  # 128 bits: no two different contents will ever meet by accident
 
@@ -139,7 +140,7 @@ class DigestMemo:
             return
         kept = {name: entry for name, entry in self._known.items() if Path(name).exists()}
         try:
-            replace_text(self._path, json.dumps(kept))
+            replace_text(self._path, json_text(kept))
         except OSError:
             return
         self._changed = False

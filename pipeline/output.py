@@ -11,6 +11,7 @@ from posixpath import commonpath
 from typing import Any
 
 from pipeline.digest import replace_text
+from pipeline.json_text import json_text
 from pipeline.record import Record
 from pipeline.stage import Artefact, Stage
 from pipeline.store import Store
@@ -39,7 +40,7 @@ class Output:
         for artefact in given.values():
             self._show_artefact(artefact, record, shown)
         if shown != self._shown():
-            replace_text(self._ledger, json.dumps(shown, indent=1) + "\n")
+            replace_text(self._ledger, json_text(shown, indent=1) + "\n")
 
     def outdated(self, later: Iterable[Stage], available: Digests) -> list[str]:
         """Sentences on what is shown there and was made from something else than what there is now.

@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pipeline.json_text import json_text
+
 RECORD = "record.json"
 
 
@@ -59,7 +61,7 @@ class Record:
 
 def write_record(folder: Path, record: Record) -> None:
     """Write `record.json` into `folder`."""
-    text = json.dumps(record.as_json(), indent=1, ensure_ascii=False)
+    text = json_text(record.as_json(), indent=1)
     (folder / RECORD).write_text(text + "\n", encoding="utf-8")
 
 

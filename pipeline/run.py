@@ -27,8 +27,8 @@ from pipeline.request import Request
 from pipeline.stage import Stage
 from pipeline.store import Store
 
-NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS}  # only what is written meets these
-NOT_ALLOWED = {errno.EACCES, errno.EPERM}
+NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}  # only what is written meets these
+IF_WITHIN = {errno.EACCES, errno.EPERM, errno.EIO}  # what is read meets them, too
 
 
 class Listener(Progress, Protocol):
@@ -275,7 +275,7 @@ def locked(workspace: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno in NO_ROOM or (error.errno in NOT_ALLOWED and _is_below(error.filename, workspace)):
+        if error.errno in NO_ROOM or (error.errno in IF_WITHIN and _is_below(error.filename, workspace)):
             raise UserError(
                 f"{error.filename or workspace} cannot be used ({error.strerror}); expected a place to "
                 "write. Make room there, or allow it, or choose another folder with --workspace; earlier "

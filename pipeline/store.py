@@ -9,6 +9,7 @@ import uuid
 from pathlib import Path
 
 from pipeline.digest import DigestMemo, replace_text
+from pipeline.json_text import json_text
 from pipeline.record import RECORD, Record, read_record, write_record
 from pipeline.stage import Stage
 
@@ -53,7 +54,7 @@ class Store:
         """Remember which result the last run made or used."""
         keys = self._current_keys()
         if keys.get(stage) != key:
-            replace_text(self.root / "current.json", json.dumps({**keys, stage: key}, indent=1) + "\n")
+            replace_text(self.root / "current.json", json_text({**keys, stage: key}, indent=1) + "\n")
 
     def _current_keys(self) -> dict[str, str]:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from typing import Any
 
@@ -11,6 +10,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from pipeline.json_text import json_text
 from pipeline.plan import Action, Decision
 from pipeline.record import Record
 
@@ -83,7 +83,7 @@ class Terminal:
     def answer(self, value: Any, table: Table | None = None) -> None:
         """The result of a command: JSON on the output stream if wanted, else the table."""
         if self._json_wanted:
-            sys.stdout.write(json.dumps(value, indent=1, ensure_ascii=False) + "\n")
+            sys.stdout.write(json_text(value, indent=1) + "\n")
         elif table is not None:
             width = None if sys.stdout.isatty() else PIPE_WIDTH
             Console(highlight=False, width=width).print(table)

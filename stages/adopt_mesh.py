@@ -24,9 +24,10 @@ class AdoptMeshSettings(Settings):
 def run(job: Job) -> None:
     """Read the mesh, whatever its format, and keep it as PLY; corners that are one become one."""
     from stages.geometry.creases import shared_corners
-    from stages.scene.meshes import read_mesh, without_strays, write_mesh
+    from stages.scene.mesh_files import read_mesh_file
+    from stages.scene.meshes import without_strays, write_mesh
 
-    given = read_mesh(job.inputs["mesh_file"])
+    given = read_mesh_file(job.inputs["mesh_file"])
     surface, crease_deg = without_strays(given), job.settings.crease_deg
     surface = shared_corners(surface, crease_deg) if crease_deg else surface
     if not len(surface.faces):
@@ -40,11 +41,11 @@ def run(job: Job) -> None:
 
 ADOPT_MESH = Stage(
     name="adopt_mesh",
-    version=3,
+    version=4,
     about="The user's own mesh, in the frame of the cameras.",
     settings=AdoptMeshSettings,
     takes=("mesh_file",),
     gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
     run=run,
-    tools=("numpy", "scipy", *OPEN3D),
+    tools=("numpy", "scipy", "trimesh", *OPEN3D),
 )

@@ -30,22 +30,21 @@ class AdoptModelSettings(Settings):
 def run(job: Job) -> None:
     """Find the model, match it with the photos, save it in binary under the photos' names."""
     from stages.scene.colmap_assembly import assemble
-    from stages.scene.colmap_model import find_model, read_model, registered
-    from stages.scene.photos import photo_size
+    from stages.scene.colmap_model import find_model, read_model, registered, write_model
+    from stages.scene.photo_turns import write_as_stored
 
     folder = find_model(job.inputs["colmap"])
     model = read_model(folder)
-    _check_numbers(model, folder)
     photos = _photo_of_each(job, [image.name for image in registered(model)], folder)
-    posed, rescaled = [], []
+    posed, rescaled, as_stored = [], [], []
     for image in registered(model):
         if image.name not in photos:
             continue
         path = job.inputs["images"] / photos[image.name]
         camera = model.cameras[image.camera_id]
-        size = photo_size(path)
+        size, turned = _size_in_model(path, camera, job.settings.size_tolerance_px)
+        as_stored += [photos[image.name]] * turned
         if size != (camera.width, camera.height):
-            _check_aspect(path, size, camera, job.settings.size_tolerance_px)
             rescaled.append(photos[image.name])
         posed.append(_at_size(image, photos[image.name], camera, size))
     if rescaled:
@@ -54,12 +53,14 @@ def run(job: Job) -> None:
             f"{listed(rescaled)}."
         )
     adopted = assemble(posed, points_from=model)
-    adopted.write(job.outputs["model"])
+    write_model(adopted, job.outputs["model"])
+    write_as_stored(job.outputs["model"], as_stored)
     job.note(
         registered=len(posed),
         points=adopted.num_points3D(),
         camera_models=sorted({camera.model_name for camera in adopted.cameras.values()}),
         rescaled=len(rescaled),
+        as_stored=len(as_stored),
     )
 
 
@@ -85,41 +86,31 @@ def _photo_of_each(job: Job, names: list[str], source: Path) -> dict[str, str]:
     return found
 
 
-def _check_numbers(model: pycolmap.Reconstruction, source: Path) -> None:
-    """Refuse cameras and poses that are not numbers before they spread."""
-    import numpy as np
+def _size_in_model(path: Path, camera: pycolmap.Camera, tolerance_px: float) -> tuple[tuple[int, int], bool]:
+    """Width and height of a photo as the model means it; whether that is as stored, though tagged as turned.
 
-    from stages.scene.colmap_model import registered
+    COLMAP passes over orientation tags. Where the sizes leave both possible, as at 180°, it is as stored.
+    """
+    from stages.scene.photos import orientation_of, photo_size
 
-    for image in registered(model):
-        camera = model.cameras[image.camera_id]
-        focal_px = camera.mean_focal_length()
-        if not (np.isfinite(camera.params).all() and focal_px > 0 and min(camera.width, camera.height) > 0):
-            raise UserError(
-                f"Camera {image.camera_id} of the COLMAP model in {source} has impossible parameters "
-                f"({camera.width} × {camera.height}, {camera.params_to_string()}); export the model again."
-            )
-        if not np.isfinite(image.cam_from_world().matrix()).all():
-            raise UserError(f"{image.name} in the COLMAP model in {source} has a pose that is not a number.")
+    upright, stored = photo_size(path), photo_size(path, as_stored=True)
+    if orientation_of(path) != 1 and _off_px(stored, camera) <= tolerance_px:
+        return stored, True
+    if _off_px(upright, camera) <= tolerance_px:
+        return upright, False
+    turned = upright[::-1] == (camera.width, camera.height)
+    raise UserError(
+        f"{path} is {upright[0]} × {upright[1]} pixels, but its camera in the model is {camera.width} × "
+        f"{camera.height}; give the photos that the model was made from"
+        + (": this one was turned since, as its EXIF tag had said, and the tag is gone." if turned else ".")
+    )
 
 
-def _check_aspect(path: Path, size: tuple[int, int], camera: pycolmap.Camera, tolerance_px: float) -> None:
-    """Whether one scale takes the camera's size to the photo's."""
+def _off_px(size: tuple[int, int], camera: pycolmap.Camera) -> float:
+    """How far one scale is from taking the camera's size to the photo's."""
     width, height = size
     scale = max(width / camera.width, height / camera.height)
-    off_px = max(abs(camera.width * scale - width), abs(camera.height * scale - height))
-    if off_px <= tolerance_px:
-        return
-    turned = (height, width) == (camera.width, camera.height)
-    hint = (
-        "it is rotated by its EXIF tag, which the model ignored: undistort in COLMAP first, or remove the tag"
-        if turned
-        else "give the photos that the model was made from"
-    )
-    raise UserError(
-        f"{path} is {width} × {height} pixels, but its camera in the model is {camera.width} × "
-        f"{camera.height}; {hint}."
-    )
+    return max(abs(camera.width * scale - width), abs(camera.height * scale - height))
 
 
 def _at_size(image: pycolmap.Image, name: str, camera: pycolmap.Camera, size: tuple[int, int]) -> PosedImage:
@@ -144,7 +135,7 @@ def _at_size(image: pycolmap.Image, name: str, camera: pycolmap.Camera, size: tu
 
 ADOPT_MODEL = Stage(
     name="adopt_model",
-    version=2,
+    version=3,
     about="A COLMAP model that exists already, checked against the photos.",
     settings=AdoptModelSettings,
     takes=("colmap", "images"),

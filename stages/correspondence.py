@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Settings, Stage, setting
+from pipeline import Artefact, Job, Settings, Stage, json_text, setting
 from stages.scene.distributions import PICTURES
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ def run(job: Job) -> None:
         for row, future in zip(rows, futures, strict=True):
             row["links"] = future.result()
             step()
-    (folder / "index.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    (folder / "index.json").write_text(json_text(rows, indent=1) + "\n", encoding="utf-8")
     total = sum(row["links"] for row in rows)
     job.note(pairs=len(rows), links=total, pairs_without_links=sum(not row["links"] for row in rows))
     if rows and not total:

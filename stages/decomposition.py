@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Stage
+from pipeline import Artefact, Job, Stage, json_text
 from stages.photometry.decomposition_settings import DecompositionSettings, given_or
 from stages.photometry.solver_settings import as_alternation, as_fast, as_sky, as_transfer, weights_at
 from stages.scene.distributions import OPEN3D, PICTURES
@@ -269,7 +268,7 @@ def _write_history(job: Job, solved: Solved) -> None:
         "settings": job.settings.model_dump(by_alias=True),
         "channels": dict(zip(CHANNELS, solved.histories, strict=True)),
     }
-    job.outputs["energy"].write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    job.outputs["energy"].write_text(json_text(content, indent=1) + "\n", encoding="utf-8")
     steps = [history["alternations"] for history in solved.histories]
     job.note(
         energy=sum(history[-1]["energy"] for history in steps),

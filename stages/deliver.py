@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Settings, Stage, setting
+from pipeline import Artefact, Job, Settings, Stage, json_text, setting
 from stages.scene.distributions import PICTURES, PYCOLMAP
 
 if TYPE_CHECKING:
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from stages.scene.cameras import Camera
 
 SAMPLE = 200_000  # values per view that enter the quantile behind the PNG's scale
+DARK_PICTURE = 0.003  # of white: below 10 of 255 in sRGB
 
 
 class DeliverSettings(Settings):
@@ -30,8 +31,8 @@ class DeliverSettings(Settings):
     sheet_views: int = setting(16, "Views in the contact sheet, evenly chosen.", ge=1, le=200)
 
 
-def common_white(folder: Path, masks: Path, names: list[str], quantile: float) -> float:
-    """The linear value that becomes PNG white: a quantile over the masked pixels of all views' EXRs."""
+def common_white(folder: Path, masks: Path, names: list[str], quantile: float) -> tuple[float, float]:
+    """The linear value that becomes PNG white, and the median, over the masked pixels of all views' EXRs."""
     import numpy as np
 
     from stages.scene.exr import read_exr
@@ -41,7 +42,18 @@ def common_white(folder: Path, masks: Path, names: list[str], quantile: float) -
     for name in names:
         values = read_exr(folder / f"{name}.exr")[read_mask(masks / f"{name}.png")].max(axis=1)
         samples.append(values[:: max(1, len(values) // SAMPLE)])
-    return max(float(np.quantile(np.concatenate(samples), quantile)), 1e-6)
+    white, middle = np.quantile(np.concatenate(samples), [quantile, 0.5])
+    return (float(white) if white > 0 else 1.0), float(middle)
+
+
+def tell_dark_pictures(job: Job, kind: str, white: float, middle: float) -> None:
+    """Say so where half of what is shown is so far below white that one sees nothing of it."""
+    if middle < DARK_PICTURE * white:
+        job.warn(
+            f"The PNGs of {kind} look black: white stands for {white:.3g}, and half of all pixels lie below "
+            f"{middle:.3g}. Lower deliver.white_quantile ({job.settings.white_quantile:g}), or mask what is so "
+            "bright; the EXRs are as they should be."
+        )
 
 
 def run(job: Job) -> None:
@@ -53,10 +65,11 @@ def run(job: Job) -> None:
     settings: DeliverSettings = job.settings
     cameras = read_cameras(job.inputs["cameras"])
     names = [camera.name for camera in cameras]
-    whites = {
-        kind: common_white(job.inputs[kind], job.inputs["mask"], names, settings.white_quantile)
-        for kind in ("albedo", "shading")
-    }
+    whites = {}
+    for kind in ("albedo", "shading"):
+        found = common_white(job.inputs[kind], job.inputs["mask"], names, settings.white_quantile)
+        whites[kind] = found[0]
+        tell_dark_pictures(job, kind, *found)
     in_sheet = set(evenly(names, settings.sheet_views))
     rows = {}
     with job.progress("pictures", len(cameras)) as step:
@@ -72,7 +85,7 @@ def run(job: Job) -> None:
     )
     write_dense_model(job, cameras)
     write_scales(job.outputs["scales"], whites)
-    job.note(png_white={kind: round(white, 6) for kind, white in whites.items()})
+    job.note(png_white={kind: float(f"{white:.6g}") for kind, white in whites.items()})
 
 
 def evenly(names: list[str], count: int) -> list[str]:
@@ -126,27 +139,24 @@ def sheet_row(job: Job, camera: Camera, albedo: np.ndarray, shading: np.ndarray)
 
 def write_dense_model(job: Job, cameras: list[Camera]) -> None:
     """The sparse model and settings that turn the albedo images into a COLMAP workspace."""
-    from stages.scene.colmap_model import pinhole_model, read_model
+    from stages.scene.colmap_model import pinhole_model, read_model, write_model
     from stages.scene.dense_workspace import write_stereo_settings
 
     model = pinhole_model(cameras, read_model(job.inputs["workspace"] / "sparse"))
-    sparse = job.outputs["dense"] / "sparse"
-    sparse.mkdir(parents=True, exist_ok=True)
-    model.write_binary(sparse)
+    write_model(model, job.outputs["dense"] / "sparse")
     write_stereo_settings(job.outputs["dense"], [f"{camera.name}.png" for camera in cameras])
 
 
 def write_scales(path: Path, whites: dict[str, float]) -> None:
     """The scale that leads from a PNG back to the EXR."""
-    import json
 
     about = "PNG white (sRGB-decoded 1.0) stands for this value in the EXR, the same for all views"
-    path.write_text(json.dumps({"about": about, "png_white": whites}, indent=1) + "\n", encoding="utf-8")
+    path.write_text(json_text({"about": about, "png_white": whites}, indent=1) + "\n", encoding="utf-8")
 
 
 DELIVER = Stage(
     name="deliver",
-    version=1,
+    version=2,
     about="PNGs at one common scale, a COLMAP workspace of albedo maps, a contact sheet.",
     settings=DeliverSettings,
     takes=("linear", "albedo", "shading", "normal", "mask", "depth", "cameras", "workspace"),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, setting
 from stages.scene.distributions import PICTURES, PYCOLMAP
+from stages.scene.photo_settings import MOST_TIMES_BRIGHT
 
 if TYPE_CHECKING:
     from stages.geometry.lenses import Lens
@@ -25,6 +26,7 @@ class FullResolutionSettings(Settings):
         unit="factor",
         gt=1,
     )
+    most_times_bright: float = MOST_TIMES_BRIGHT
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class View:
     """One view's work: the photo, its camera at working size, what is known there, where the results go."""
 
     photo: Path
+    as_stored: bool
     lens: Lens
     camera: Camera
     albedo: Path
@@ -40,6 +43,7 @@ class View:
     pictures: Path
     white: float
     most_contrast: float
+    most_times_bright: float
 
 
 def run(job: Job) -> None:
@@ -48,13 +52,16 @@ def run(job: Job) -> None:
     from stages.scene.camera_file import read_cameras
     from stages.scene.cameras import view_name
     from stages.scene.colmap_model import read_model, registered
+    from stages.scene.photo_turns import read_as_stored
 
     model = read_model(job.inputs["model"])
     images = {view_name(image.name): image for image in registered(model)}
+    as_stored = read_as_stored(job.inputs["model"])
     white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
     views = [
         View(
             photo=job.inputs["images"] / images[camera.name].name,
+            as_stored=images[camera.name].name in as_stored,
             lens=lens_of(model.cameras[images[camera.name].camera_id]),
             camera=camera,
             albedo=job.inputs["albedo"] / f"{camera.name}.exr",
@@ -63,6 +70,7 @@ def run(job: Job) -> None:
             pictures=job.outputs["albedo_full"] / f"{camera.name}.png",
             white=white,
             most_contrast=job.settings.most_contrast,
+            most_times_bright=job.settings.most_times_bright,
         )
         for camera in read_cameras(job.inputs["cameras"])
     ]
@@ -84,7 +92,9 @@ def write_view(view: View) -> str:
 
     finer = max(1.0, focal_px_of(view.lens) / view.camera.focal_px)
     camera = view.camera.scaled(round(view.camera.width * finer), round(view.camera.height * finer))
-    photo = read_masked_photo(view.photo, None, (view.lens["width"], view.lens["height"]))
+    *photo, _ = read_masked_photo(
+        view.photo, None, (view.lens["width"], view.lens["height"]), view.as_stored, view.most_times_bright
+    )
     linear, kept, _ = through_pinhole(*photo, view.lens, camera)
     known = read_exr(view.albedo), read_mask(view.mask)
     albedo, _ = at_full_resolution(*known, linear, kept, view.most_contrast)
@@ -95,7 +105,7 @@ def write_view(view: View) -> str:
 
 FULL_RESOLUTION = Stage(
     name="full_resolution",
-    version=2,
+    version=3,
     about="The albedo at the photos' own resolution.",
     settings=FullResolutionSettings,
     takes=("images", "model", "cameras", "albedo", "mask", "scales"),

@@ -84,7 +84,7 @@ def run(job: Job) -> None:
 
 MESH = Stage(
     name="mesh",
-    version=1,
+    version=2,
     about="Poisson surface of the fused points, trimmed to what was seen.",
     settings=MeshSettings,
     takes=("fused", "workspace"),

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Stage, UserError
+from pipeline import Artefact, Job, Stage, UserError, json_text
 from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
 from stages.synthetic.render_settings import RenderSettings
 
@@ -22,7 +21,7 @@ def run(job: Job) -> None:
     """Build, pose, photograph and measure; save the images as a pipeline wants them, the truth beside."""
     import numpy as np
 
-    from stages.scene.colmap_model import pinhole_model
+    from stages.scene.colmap_model import pinhole_model, write_model
     from stages.scene.meshes import write_mesh
     from stages.synthetic.photograph import NoiseTarget, mean_level, photograph
     from stages.synthetic.render import Quality, Scene, use_threads
@@ -52,10 +51,10 @@ def run(job: Job) -> None:
             noises.append(noise)
             _write_image(job, camera, truth, through_lens(settings, image, truth.mask, index))
             step()
-    pinhole_model(cameras, extension=".exr").write(job.outputs["model"])
+    write_model(pinhole_model(cameras, extension=".exr"), job.outputs["model"])
     write_mesh(job.outputs["true_mesh"], subject.surface)
     (job.outputs["truth"] / "parts.json").write_text(
-        json.dumps({"parts": list(subject.part_names)}) + "\n", encoding="utf-8"
+        json_text({"parts": list(subject.part_names)}) + "\n", encoding="utf-8"
     )
     _note(job, subject, noises)
 
@@ -72,13 +71,13 @@ def _require_mitsuba() -> None:
 
 def _subject(job: Job) -> Subject:
     """What is rendered: the object that was given, or the bust."""
-    from stages.scene.meshes import read_mesh
+    from stages.scene.mesh_files import read_mesh_file
     from stages.synthetic.subject import bust_subject, mesh_subject
 
     settings: RenderSettings = job.settings
     if "object" not in job.inputs:
         return bust_subject(settings.spacing)
-    return mesh_subject(read_mesh(job.inputs["object"]), settings.object_parts, settings.y_up)
+    return mesh_subject(read_mesh_file(job.inputs["object"]), settings.object_parts, settings.y_up)
 
 
 def _own_colours(job: Job) -> np.ndarray | None:
@@ -172,5 +171,5 @@ RENDER = Stage(
         Artefact("truth", "true albedo, shading, parts and masks per view", output="truth"),
     ),
     run=run,
-    tools=("mitsuba", "drjit", "scikit-image", "numpy", "scipy", *PYCOLMAP, *OPEN3D, *PICTURES),
+    tools=("mitsuba", "drjit", "scikit-image", "numpy", "scipy", "trimesh", *PYCOLMAP, *OPEN3D, *PICTURES),
 )

@@ -202,11 +202,11 @@ def _adjust(job: Job, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction
 def _publish(job: Job, model: pycolmap.Reconstruction, database: Path, photos: Sequence[Photo]) -> None:
     """Model and database under the photos' own names."""
     from stages.motion.database import publish
-    from stages.scene.colmap_model import registered
+    from stages.scene.colmap_model import registered, write_model
 
     for image in model.images.values():
         image.name = photos[image.image_id - 1].name
-    model.write(job.outputs["model"])
+    write_model(model, job.outputs["model"])
     publish(database, job.outputs["database"], [photo.name for photo in photos])
     used = {image.camera_id for image in registered(model)}
     job.note(

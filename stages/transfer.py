@@ -158,7 +158,7 @@ def _middle(surface: Surface) -> tuple[np.ndarray, float]:
 
 TRANSFER = Stage(
     name="transfer",
-    version=5,
+    version=6,
     about="What of the sky each point sees, and what it sees instead.",
     settings=TransferSettings,
     takes=("mesh",),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.distributions import PICTURES, PYCOLMAP
+from stages.scene.photo_settings import MOST_TIMES_BRIGHT
 from stages.scene.wording import listed
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ class UndistortSettings(Settings):
         ge=0,
         le=1,
     )
+    most_times_bright: float = MOST_TIMES_BRIGHT
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class View:
     mask: Path | None
     lens: Lens
     camera: Camera
+    as_stored: bool
+    most_times_bright: float
     image: Path
     linear: Path
     kept: Path
@@ -51,20 +55,24 @@ class View:
 def run(job: Job) -> None:
     """Choose the pinhole cameras, resample view by view, write the workspace."""
     from stages.geometry.lenses import lens_of
-    from stages.scene.colmap_model import pinhole_model, read_model, registered
+    from stages.scene.colmap_model import pinhole_model, read_model, registered, write_model
     from stages.scene.dense_workspace import write_stereo_settings
+    from stages.scene.photo_turns import read_as_stored
 
     model = read_model(job.inputs["model"])
     workspace = job.outputs["workspace"]
     cameras = _pinhole_cameras(model, job.settings)
     images = registered(model)
     masks = _find_masks(job, [image.name for image in images])
+    as_stored = read_as_stored(job.inputs["model"])
     views = [
         View(
             photo=job.inputs["images"] / image.name,
             mask=masks.get(image.name),
             lens=lens_of(model.cameras[image.camera_id]),
             camera=camera,
+            as_stored=image.name in as_stored,
+            most_times_bright=job.settings.most_times_bright,
             image=workspace / "images" / f"{camera.name}.png",
             linear=job.outputs["linear"] / f"{camera.name}.exr",
             kept=job.outputs["kept"] / f"{camera.name}.png",
@@ -72,37 +80,65 @@ def run(job: Job) -> None:
         for image, camera in zip(images, cameras, strict=True)
     ]
     with job.progress("undistorting", len(views)) as step:
-        resampled, black = 0, []
-        for view, (touched, empty) in zip(views, job.executor.map(undistort_view, views), strict=True):
-            resampled += touched
-            black += [view.photo.name] if empty else []
+        found = []
+        for one in job.executor.map(undistort_view, views):
+            found.append(one)
             step()
-    _tell_black_masks(job, black, len(views))
-    (workspace / "sparse").mkdir()
-    pinhole_model(cameras, points_from=model).write(workspace / "sparse")
+    names = [image.name for image in images]
+    _tell_black_masks(job, [name for name, one in zip(names, found, strict=True) if one.black], len(views))
+    _tell_impossible(job, {name: one.impossible for name, one in zip(names, found, strict=True)})
+    _tell_remarks(job, {name: one.remarks for name, one in zip(names, found, strict=True)})
+    write_model(pinhole_model(cameras, points_from=model), workspace / "sparse")
     write_stereo_settings(workspace, [f"{camera.name}.png" for camera in cameras])
     job.note(
         views=len(views),
-        resampled=resampled,
+        resampled=sum(one.resampled for one in found),
         sizes_px=sorted({f"{camera.width}x{camera.height}" for camera in cameras}),
         masks=len(masks),
     )
 
 
-def undistort_view(view: View) -> tuple[bool, bool]:
-    """Write one view's linear image, 8-bit image and mask; whether it was resampled; its mask is black."""
+@dataclass(frozen=True)
+class Undistorted:
+    """What one view's photo was like.
+
+    Attributes
+    ----------
+    resampled : bool
+        Else it is the pinhole image already.
+    black : bool
+        Its mask keeps nothing.
+    impossible : int
+        Pixels that were not numbers, or too bright to be light from a surface.
+    remarks : list of str
+        What its header says and was not delivered.
+    """
+
+    resampled: bool
+    black: bool
+    impossible: int
+    remarks: list[str]
+
+
+def undistort_view(view: View) -> Undistorted:
+    """Write one view's linear image, 8-bit image and mask."""
     from stages.geometry.lenses import through_pinhole
     from stages.scene.exr import write_exr
     from stages.scene.masked_photos import read_masked_photo
+    from stages.scene.photo_remarks import remarks_on
     from stages.scene.photos import write_mask, write_png_srgb8
 
-    photo = read_masked_photo(view.photo, view.mask, (view.lens["width"], view.lens["height"]))
+    size = view.lens["width"], view.lens["height"]
+    *photo, impossible = read_masked_photo(
+        view.photo, view.mask, size, view.as_stored, view.most_times_bright
+    )
     linear, kept, touched = through_pinhole(*photo, view.lens, view.camera)
     write_exr(view.linear, linear)
     write_png_srgb8(view.image, linear)
     if view.mask is not None or not kept.all():
         write_mask(view.kept, kept)
-    return touched, view.mask is not None and not kept.any()
+    black = view.mask is not None and not kept.any()
+    return Undistorted(touched, black, impossible, remarks_on(view.photo, view.as_stored))
 
 
 def _pinhole_cameras(model: pycolmap.Reconstruction, settings: UndistortSettings) -> list[Camera]:
@@ -153,9 +189,33 @@ def _tell_black_masks(job: Job, black: list[str], views: int) -> None:
         job.warn(f"{len(black)} of {views} masks keep no pixel of their photos: {listed(black)}.")
 
 
+def _tell_impossible(job: Job, counts: dict[str, int]) -> None:
+    """What of the photos can be no light from a surface, photo by photo."""
+    counts = {name: count for name, count in counts.items() if count}
+    if counts:
+        job.note(impossible_pixels=counts)
+        job.warn(
+            f"{sum(counts.values())} pixels of {listed(list(counts))} are masked: they are not numbers, or "
+            f"more than {job.settings.most_times_bright:g} times as bright as all but a few of their photo."
+        )
+
+
+def _tell_remarks(job: Job, remarks: dict[str, list[str]]) -> None:
+    """What the headers say and was not delivered: a line per remark on the terminal, photo by photo noted."""
+    remarks = {name: own for name, own in remarks.items() if own}
+    if not remarks:
+        return
+    job.note(headers={name: "; ".join(own) for name, own in remarks.items()})
+    alike: dict[str, list[str]] = {}
+    for name, own in remarks.items():
+        alike.setdefault("; ".join(own), []).append(name)
+    for remark, names in alike.items():
+        job.warn(f"{listed(names)}: {remark}.")
+
+
 UNDISTORT = Stage(
     name="undistort",
-    version=2,
+    version=3,
     about="Pinhole images at working size, in linear light, as a COLMAP workspace.",
     settings=UndistortSettings,
     takes=("images", "model"),

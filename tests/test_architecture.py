@@ -23,6 +23,7 @@ PIXEL_LIBRARIES = {
     "PIL",
     "numba",
     "mitsuba",
+    "trimesh",
     "stages",
 }
 SLOW_TO_IMPORT = {
@@ -37,6 +38,7 @@ SLOW_TO_IMPORT = {
     "mitsuba",
     "pooch",
     "PIL",
+    "trimesh",
 }
 FOLDERS_BELOW = {  # which folders of stages/ each folder may import
     "command": {"command", "evaluation", "scene"},

@@ -74,7 +74,7 @@ def test_no_model_and_a_broken_model_are_said(tmp_path):
         find_model(tmp_path)
     write(distorted_model(), tmp_path)
     (tmp_path / "images.bin").write_bytes((tmp_path / "images.bin").read_bytes()[:200])
-    with pytest.raises(UserError, match="cannot be read .*export it again"):
+    with pytest.raises(UserError, match="images.bin promises 4 images and ends .*export the model again"):
         read_model(tmp_path)
 
 

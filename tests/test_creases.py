@@ -10,6 +10,7 @@ from pipeline import UserError
 from stages.adopt_mesh import ADOPT_MESH
 from stages.geometry.creases import shared_corners
 from stages.geometry.rays import vertex_normals
+from stages.scene.mesh_files import read_mesh_file
 from stages.scene.meshes import Surface, from_open3d, read_mesh, to_open3d, write_mesh
 
 BOX = from_open3d(o3d.geometry.TriangleMesh.create_box(2.0, 3.0, 5.0))
@@ -105,7 +106,7 @@ def test_stl_and_textured_obj_give_the_mesh_that_was_written(tmp_path):
     assert o3d.io.write_triangle_mesh(str(stl), mesh)
     _write_with_texture(obj, SPHERE)
     for path in (stl, obj):
-        given = read_mesh(path)
+        given = read_mesh_file(path)
         assert len(given.vertices) > len(SPHERE.vertices)  # else there is nothing to join
         assert len(shared_corners(given, 60.0).vertices) == len(SPHERE.vertices)
 

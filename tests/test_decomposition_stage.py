@@ -22,6 +22,7 @@ from stages.scene.link_files import numbered_links
 from stages.scene.photos import write_mask
 from stages.scene.upright import mean_camera_up
 from stages.scene.view_files import scaled_channels
+from tests.raw_exr import write_raw_exr
 from tests.sphere_scene import SphereScene, camera_looking_at_origin, sphere_scene
 
 
@@ -194,7 +195,7 @@ def test_what_is_clipped_is_a_matter_of_its_view():
 def test_pixels_that_are_not_numbers_are_refused_by_name(linked, scene, tmp_path):
     inputs = dict(linked[0]) | {"linear": tmp_path / "nan"}
     for camera in scene.cameras:
-        write_exr(inputs["linear"] / f"{camera.name}.exr", np.full((*camera.shape, 3), np.nan, np.float32))
+        write_raw_exr(inputs["linear"] / f"{camera.name}.exr", np.full((*camera.shape, 3), np.nan))
     with pytest.raises(UserError, match=r"View view 0 has \d+ values .* not numbers"):
         run_stage(DECOMPOSITION, tmp_path / "out", inputs, DecompositionSettings(mode="paper"))
 

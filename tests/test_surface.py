@@ -14,6 +14,7 @@ from pipeline import UserError
 from stages.geometry import surface as s
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
 from stages.scene.cameras import Camera, back_project
+from stages.scene.mesh_files import read_mesh_file
 from stages.scene.meshes import Surface, from_open3d, read_mesh, read_points, write_mesh
 
 SQUARE = Surface(
@@ -157,12 +158,12 @@ def test_meshes_of_every_format_are_read(tmp_path, suffix):
     mesh = o3d.geometry.TriangleMesh.create_box()
     mesh.compute_triangle_normals()
     o3d.io.write_triangle_mesh(str(path), mesh)
-    assert len(read_mesh(path).faces) == 12
+    assert len(read_mesh_file(path).faces) == 12
 
 
 def test_a_glb_is_read_where_its_scene_places_it(tmp_path):
     write_glb(tmp_path / "mesh.glb", SQUARE, translation=[10.0, 0.0, 0.0])
-    found, expected = read_mesh(tmp_path / "mesh.glb"), SQUARE.vertices + [10, 0, 0]
+    found, expected = read_mesh_file(tmp_path / "mesh.glb"), SQUARE.vertices + [10, 0, 0]
     np.testing.assert_array_equal(
         np.sort(found.vertices[found.faces], axis=1), np.sort(expected[SQUARE.faces], axis=1)
     )
@@ -204,8 +205,10 @@ def test_a_mesh_survives_being_written(tmp_path):
 
 
 def test_a_file_without_triangles_is_refused(tmp_path):
-    (tmp_path / "points.ply").write_text("ply\nformat ascii 1.0\nelement vertex 0\nend_header\n")
-    with pytest.raises(UserError, match="no triangles; expected a mesh"):
+    header = "ply\nformat ascii 1.0\nelement vertex 0\n"
+    header += "".join(f"property float {axis}\n" for axis in "xyz")
+    (tmp_path / "points.ply").write_text(f"{header}end_header\n")
+    with pytest.raises(UserError, match="no faces; expected a mesh"):
         read_mesh(tmp_path / "points.ply")
 
 
@@ -221,7 +224,7 @@ def test_triangles_of_missing_vertices_are_refused(tmp_path, corner):
 def test_a_mesh_in_two_files_is_refused(tmp_path):
     o3d.io.write_triangle_mesh(str(tmp_path / "box.gltf"), o3d.geometry.TriangleMesh.create_box())
     with pytest.raises(UserError, match=r"box\.gltf .* expected PLY, OBJ, STL, OFF or GLB"):
-        read_mesh(tmp_path / "box.gltf")
+        read_mesh_file(tmp_path / "box.gltf")
 
 
 def test_points_that_are_not_finite_are_left_out(tmp_path):

@@ -15,6 +15,7 @@ from stages.scene.exr import read_exr, write_exr
 from stages.scene.photos import encode_srgb8, read_mask, read_photo, write_mask, write_png_srgb8
 from stages.undistort import UNDISTORT, UndistortSettings
 from tests import painted_corner
+from tests.raw_exr import write_raw_exr
 from tests.test_colmap_model import distorted_model
 
 
@@ -255,7 +256,7 @@ def test_pixels_that_are_no_numbers_are_not_kept(make_job, tmp_path):
     light = np.ones((60, 80, 3), np.float32)
     light[10, 20] = np.nan, 1, 1
     light[30, 40] = 1, np.inf, 1
-    write_exr(tmp_path / "images" / "a.exr", light)
+    write_raw_exr(tmp_path / "images" / "a.exr", light)
     model = one_image_model("a.exr", lens_of("SIMPLE_PINHOLE", 80, 60, 70, 40, 30))
     job = undistort(make_job, tmp_path, model, tmp_path / "images")
     kept = read_mask(job.outputs["kept"] / "a.png")

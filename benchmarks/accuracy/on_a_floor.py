@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stages.scene.meshes import Surface, read_mesh, write_mesh
+from stages.scene.mesh_files import read_mesh_file
+from stages.scene.meshes import Surface, write_mesh
 from stages.synthetic.subject import mesh_subject
 
 OF_THE_SCAN = np.array([(0.35, 0.35, 0.35), (0.6, 0.25, 0.2), (0.5, 0.5, 0.45), (0.2, 0.3, 0.5)])  # linear
@@ -28,7 +29,7 @@ SQUARES = np.array(
 
 def write_on_a_floor(scan: Path, to: Path) -> None:
     """Write the scan, y up, in four paints, with floor and box; squares share no vertex."""
-    subject = mesh_subject(read_mesh(scan))
+    subject = mesh_subject(read_mesh_file(scan))
     vertices = subject.surface.vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     height, middle = high[1] - low[1], (low + high) / 2

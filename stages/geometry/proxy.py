@@ -11,7 +11,6 @@ from stages.geometry.short_edges import ShortEdged, with_short_edges
 from stages.geometry.surface import decimated, mean_edge
 from stages.scene.meshes import Surface, joined
 
-FACES_PER_VERTEX = 2  # of a closed mesh
 UNIT = 100  # mean edges: in such a length the bound of rough decimation begins at 1/60 of an edge
 AGGRESSIVENESS = 3  # and rises to three edges; with 7, the library's default, far too soon, and without end
 
@@ -35,7 +34,7 @@ def short_edged_with_proxy(
     whole = welded(short.surface)
     if len(whole.vertices) <= most_vertices or (short.cuts and len(welded(mesh).vertices) <= most_vertices):
         return short, whole
-    small = roughly_decimated(whole, FACES_PER_VERTEX * most_vertices)
+    small = roughly_decimated(whole, faces_of_fewer_vertices(whole, most_vertices))
     return short, with_short_edges(small, short.longest, half_more(most_vertices)).surface
 
 
@@ -63,6 +62,14 @@ def roughly_decimated(surface: Surface, faces: int) -> Surface:
     )
     small = decimated(Surface(vertices, corners.astype(np.int32)), faces)
     return Surface(small.vertices * unit + middle, small.faces)
+
+
+def faces_of_fewer_vertices(surface: Surface, vertices: int) -> int:
+    """Number of faces at which the surface has about so many vertices, at as many faces per vertex as now.
+
+    Two of a closed mesh, fewer where there are holes and borders.
+    """
+    return max(1, len(surface.faces) * vertices // max(len(surface.vertices), 1))
 
 
 def half_more(count: int) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline import json_text
 from stages.scene.cameras import Camera
 
 
@@ -22,7 +23,7 @@ def write_cameras(path: Path, cameras: list[Camera]) -> None:
         }
         for camera in cameras
     ]
-    path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    path.write_text(json_text(rows, indent=1) + "\n", encoding="utf-8")
 
 
 def read_cameras(path: Path) -> list[Camera]:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import re
 import shutil
 import struct
 import tempfile
+from collections.abc import Mapping
+from contextlib import nullcontext
+from itertools import islice
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -13,8 +18,11 @@ import pycolmap
 from pipeline import UserError
 from stages.scene.cameras import Camera, view_name
 from stages.scene.colmap_assembly import PosedImage, assemble, points2d_of
+from stages.scene.colmap_files import check_binary_files
+from stages.scene.plausible_cameras import check_cameras
 
 PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
+COUNTED = ("cameras", "images", "points3D")  # in the comments of text models
 
 
 def find_model(folder: Path) -> Path:
@@ -47,12 +55,13 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     Raises
     ------
     UserError
-        There is no model, it cannot be read, or an image name is not UTF-8, is absolute, leaves its folder
-        with ``..``, or shares its view name with another.
+        There is no model, it cannot be read, was cut off, has impossible cameras or poses, or an image name
+        is not UTF-8, is absolute, leaves its folder with ``..``, or shares its view name with another.
     """
     form = _format_of(folder)
     if form is None:
         raise UserError(f"There is no COLMAP model in {folder}: expected cameras and images, .bin or .txt.")
+    promised = check_binary_files(folder) if form == ".bin" else _promised_in_text(folder)
     try:
         if (folder / f"points3D{form}").is_file():
             model = pycolmap.Reconstruction(folder)
@@ -63,8 +72,26 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
         raise UserError(
             f"The COLMAP model in {folder} cannot be read ({reason}); export it again from COLMAP."
         ) from error
+    _check_counts(model, promised, folder)
     _check_names(_names_of(model, folder), folder)
+    check_cameras(model, folder)
     return model
+
+
+def write_model(model: pycolmap.Reconstruction, folder: Path) -> None:
+    """Write a model in binary, creating the folder, and read back how much of it has come to the disk.
+
+    Raises
+    ------
+    OSError
+        A file is shorter than it has to be: COLMAP's writer does not notice.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    model.write_binary(folder)
+    try:
+        _check_counts(model, check_binary_files(folder), folder)
+    except UserError as error:
+        raise OSError(errno.EIO, f"it was cut short: {error}", str(folder)) from error
 
 
 def check_image_name(name: str, source: Path | str) -> None:
@@ -197,6 +224,28 @@ def _count_images(folder: Path) -> int:
         return struct.unpack("<Q", head)[0] if len(head) == 8 else 0
     lines = (folder / "images.txt").read_bytes().splitlines()
     return sum(not line.startswith(b"#") for line in lines) // 2
+
+
+def _promised_in_text(folder: Path) -> dict[str, int]:
+    """What the comments of a text model say that it holds."""
+    promised = {}
+    for part in COUNTED:
+        path = folder / f"{part}.txt"
+        with path.open("rb") if path.is_file() else nullcontext([]) as lines:
+            head = b" ".join(line for line in islice(lines, 8) if line.startswith(b"#"))
+        if found := re.search(rb"Number of \w+: (\d+)", head):
+            promised[part] = int(found[1])
+    return promised
+
+
+def _check_counts(model: pycolmap.Reconstruction, promised: Mapping[str, int], source: Path) -> None:
+    for part, count in promised.items():
+        found = len(getattr(model, part))
+        if found != count:
+            raise UserError(
+                f"The COLMAP model in {source} promises {count} {part} and holds {found}; it was cut off or "
+                "damaged. Copy or export it again."
+            )
 
 
 def _read_without_points(folder: Path, form: str) -> pycolmap.Reconstruction:

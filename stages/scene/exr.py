@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,26 @@ from pipeline import UserError
 
 
 def write_exr(path: Path, image: np.ndarray, *, half: bool = False) -> None:
-    """Write `image`, (h, w) as Y or (h, w, 3) as RGB; ZIP, float32 unless `half`; makes the folder."""
+    """Write `image`, (h, w) as Y or (h, w, 3) as RGB; ZIP, float32 unless `half`; makes the folder.
+
+    Raises
+    ------
+    ValueError
+        A value is not finite, or would not be as half: a fault of the program, which must not be published.
+    OSError
+        It cannot be written, or not all of it.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    pixels = np.ascontiguousarray(image, np.float16 if half else np.float32)
+    with np.errstate(over="ignore"):
+        pixels = np.ascontiguousarray(image, np.float16 if half else np.float32)
+    if not np.isfinite(pixels).all():
+        raise ValueError(f"{np.count_nonzero(~np.isfinite(pixels))} values of {path.name} are not finite")
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, {"Y" if pixels.ndim == 2 else "RGB": pixels}) as file:
-        file.write(str(path))
+    try:
+        with OpenEXR.File(header, {"Y" if pixels.ndim == 2 else "RGB": pixels}) as file:
+            file.write(str(path))
+    except RuntimeError as error:  # all that the binding says of a full disk
+        raise OSError(errno.EIO, f"it was cut short: {error}", str(path)) from error
 
 
 def read_exr(path: Path) -> np.ndarray:

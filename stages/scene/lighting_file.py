@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from pipeline import json_text
 from stages.scene.cameras import Camera
 from stages.scene.upright import mean_camera_up
 
@@ -57,7 +57,7 @@ def write_lighting(
             for camera, sigma in zip(cameras, light, strict=True)
         ],
     }
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    path.write_text(json_text(content, indent=1) + "\n", encoding="utf-8")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,4 +115,4 @@ def write_light_around(path: Path, cameras: list[Camera], light: LightAround, im
         "radiance": light.radiance.tolist(),
         "views": [{"name": name, "light": number, "gain": gain} for name, number, gain in views],
     }
-    path.write_text(json.dumps(content) + "\n", encoding="utf-8")
+    path.write_text(json_text(content) + "\n", encoding="utf-8")

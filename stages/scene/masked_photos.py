@@ -1,4 +1,4 @@
-"""Photos with their masks, checked against what the model says of them."""
+"""Photos with their masks, checked against what the model says of them, without values that are no light."""
 
 from __future__ import annotations
 
@@ -9,8 +9,18 @@ import numpy as np
 from pipeline import UserError
 from stages.scene.photos import read_mask, read_photo
 
+# Of a photo, what is brighter than this share of its pixels is a lamp or a glint rather than surface.
+BRIGHT_SHARE = 0.97
+LARGEST_LIGHT = 1e30  # beyond, sums over pixels are no numbers any more
 
-def read_masked_photo(photo: Path, mask: Path | None, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+
+def read_masked_photo(
+    photo: Path,
+    mask: Path | None,
+    size: tuple[int, int],
+    as_stored: bool = False,
+    most_times_bright: float = float("inf"),
+) -> tuple[np.ndarray, np.ndarray, int]:
     """Read a photo and which of its pixels may be used.
 
     Parameters
@@ -20,19 +30,25 @@ def read_masked_photo(photo: Path, mask: Path | None, size: tuple[int, int]) -> 
         White = keep.
     size : (int, int)
         Width and height that the model says.
+    as_stored : bool
+        Whether the model means its pixels as they are stored, whatever the header says of its orientation.
+    most_times_bright : float
+        `photo_settings.MOST_TIMES_BRIGHT`.
 
     Returns
     -------
     linear : ndarray, shape (h, w, 3), float32
-        Finite: 0 where the file is not.
+        Finite: 0 where the file is not, or too bright.
     kept : ndarray, shape (h, w), bool
+    impossible : int
+        How many pixels are not numbers, or too bright, and so not kept.
 
     Raises
     ------
     UserError
         The sizes of photo, mask and model differ.
     """
-    linear = read_photo(photo)
+    linear = read_photo(photo, as_stored)
     height, width = linear.shape[:2]
     if (width, height) != size:
         raise UserError(
@@ -45,7 +61,16 @@ def read_masked_photo(photo: Path, mask: Path | None, size: tuple[int, int]) -> 
             f"The mask {mask} is {kept.shape[1]} × {kept.shape[0]} pixels, its photo {width} × {height}; "
             "masks must have their photo's size."
         )
-    finite = np.isfinite(linear).all(axis=2)  # renderers and merging tools leave NaN and infinity behind
-    if finite.all():
-        return linear, kept
-    return np.where(finite[..., None], linear, np.float32(0)), kept & finite
+    possible = _possible(linear, most_times_bright)
+    if possible.all():
+        return linear, kept, 0
+    impossible = int(np.count_nonzero(~possible))
+    return np.where(possible[..., None], linear, np.float32(0)), kept & possible, impossible
+
+
+def _possible(linear: np.ndarray, most_times_bright: float) -> np.ndarray:
+    """Which pixels may be light from a surface, (h, w), bool; NaN and infinity are beyond any bound."""
+    largest = np.abs(linear).max(axis=2)
+    lit = largest[(largest > 0) & (largest <= LARGEST_LIGHT)]
+    bright = float(np.quantile(lit, BRIGHT_SHARE)) if len(lit) else LARGEST_LIGHT
+    return largest <= min(bright * most_times_bright, LARGEST_LIGHT)

@@ -1,4 +1,4 @@
-"""Triangle meshes and point clouds on disk, through open3d."""
+"""Triangle meshes and point clouds on disk: read whole or refused, written through checked streams."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import open3d as o3d
 
 from pipeline import UserError
 from stages.scene.colour import linear_from_srgb, srgb_from_linear
+from stages.scene.ply import read_ply, write_ply
+from stages.scene.polygons import Polygons, triangulate
 
-# Each holds the whole mesh in one file; GLTF keeps its vertices in another, which nobody would digest.
-MESHES = (".ply", ".obj", ".stl", ".off", ".glb")
+COLOURS = ("red", "green", "blue")
 
 
 @dataclass(frozen=True)
@@ -29,45 +30,59 @@ class Surface:
 
 
 def read_mesh(path: Path) -> Surface:
-    """Read PLY, OBJ, STL, OFF, GLB.
+    """Read a PLY, as all stages hand it on; faces of more than three corners are divided into triangles.
 
     Raises
     ------
     UserError
-        It is of another kind, cannot be read, has no triangles, or holds a vertex that is not finite or a
-        triangle whose vertex is missing.
+        It cannot be read, was cut off, has no faces, or holds a vertex that is not finite or a face whose
+        vertex is missing.
     """
-    if path.suffix.lower() not in MESHES:
-        raise UserError(f"{path} is of an unknown kind; expected PLY, OBJ, STL, OFF or GLB: convert it.")
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        surface = from_open3d(o3d.io.read_triangle_mesh(str(path)))
-    if not len(surface.faces):
-        raise UserError(f"{path} gave no triangles; expected a mesh as PLY, OBJ, STL, OFF or GLB.")
-    if not np.isfinite(surface.vertices).all():
+    return from_polygons(path, read_ply(path).polygons())
+
+
+def from_polygons(path: Path, polygons: Polygons) -> Surface:
+    """Check the faces that a file holds, and divide them into triangles.
+
+    Raises
+    ------
+    UserError
+        There are none, a vertex is not finite, or a face names one that is not there.
+    """
+    if not len(polygons.sizes):
+        raise UserError(f"{path} gave no faces; expected a mesh as PLY, OBJ, STL, OFF or GLB.")
+    if not np.isfinite(polygons.vertices).all():
         raise UserError(f"{path} has vertices that are not finite numbers; export the mesh again.")
-    first, last = surface.faces.min(), surface.faces.max()
-    if first < 0 or last >= len(surface.vertices):
+    first, last = polygons.corners.min(), polygons.corners.max()
+    if first < 0 or last >= len(polygons.vertices):
         raise UserError(
-            f"{path} has triangles that name vertices {first} to {last}; expected 0 to "
-            f"{len(surface.vertices) - 1}, for it holds no others. Export the mesh again."
+            f"{path} has faces that name vertices {first} to {last}; expected 0 to "
+            f"{len(polygons.vertices) - 1}, for it holds no others. Export the mesh again."
         )
-    return surface
+    return Surface(polygons.vertices, triangulate(polygons))
 
 
 def write_mesh(path: Path, surface: Surface, albedo: np.ndarray | None = None) -> None:
     """Write a binary PLY; with linear albedo, (v, 3), as vertex colours that `read_vertex_colours` reads."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    mesh = to_open3d(surface)
+    columns = dict(zip("xyz", surface.vertices.T.astype("f8"), strict=True))
     if albedo is not None:
-        mesh.vertex_colors = o3d.utility.Vector3dVector(srgb_from_linear(albedo))
-    if not o3d.io.write_triangle_mesh(str(path), mesh):
-        raise OSError(f"{path} could not be written")
+        colours = np.rint(srgb_from_linear(albedo) * 255).astype(np.uint8)
+        columns |= dict(zip(COLOURS, colours.T, strict=True))
+    write_ply(path, columns, surface.faces)
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and normals of a PLY point cloud, each (n, 3) float64, without points that are not finite."""
-    cloud = o3d.io.read_point_cloud(str(path))
-    x_in_world, normals = np.asarray(cloud.points).copy(), np.asarray(cloud.normals).copy()
+    """Positions and normals of a PLY point cloud, each (n, 3) float64, without points that are not finite.
+
+    Raises
+    ------
+    UserError
+        It was cut off, or has no normals.
+    """
+    cloud = read_ply(path)
+    x_in_world, normals = cloud.columns("x", "y", "z"), cloud.columns("nx", "ny", "nz")
+    if normals is None:
+        raise UserError(f"{path} has points without normals; expected nx, ny and nz. Fuse them again.")
     finite = np.isfinite(x_in_world).all(axis=1) & np.isfinite(normals).all(axis=1)
     return x_in_world[finite], normals[finite]
 
@@ -105,14 +120,16 @@ def from_open3d(mesh: o3d.geometry.TriangleMesh) -> Surface:
 
 
 def read_vertex_colours(path: Path) -> np.ndarray:
-    """Vertex colours of a mesh as linear albedo, (v, 3) float32; files hold them as sRGB.
+    """Vertex colours of a PLY as linear albedo, (v, 3) float32; files hold them as sRGB.
 
     Raises
     ------
     UserError
-        The mesh has none.
+        It is no PLY, or has none.
     """
-    colours = np.asarray(o3d.io.read_triangle_mesh(str(path)).vertex_colors)
-    if not len(colours):
+    file = read_ply(path)
+    colours = file.columns(*COLOURS)
+    if colours is None:
         raise UserError(f"{path} has no vertex colours; expected a PLY with red, green and blue per vertex.")
-    return linear_from_srgb(colours).astype(np.float32)
+    whole = np.issubdtype(file.vertex["red"].dtype, np.integer)
+    return linear_from_srgb(colours / 255 if whole else colours).astype(np.float32)

@@ -30,10 +30,14 @@ DECODING_FAILED = (OSError, SyntaxError, ValueError, EOFError, struct.error, Use
 EXIF_ORIENTATION = 0x0112
 TIFF_BITS_PER_SAMPLE = 258
 TIFF_SAMPLE_FORMAT = 339
+TIFF_PHOTOMETRIC = 262
+TIFF_RGB = 2
+TIFF_DEEP = (1, TIFF_RGB)  # what OpenCV decodes at 16 bits: grey whose 0 is black, and RGB
+TIFF_BITS = (1, 2, 4, 8, 16)
 
 
-def photo_size(path: Path) -> tuple[int, int]:
-    """Width and height, pixels, as seen upright (EXIF orientation applied); reads the header only.
+def photo_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
+    """Width and height, pixels, upright (EXIF orientation applied) or as stored; reads the header only.
 
     Raises
     ------
@@ -47,8 +51,8 @@ def photo_size(path: Path) -> tuple[int, int]:
     else:
         with _opened(path) as image:
             width, height = image.size
-            # Pillow reports TIFF sizes with the orientation applied already.
-            if image.format != "TIFF" and _orientation(image, path) >= 5:
+            upright_already = image.format == "TIFF"  # Pillow reports its size so
+            if _orientation(image, path) >= 5 and upright_already == as_stored:
                 width, height = height, width
     if width * height > LARGEST_PHOTO_PX:
         raise UserError(
@@ -58,11 +62,11 @@ def photo_size(path: Path) -> tuple[int, int]:
     return width, height
 
 
-def read_photo(path: Path) -> np.ndarray:
-    """Read a photo as linear RGB, shape (h, w, 3), float32, upright.
+def read_photo(path: Path, as_stored: bool = False) -> np.ndarray:
+    """Read a photo as linear RGB, shape (h, w, 3), float32, upright or as stored.
 
     JPEG, PNG and TIFF (8 or 16 bits; grey, palette, alpha, CMYK) are taken as sRGB; alpha is dropped. EXR
-    and HDR are linear already and come as they are.
+    and HDR are linear already and come as they are. What is passed over: `photo_remarks.remarks_on`.
 
     Raises
     ------
@@ -80,6 +84,8 @@ def read_photo(path: Path) -> np.ndarray:
         linear = _linear_table(encoded.dtype.name)[encoded]
     if linear.ndim == 2:
         linear = np.repeat(linear[..., None], 3, axis=-1)
+    if as_stored:
+        linear = _turned_back(linear, orientation_of(path))
     return np.ascontiguousarray(linear[..., :3], np.float32)
 
 
@@ -165,6 +171,25 @@ def _read_encoded(path: Path) -> np.ndarray:
     return upright(_decoded_by_opencv(path, path.read_bytes()), orientation)
 
 
+def orientation_of(path: Path) -> int:
+    """Read the orientation that the header gives, 1 to 8; 1, upright as stored, where it gives none.
+
+    Raises
+    ------
+    UserError
+        The file is unreadable.
+    """
+    if path.suffix.lower() in (".exr", ".hdr"):
+        return 1
+    with _opened(path) as image:
+        return _orientation(image, path)
+
+
+def _turned_back(image: np.ndarray, orientation: int) -> np.ndarray:
+    """As stored, from upright: quarter turns are undone by each other, all else by itself."""
+    return upright(image, {6: 8, 8: 6}.get(orientation, orientation))
+
+
 def upright(image: np.ndarray, orientation: int) -> np.ndarray:
     """Undo an EXIF orientation (1 to 8; anything else counts as 1), shape (h, w[, c])."""
     if 5 <= orientation <= 8:
@@ -201,12 +226,30 @@ def _is_16_bit(image: Image.Image, path: Path) -> bool:
         with path.open("rb") as file:
             return file.read(25)[24] == 16  # bit depth, the ninth byte of IHDR
     if image.format == "TIFF":
-        if any(code == 3 for code in np.atleast_1d(image.tag_v2.get(TIFF_SAMPLE_FORMAT, 1))):
-            raise UserError(
-                f"{path} is a floating-point TIFF, which says nothing about its light; export it as EXR."
-            )
+        _check_tiff(image, path)
         return int(np.atleast_1d(image.tag_v2.get(TIFF_BITS_PER_SAMPLE, 8))[0]) == 16
     return False
+
+
+def _check_tiff(image: Image.Image, path: Path) -> None:
+    """Refuse a TIFF whose values no decoder here brings to light as they are meant."""
+    if any(code == 3 for code in np.atleast_1d(image.tag_v2.get(TIFF_SAMPLE_FORMAT, 1))):
+        raise UserError(
+            f"{path} is a floating-point TIFF, which says nothing about its light; export it as EXR."
+        )
+    bits = int(np.atleast_1d(image.tag_v2.get(TIFF_BITS_PER_SAMPLE, 1)).max())
+    signed = any(code == 2 for code in np.atleast_1d(image.tag_v2.get(TIFF_SAMPLE_FORMAT, 1)))
+    if bits not in TIFF_BITS or signed:
+        raise UserError(
+            f"{path} is a TIFF of {bits} {'signed ' * signed}bits a channel; expected 8 or 16, unsigned, or "
+            "EXR. Export it again."
+        )
+    meaning = image.tag_v2.get(TIFF_PHOTOMETRIC, TIFF_RGB)
+    if bits == 16 and meaning not in TIFF_DEEP:
+        raise UserError(
+            f"{path} is a TIFF of 16 bits a channel that holds neither grey nor RGB (photometric "
+            f"interpretation {meaning}); export it as RGB."
+        )
 
 
 def _decoded_by_opencv(path: Path, data: bytes) -> np.ndarray:

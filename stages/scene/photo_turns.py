@@ -1,0 +1,22 @@
+"""Which photos a model takes as they are stored: COLMAP passes over the orientation in their header."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipeline import json_text
+
+AS_STORED = "as_stored.json"  # beside the model's own files
+
+
+def write_as_stored(model: Path, names: Iterable[str]) -> None:
+    """Write the names of photos whose pixels the model in this folder means as they are stored."""
+    (model / AS_STORED).write_text(json_text(sorted(names)) + "\n", encoding="utf-8")
+
+
+def read_as_stored(model: Path) -> frozenset[str]:
+    """Read these names; none where nobody wrote any: then all photos are meant upright."""
+    file = model / AS_STORED
+    return frozenset(json.loads(file.read_text(encoding="utf-8")) if file.is_file() else ())
