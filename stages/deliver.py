@@ -51,8 +51,8 @@ def tell_dark_pictures(job: Job, kind: str, white: float, middle: float) -> None
     if middle < DARK_PICTURE * white:
         job.warn(
             f"The PNGs of {kind} look black: white stands for {white:.3g}, and half of all pixels lie below "
-            f"{middle:.3g}. Lower deliver.white_quantile ({job.settings.white_quantile:g}), or mask what is so "
-            "bright; the EXRs are as they should be."
+            f"{middle:.3g}. Lower deliver.white_quantile ({job.settings.white_quantile:g}), or mask what is "
+            "so bright; the EXRs are as they should be."
         )
 
 

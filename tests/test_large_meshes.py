@@ -1,0 +1,70 @@
+"""Meshes around the number of vertices that rays are cast from: closed, with holes, in pieces, with seams."""
+
+from __future__ import annotations
+
+import numpy as np
+import open3d as o3d
+import pytest
+
+from stages.geometry.proxy import faces_of_fewer_vertices, short_edged_with_proxy
+from stages.scene.meshes import Surface, from_open3d
+from stages.transfer import TRANSFER, TransferSettings
+
+
+def sphere(vertices: int) -> Surface:
+    """Closed, of about so many vertices."""
+    return from_open3d(o3d.geometry.TriangleMesh.create_sphere(resolution=round((vertices / 2) ** 0.5)))
+
+
+def with_holes(surface: Surface) -> Surface:
+    """Every second row of faces is gone: about as many vertices, half of the faces."""
+    return Surface(surface.vertices, surface.faces[np.arange(len(surface.faces)) // 40 % 2 == 0])
+
+
+def in_pieces(surface: Surface) -> Surface:
+    """Every seventh face by itself."""
+    faces = surface.faces[::7]
+    return Surface(surface.vertices[faces.ravel()], np.arange(faces.size, dtype=np.int32).reshape(-1, 3))
+
+
+def with_seams(surface: Surface) -> Surface:
+    """Corners of its own for every face, as STL has them."""
+    corners = surface.vertices[surface.faces.ravel()]
+    return Surface(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+
+
+SHAPES = {"closed": lambda s: s, "holes": with_holes, "pieces": in_pieces, "seams": with_seams}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("vertices", [2_000, 3_100])
+def test_more_vertices_than_are_wanted_become_about_so_many(shape, vertices):
+    """Of 2,100 vertices and 3,000 faces, 4,000 faces were once asked for: a traceback."""
+    mesh = SHAPES[shape](sphere(vertices))
+    for most in (500, 1_500, 2_000):
+        short, proxy = short_edged_with_proxy(mesh, 10.0, most)
+        assert short.surface is mesh
+        assert 0 < len(proxy.vertices) <= max(1.6 * most, 60)
+        assert np.isfinite(proxy.vertices).all()
+
+
+def test_faces_are_asked_for_in_proportion():
+    surface = with_holes(sphere(5_000))
+    asked = faces_of_fewer_vertices(surface, 1_000)
+    assert asked < len(surface.faces) / 4
+    assert faces_of_fewer_vertices(sphere(5_000), 1_000) == pytest.approx(2_000, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("vertices", [150_000, 225_000, 300_000])
+def test_meshes_of_hundreds_of_thousands_of_vertices_pass_through_transfer(
+    make_job, tmp_path, shape, vertices
+):
+    from stages.scene.meshes import write_mesh
+
+    write_mesh(tmp_path / "mesh.ply", SHAPES[shape](sphere(vertices)))
+    few = TransferSettings(directions=16, sky_directions=16, light_distances=())
+    job = make_job(tmp_path / "out", TRANSFER, few, mesh=tmp_path / "mesh.ply")
+    TRANSFER.run(job)
+    assert job.facts["vertices"] <= 1.5 * few.max_vertices

@@ -1,0 +1,184 @@
+"""What headers say and decoders pass over is said; what neither can deliver is refused; turned photos fit."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image, ImageCms
+
+from pipeline import UserError
+from stages.adopt_model import ADOPT_MODEL
+from stages.scene.photo_remarks import remarks_on
+from stages.scene.photo_turns import read_as_stored
+from stages.scene.photos import encode_srgb8, photo_size, read_photo, upright
+from stages.undistort import UNDISTORT, UndistortSettings
+from tests.raw_exr import write_raw_exr
+
+CODES = np.random.default_rng(0).integers(0, 256, (30, 40, 3)).astype(np.uint8)
+INVERSE = {1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 8, 7: 7, 8: 6}
+
+
+def profile_named(name: str) -> bytes:
+    """An RGB profile with another description: ICC's own sRGB, renamed in its `desc` tag."""
+    profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
+    count = struct.unpack_from(">I", profile, 128)[0]
+    text = name.encode("utf-16-be")
+    for k in range(count):
+        tag, offset, _ = struct.unpack_from(">4sII", profile, 132 + 12 * k)
+        if tag == b"desc":
+            assert profile[offset : offset + 4] == b"mluc"
+            start = len(profile)
+            profile += text
+            struct.pack_into(">II", profile, offset + 20, len(text), start - offset)
+            struct.pack_into(">4sII", profile, 132 + 12 * k, b"desc", offset, start - offset + len(text))
+    struct.pack_into(">I", profile, 0, len(profile))
+    return bytes(profile)
+
+
+def tagged(path: Path, orientation: int) -> Path:
+    """A photo whose header says how it is turned; its pixels are stored as CODES."""
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(CODES).save(path, exif=exif)
+    return path
+
+
+@pytest.mark.parametrize("name", ["Adobe RGB (1998)", "Display P3", "ProPhoto RGB"])
+@pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])
+def test_an_embedded_profile_is_named(tmp_path, name, suffix):
+    path = tmp_path / f"a.{suffix}"
+    Image.fromarray(CODES).save(path, icc_profile=profile_named(name))
+    assert remarks_on(path, False) == [f"an embedded profile ({name}): taken as sRGB"]
+
+
+def test_srgb_and_no_profile_need_no_word(tmp_path):
+    Image.fromarray(CODES).save(tmp_path / "a.jpg", icc_profile=profile_named("sRGB IEC61966-2.1"))
+    Image.fromarray(CODES).save(tmp_path / "b.png")
+    assert remarks_on(tmp_path / "a.jpg", False) == remarks_on(tmp_path / "b.png", False) == []
+    Image.fromarray(CODES).save(tmp_path / "c.jpg", icc_profile=b"no profile at all")
+    assert remarks_on(tmp_path / "c.jpg", False) == [
+        "an embedded profile (which cannot be read): taken as sRGB"
+    ]
+
+
+def test_alpha_frames_cmyk_and_gamma_are_named(tmp_path):
+    Image.fromarray(np.dstack([CODES, CODES[..., 0]])).save(tmp_path / "alpha.png")
+    assert remarks_on(tmp_path / "alpha.png", False) == ["an alpha channel: left out"]
+    Image.fromarray(CODES).save(tmp_path / "two.tif", save_all=True, append_images=[Image.fromarray(CODES)])
+    assert remarks_on(tmp_path / "two.tif", False) == ["2 pictures in one file: the first is taken"]
+    Image.fromarray(CODES).convert("CMYK").save(tmp_path / "ink.jpg")
+    assert remarks_on(tmp_path / "ink.jpg", False) == ["CMYK: converted without a profile"]
+    plain = cv2.imencode(".png", CODES)[1].tobytes()
+    gamma = b"gAMA" + struct.pack(">I", 100000)
+    import zlib
+
+    chunk = struct.pack(">I", 4) + gamma + struct.pack(">I", zlib.crc32(gamma))
+    (tmp_path / "gamma.png").write_bytes(plain[:33] + chunk + plain[33:])
+    assert remarks_on(tmp_path / "gamma.png", False) == ["a gamma of 1: taken as sRGB"]
+
+
+def test_what_an_exr_says_is_named(tmp_path):
+    acescg = np.array([0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767], np.float32)
+    light = np.ones((6, 8, 4), np.float32)
+    write_raw_exr(tmp_path / "a.exr", light, chromaticities=tuple(map(float, acescg)))
+    found = remarks_on(tmp_path / "a.exr", False)
+    assert found == [
+        "other primaries than sRGB's (chromaticities): taken as sRGB's",
+        "an alpha channel: left out",
+    ]
+    write_raw_exr(tmp_path / "b.exr", light[..., :3])
+    assert remarks_on(tmp_path / "b.exr", False) == []
+
+
+@pytest.mark.parametrize("dtype", [np.int32, np.uint32, np.int16, np.float32])
+def test_a_tiff_that_no_decoder_brings_to_light_is_refused(tmp_path, dtype):
+    """A TIFF of 32 bits once became white."""
+    path = tmp_path / "deep.tif"
+    if dtype is np.float32:
+        Image.fromarray(CODES[..., 0].astype(np.float32)).save(path)
+    else:
+        _write_grey_tiff(path, CODES[..., 0].astype(dtype))
+    with pytest.raises(UserError, match=r"deep\.tif is a .*xport it"):
+        read_photo(path)
+
+
+def _write_grey_tiff(path: Path, values: np.ndarray) -> None:
+    """By hand: little-endian, one strip, as scientific cameras write it."""
+    height, width = values.shape
+    data = values.astype(values.dtype.newbyteorder("<")).tobytes()
+    bits, signed = 8 * values.dtype.itemsize, 2 if np.issubdtype(values.dtype, np.signedinteger) else 1
+    tags = [(256, width), (257, height), (258, bits), (259, 1), (262, 1), (273, 8), (277, 1), (278, height)]
+    tags += [(279, len(data)), (339, signed)]
+    table = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags)
+    header = struct.pack("<2sHI", b"II", 42, 8 + len(data))
+    path.write_bytes(header + data + struct.pack("<H", len(tags)) + table + struct.pack("<I", 0))
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])
+def test_as_stored_is_upright_turned_back(tmp_path, orientation, suffix):
+    path = tagged(tmp_path / f"a.{suffix}", orientation)
+    stored, turned = read_photo(path, as_stored=True), read_photo(path)
+    assert photo_size(path, as_stored=True) == (40, 30) == stored.shape[1::-1]
+    assert photo_size(path) == turned.shape[1::-1]
+    np.testing.assert_array_equal(upright(stored, orientation), turned)
+    np.testing.assert_array_equal(upright(turned, INVERSE[orientation]), stored)
+    if suffix != "jpg":
+        np.testing.assert_array_equal(encode_srgb8(stored), CODES)
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8, 2])
+def test_a_photo_meets_its_camera_as_colmap_saw_it(make_job, tmp_path, orientation):
+    """COLMAP passes over the tag: pixels and camera must be of one image. 180° once were two."""
+    tagged(tmp_path / "images/a.png", orientation)
+    model = pycolmap.Reconstruction()
+    lens = pycolmap.Camera(camera_id=1, model="PINHOLE", width=40, height=30, params=[50.0, 50, 20, 15])
+    model.add_camera_with_trivial_rig(lens)
+    model.add_image_with_trivial_frame(
+        pycolmap.Image(name="a.png", camera_id=1, image_id=1), pycolmap.Rigid3d()
+    )
+    (tmp_path / "model").mkdir()
+    model.write(tmp_path / "model")
+    adopted = make_job(
+        tmp_path / "adopted", ADOPT_MODEL, colmap=tmp_path / "model", images=tmp_path / "images"
+    )
+    ADOPT_MODEL.run(adopted)
+    assert read_as_stored(adopted.outputs["model"]) == ({"a.png"} if orientation != 1 else set())
+    settings = UndistortSettings(max_size_px=None)
+    job = make_job(
+        tmp_path / "out", UNDISTORT, settings, images=tmp_path / "images", model=adopted.outputs["model"]
+    )
+    UNDISTORT.run(job)
+    image = np.asarray(Image.open(job.outputs["workspace"] / "images/a.png"))
+    np.testing.assert_array_equal(image, CODES)
+    assert (job.facts.get("headers") is None) == (orientation == 1)
+    if orientation == 3:
+        assert job.warnings == ["a.png: turned by 180° by its tag: taken as stored, as COLMAP does."]
+
+
+def test_photos_that_say_the_same_share_a_line_and_each_has_its_own_in_the_record(make_job, tmp_path):
+    model = pycolmap.Reconstruction()
+    lens = pycolmap.Camera(camera_id=1, model="PINHOLE", width=40, height=30, params=[50.0, 50, 20, 15])
+    model.add_camera_with_trivial_rig(lens)
+    (tmp_path / "images").mkdir()
+    for k in range(3):
+        name = f"{k}.png"
+        profile = profile_named("Adobe RGB (1998)") if k < 2 else None
+        Image.fromarray(CODES).save(tmp_path / "images" / name, icc_profile=profile)
+        image = pycolmap.Image(name=name, camera_id=1, image_id=k + 1)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d())
+    (tmp_path / "model").mkdir()
+    model.write(tmp_path / "model")
+    job = make_job(tmp_path / "out", UNDISTORT, images=tmp_path / "images", model=tmp_path / "model")
+    UNDISTORT.run(job)
+    said = "an embedded profile (Adobe RGB (1998)): taken as sRGB"
+    assert job.warnings == [f"0.png, 1.png: {said}."]
+    assert job.facts["headers"] == {"0.png": said, "1.png": said}
+    assert json.dumps(job.facts)
