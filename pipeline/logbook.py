@@ -13,10 +13,22 @@ from pipeline.settings import settings_that_matter
 from pipeline.stage import Stage
 
 
+class _FileOfALog(logging.FileHandler):
+    """A log that a full disk cuts; that it does is for what the stage writes to say."""
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - the library's own name
+        """Pass over it."""
+
+    def close(self) -> None:
+        """Close the file, with as much in it as there is room for."""
+        with suppress(OSError):
+            super().close()
+
+
 @contextmanager
 def logged(stage: Stage, job: Job, path: Path, failures: Path) -> Iterator[None]:
     """Log a block into `path`; if it fails, keep a copy as `failures/STAGE.txt`, where it can be found."""
-    handler = logging.FileHandler(path, encoding="utf-8")
+    handler = _FileOfALog(path, encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     root = logging.getLogger()
     level = root.level

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator, MutableMapping
 from pathlib import Path
 
@@ -24,7 +25,12 @@ class ArrayStore(MutableMapping):
         return np.load(self._file(number), allow_pickle=False)
 
     def __setitem__(self, number: int, array: np.ndarray) -> None:
-        np.save(self._file(number), array, allow_pickle=False)
+        try:
+            np.save(self._file(number), array, allow_pickle=False)
+        except OSError as error:  # numpy counts what was written, and does not say why it was less
+            raise OSError(
+                error.errno or errno.EIO, f"it was cut short: {error}", str(self._file(number))
+            ) from error
 
     def __delitem__(self, number: int) -> None:
         if number not in self:
