@@ -49,6 +49,20 @@ def test_ours_is_nearer_to_the_truth_than_image_and_paper_even_at_this_size(repo
         assert error["mode: transfer"].mean() < 0.8 * error["mode: paper"].mean()
 
 
+def test_detail_is_said_per_octave_as_the_json_has_it(report):
+    numbers = json.loads(report.with_name("accuracy.json").read_text(encoding="utf-8"))
+    page = report.read_text(encoding="utf-8")
+    sections = {line.split("\n")[0]: line for line in page.split("\n## ")[1:]}
+    for measure in ("error", "gain"):
+        section = next(text for head, text in sections.items() if head.startswith(f"Detail: {measure}"))
+        for name, methods in numbers.items():
+            row = next(line for line in section.splitlines() if line.startswith(f"| {name} "))
+            for cell, method in zip(row.split("|")[2:-1], methods.values(), strict=True):
+                values = [octave[f"brightness_{measure}"] for octave in method["scores"]["detail"]]
+                assert cell.split() == ["–" if value is None else f"{value:.2f}" for value in values]
+    assert "(σ 1–2, 2–4, 4–8, 8–16, 16–32 px)" in page
+
+
 def test_views_relit_from_the_albedo_are_nearer_to_the_truth_than_from_the_photos(report, tmp_path):
     light = tmp_path / "sunset.exr"
     sun = np.maximum(directions_of_picture(16) @ [0.0, -1.0, 0.0], 0)[..., None]

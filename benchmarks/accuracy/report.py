@@ -25,7 +25,9 @@ stripes and fine paint have the λ of flat paint, with which the paper's energy 
 itself: compare with that as well. The defaults of `mode: transfer` were decided on scenes of this page and on
 three photographed objects (benchmarks.mit_berkeley); for scenes that were not looked at before see
 docs/transfer.md. Leak: slope of log albedo on log true shading inside parts of one paint; scenes without such
-parts have none. Lamps (four, one, Figs. 4 to 7) stand four radii away, all other light is infinitely far."""
+parts have none. Detail: bands of log brightness inside the masks; error 0 and gain 1 at best, 1 and 0 for a
+flat albedo, – where the truth has no such detail. Lamps (four, one, Figs. 4 to 7) stand four radii away, all
+other light is infinitely far."""
 
 
 def write_report(to: Path, rows: Sequence[JudgedRow]) -> Path:
@@ -45,9 +47,13 @@ def page_of(rows: Sequence[JudgedRow]) -> str:
     parts = [
         HEAD,
         "## si-RMSE (red green blue)",
-        _table(rows, lambda one: _triple(one.scores.si_rmse, 3)),
+        _table(rows, lambda one: _numbers(one.scores.si_rmse, 3)),
+        f"## Detail: error of log brightness per octave ({_octaves(rows)})",
+        _table(rows, lambda one: _numbers([octave.brightness_error for octave in one.scores.detail], 2)),
+        "## Detail: gain of log brightness per octave (the same)",
+        _table(rows, lambda one: _numbers([octave.brightness_gain for octave in one.scores.detail], 2)),
         "## Leak of the shading (slope)",
-        _table(rows, lambda one: _triple(one.scores.leak, 2)),
+        _table(rows, lambda one: _numbers(one.scores.leak, 2)),
         "## `mode: transfer` against `mode: paper` and the image",
         _ratios(rows),
         "## Seconds (the first that needs it makes `transfer`, too; 0 where all was there already)",
@@ -63,8 +69,13 @@ def _table(rows: Sequence[JudgedRow], cell: Callable[[Judged], str]) -> str:
     return markdown(["scene", *methods], [[row.name, *map(cell, row.judged)] for row in rows])
 
 
-def _triple(values: Sequence[float], digits: int) -> str:
+def _numbers(values: Sequence[float], digits: int) -> str:
     return " ".join("–" if np.isnan(value) else f"{value:.{digits}f}" for value in values)
+
+
+def _octaves(rows: Sequence[JudgedRow]) -> str:
+    octaves = rows[0].judged[0].scores.detail
+    return "σ " + ", ".join(f"{one.sigma_low_px:g}–{one.sigma_high_px:g}" for one in octaves) + " px"
 
 
 def _ratios(rows: Sequence[JudgedRow]) -> str:

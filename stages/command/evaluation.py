@@ -3,47 +3,133 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
+from pipeline import UserError
 from pipeline.terminal import Terminal, table_of
 from stages.command.words import Evaluate
 
 if TYPE_CHECKING:
+    from stages.evaluation.detail import OctaveDetail, PhotoOctave
     from stages.evaluation.evaluate import Report
     from stages.evaluation.part_variance import PartVariance
     from stages.evaluation.scores import Scores
+    from stages.evaluation.without_truth import PhotoDetail, Stability
 
 MISSING = "–"
 Row = dict[str, str]
 
 
 def evaluate_verb(command: Evaluate, terminal: Terminal) -> None:
-    """Judge a folder of albedo maps against the truth."""
-    from stages.evaluation.evaluate import evaluate_folders
-
+    """Judge a folder of albedo maps by everything that was given to compare it with."""
+    check_words(command)
     terminal.begin("views", None)
     try:
-        report = evaluate_folders(
-            command.prediction, command.truth, command.masks, command.correspondences, terminal.advance
-        )
+        parts = list(judged_parts(command, terminal.advance))
     finally:
         terminal.end()
-    terminal.answer(report.as_json(), table_of_report(report))
+    page, answer = Table.grid(), {}
+    for part, tables in parts:
+        answer |= part
+        for table in tables:
+            if page.row_count:
+                page.add_row()
+            page.add_row(table)
+    terminal.answer(answer, page)
 
 
-def table_of_report(report: Report) -> Table:
-    """The facts, the numbers, and what is to be said about them, one below the other."""
-    page = Table.grid()
-    page.add_row(table_of(fact_rows(report), {"": "what", " ": "value"}))
+def check_words(command: Evaluate) -> None:
+    """Refuse options that say nothing without another.
+
+    Raises
+    ------
+    UserError
+        There is nothing to compare with, or an option lacks the one that it belongs to.
+    """
+    if not (command.truth or command.photos or command.other_light):
+        raise UserError(
+            f"There is nothing to judge {command.prediction} by; give a folder of true albedo (TRUTH), of "
+            "photos (--photos), or of the same scene's albedo under another light (--other-light)."
+        )
+    for option, given, needed, there in (
+        ("--correspondences", command.correspondences, "TRUTH", command.truth),
+        ("--shading", command.shading, "--photos", command.photos),
+        ("--other-photos", command.other_photos, "--other-light", command.other_light),
+        ("--other-photos", command.other_photos, "--photos", command.photos),
+    ):
+        if given and not there:
+            raise UserError(
+                f"{option} {given} says nothing without {needed}; give that too, or leave it out."
+            )
+
+
+def judged_parts(command: Evaluate, step: Callable[[], None]) -> Iterator[tuple[dict[str, Any], list[Table]]]:
+    """Compare with the truth, the photos and the other light, as given: JSON and tables of each."""
+    from stages.evaluation.albedo_folder import open_albedo_folder
+    from stages.evaluation.evaluate import evaluate_folders
+    from stages.evaluation.without_truth import compare_two_lights, compare_with_photos
+
+    prediction, masks, photos = command.prediction, command.masks, command.photos
+    if command.truth:
+        report = evaluate_folders(prediction, command.truth, masks, command.correspondences, step)
+        yield report.as_json(), tables_of_report(report)
+    shading = command.shading or open_albedo_folder(prediction, masks).shading
+    if photos and (shading or not command.other_photos):  # else they are there for the other light alone
+        detail = compare_with_photos(prediction, photos, shading, masks, step)
+        yield {"detail_against_photos": detail.as_json()}, tables_of_photo_detail(detail)
+    if command.other_light:
+        both = (photos, command.other_photos) if command.other_photos else None
+        stability = compare_two_lights(prediction, command.other_light, both, masks, step)
+        yield {"stability": stability.as_json()}, tables_of_stability(stability)
+
+
+def tables_of_report(report: Report) -> list[Table]:
+    """The facts, the numbers, the detail, and what is to be said about them."""
     columns = {"": "measure", "red": "red", "green": "green", "blue": "blue"}
-    page.add_row()
-    page.add_row(table_of(score_rows(report.scores), columns))
-    page.add_row()
     remarks = [{"remark": sentence} for sentence in (*report.notes, *report.scores.remarks())]
-    page.add_row(table_of(remarks, {"": "remark"}))
-    return page
+    return [
+        table_of(fact_rows(report), {"": "what", " ": "value"}),
+        table_of(score_rows(report.scores), columns),
+        octave_table("detail, truth", report.scores.detail, "error", "gain"),
+        table_of(remarks, {"": "remark"}),
+    ]
+
+
+def octave_table(title: str, octaves: Sequence[OctaveDetail | PhotoOctave], *measures: str) -> Table:
+    """A row per octave, columns for each measure of brightness and of chroma."""
+    names = [f"{kind}_{measure}" for kind in ("brightness", "chroma") for measure in measures]
+    rows = [
+        {"octave": f"σ {one.sigma_low_px:g}–{one.sigma_high_px:g} px"}
+        | {name: number(getattr(one, name), 3) for name in names}
+        for one in octaves
+    ]
+    return table_of(rows, {title: "octave"} | {name.replace("_", " "): name for name in names})
+
+
+def tables_of_photo_detail(detail: PhotoDetail) -> list[Table]:
+    """How much was compared; gain per octave, and the share of the pixels that it stands on."""
+    said = f"detail against the photos: {detail.pixels} pixels in {detail.views} view(s)"
+    return [
+        table_of([{"remark": said}], {"": "remark"}),
+        octave_table("detail, photos", detail.octaves, "gain", "share"),
+    ]
+
+
+def tables_of_stability(stability: Stability) -> list[Table]:
+    """How much was compared; differences under two lights, RMS after one scale per channel, over the mean."""
+    from stages.scene.wording import listed
+
+    said = f"two lights: {stability.pixels} pixels in {stability.views} view(s)"
+    if stability.left_out:
+        said += f"; in one folder only, and not compared: {listed(stability.left_out)}"
+    rows = [row("albedo, RMS/mean", stability.albedo, 4)]
+    if stability.photos is not None and stability.ratio is not None:
+        rows += [row("photos, RMS/mean", stability.photos, 4), row("albedo/photos", stability.ratio, 4)]
+    columns = {"two lights": "measure", "red": "red", "green": "green", "blue": "blue"}
+    return [table_of([{"remark": said}], {"": "remark"}), table_of(rows, columns)]
 
 
 def fact_rows(report: Report) -> list[Row]:

@@ -158,7 +158,13 @@ class Clean(Given):
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Judge albedo maps against the truth: variance, si-RMSE, LMSE, PSNR-H, leak, agreement between views.
+    """Judge albedo maps: against the truth, against the photos, or under another light.
+
+    With TRUTH: variance, si-RMSE, LMSE, PSNR-H, leak, agreement between views, detail per octave.
+
+    With --photos: detail per octave, where the shading has little of it.
+
+    With --other-light: by how much the albedo of one scene differs under two lights.
 
     Attributes
     ----------
@@ -169,15 +175,27 @@ class Evaluate:
     masks
         Folder of masks, white = judge; by default the prediction's mask/. The truth's masks hold in any case.
     correspondences
-        Folder of correspondences, for the agreement between views.
+        Folder of correspondences, for the agreement between views; with TRUTH.
+    photos
+        Folder of the photos that the albedo is of (EXR: linear), as large or larger: compares their detail.
+    shading
+        Folder of shading maps, for the detail against the photos; by default the prediction's shading/.
+    other_light
+        Albedo maps of the same views of the same scene under another light: compares the two.
+    other_photos
+        Folder of the photos under the other light: says which share of the photos' difference is left.
     json
         Answer in JSON on the output stream.
     """
 
     prediction: Annotated[Positional[Path], arg(metavar="PREDICTION")]
-    truth: Annotated[Positional[Path], arg(metavar="TRUTH")]
+    truth: Annotated[Positional[Path | None], optional("[TRUTH]")] = None
     masks: Folder = None
     correspondences: Folder = None
+    photos: Folder = None
+    shading: Folder = None
+    other_light: Folder = None
+    other_photos: Folder = None
     json: bool = False
 
 

@@ -1,4 +1,4 @@
-"""What needs no truth: do the views agree with one another, and albedo × shading with the photos."""
+"""What needs no truth: agreement between views, between two lights, and of albedo × shading with photos."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import scipy.sparse as sp
 
 from pipeline import UserError
 from stages.evaluation.judged_views import CHANNELS, JudgedView, channel_values
+from stages.evaluation.scaled_error import least_squares_scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,3 +99,27 @@ def photometric_residual(
     residual = np.median(np.abs(image - albedo * shading)[mask].astype(np.float64), axis=0)
     bright = np.median(image[mask].astype(np.float64), axis=0)
     return tuple(float(r / b) if b > 0 else float("nan") for r, b in zip(residual, bright, strict=True))
+
+
+def relative_difference(first: np.ndarray, second: np.ndarray) -> tuple[float, ...]:
+    """Measure by how much two sets of values differ after one scale per channel, over the mean of the first.
+
+    ``√(mean (a − s·b)²) / mean a`` with the least-squares ``s = Σ a·b / Σ b²``. Of one scene under two lights
+    this is the stability of albedo: small against the same figure of the photos.
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (N, 3)
+        a and b, linear: the same pixels of all views together.
+
+    Returns
+    -------
+    tuple of 3 floats
+        nan where the first has no positive mean.
+    """
+    differences = []
+    for a, b in zip(first.T.astype(np.float64), second.T.astype(np.float64), strict=True):
+        mean = float(a.mean()) if a.size else 0.0
+        gap = a - least_squares_scale(b, a) * b
+        differences.append(float(np.sqrt((gap * gap).mean())) / mean if mean > 0 else float("nan"))
+    return tuple(differences)

@@ -1,4 +1,4 @@
-"""Folders of albedo maps as predictions and truths come in them; maps are known by name, never by order."""
+"""Folders of albedo maps, and of photos beside them; maps are known by name, never by order."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from stages.scene.cameras import view_name
 from stages.scene.part_maps import read_part_map, read_part_names
 from stages.scene.photo_folder import ENCODED, LINEAR, find_mask
 from stages.scene.photos import read_mask, read_photo
+from stages.scene.resize import reduce_by_area
+from stages.scene.wording import listed
 
 
 @dataclass(frozen=True)
@@ -152,3 +154,79 @@ def existing_map(folder: Path, file: str) -> Path:
     if not path.is_file():
         raise UserError(f"{path} is missing; expected it beside the albedo map of that name.")
     return path
+
+
+@dataclass(frozen=True)
+class MapFolder:
+    """Photos or shading maps, known by name.
+
+    Attributes
+    ----------
+    what : str
+        What one of them is called in sentences.
+    folder : Path
+    files : dict of str to str
+        Relative to `folder`, by view name.
+    """
+
+    what: str
+    folder: Path
+    files: dict[str, str]
+
+    @classmethod
+    def open(cls, what: str, folder: Path) -> MapFolder:
+        """Find the maps below a folder.
+
+        Raises
+        ------
+        UserError
+            It is not there, or two of its files are equally good for one name.
+        """
+        if not folder.is_dir():
+            raise UserError(f"{folder} is not a folder; expected one. Check the path.")
+        return cls(what, folder, find_maps(folder))
+
+    def read(self, name: str, mask: np.ndarray) -> np.ndarray:
+        """Read a view's map at the size of its mask, shape (h, w, 3), linear: a larger one is averaged.
+
+        Raises
+        ------
+        UserError
+            There is none, it is smaller or of another shape, or a masked value is not a finite number.
+        """
+        if name not in self.files:
+            raise UserError(
+                f"There is no {self.what} of view {name} in {self.folder} "
+                f"({listed(list(self.files), 3) or 'no map at all'}); expected the names of the albedo maps, "
+                "whatever the extension."
+            )
+        image = read_photo(self.folder / self.files[name])
+        check_shape(name, self.what, image, mask)
+        reduced = reduce_by_area(image, mask.shape)
+        check_finite(name, self.what, reduced[mask])
+        return reduced
+
+
+def check_shape(name: str, what: str, image: np.ndarray, mask: np.ndarray) -> None:
+    """Refuse an image that is smaller than the mask, or whose sides differ by another factor each.
+
+    Factors may differ by what one pixel of the smaller image makes: `raycast.reduce` drops what is left over.
+    """
+    (height, width), (rows, columns) = image.shape[:2], mask.shape
+    factors = height / rows, width / columns
+    if min(factors) < 1 or abs(factors[0] - factors[1]) > min(factors) / min(rows, columns):
+        raise UserError(
+            f"View {name}: the {what} has {width} × {height} pixels, the albedo {columns} × {rows}; expected "
+            "the same picture, as large or larger. The photos of a workspace are in "
+            "cache/undistort/KEY/linear."
+        )
+
+
+def check_finite(name: str, what: str, values: np.ndarray) -> None:
+    """Refuse masked values of a view that are no numbers."""
+    bad = int(np.count_nonzero(~np.isfinite(values)))
+    if bad:
+        raise UserError(
+            f"View {name}: {bad} masked values of the {what} are not finite numbers; repair them, or mask "
+            "these pixels out."
+        )

@@ -9,14 +9,15 @@ from typing import Any
 
 from pipeline import UserError
 from stages.evaluation.agreement import Correspondences, consistency
+from stages.evaluation.detail import OctaveDetail, detail_remarks, octave_details
 from stages.evaluation.judged_views import CHANNELS, JudgedView
 from stages.evaluation.leak import PartLeak, channel_leaks, part_leaks
 from stages.evaluation.part_variance import PartVariance, part_variances
 from stages.evaluation.scaled_error import lmse, psnr_h, si_rmse
 
 SCALING = (
-    "linear values; one least-squares scale per channel for all views together (si-RMSE, PSNR-H), one per "
-    "window (LMSE), each part's median scaled to the true value (variance)"
+    "linear values; one least-squares scale per channel for all views together (si-RMSE, PSNR-H, detail), "
+    "one per window (LMSE), each part's median scaled to the true value (variance)"
 )
 
 
@@ -42,6 +43,8 @@ class Scores:
         None where no correspondences were given.
     links : int
         How many correspondences that was.
+    detail : tuple of OctaveDetail
+        One per octave, finest first.
     """
 
     views: int
@@ -56,6 +59,7 @@ class Scores:
     leaks: tuple[PartLeak, ...]
     consistency: tuple[float, ...] | None
     links: int
+    detail: tuple[OctaveDetail, ...]
 
     def as_json(self) -> dict[str, Any]:
         """Plain JSON: triples by channel, null for what is not a finite number."""
@@ -78,6 +82,7 @@ class Scores:
         left_out = sum(leak.left_out for leak in self.leaks)
         if left_out:
             sentences.append(f"leak: {left_out} values with albedo or shading ≤ 0 were left out")
+        sentences += detail_remarks(self.detail)
         if self.psnr_h == math.inf:
             sentences.append("PSNR-H: at least one view has no error at all")
         return sentences
@@ -122,6 +127,7 @@ def score_albedo(
         leaks=leaks,
         consistency=agreed,
         links=links,
+        detail=octave_details(views),
     )
 
 
