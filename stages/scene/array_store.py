@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Iterator, MutableMapping
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +25,9 @@ class ArrayStore(MutableMapping):
         return np.load(self._file(number), allow_pickle=False)
 
     def __setitem__(self, number: int, array: np.ndarray) -> None:
-        try:
-            np.save(self._file(number), array, allow_pickle=False)
-        except OSError as error:  # numpy counts what was written, and does not say why it was less
-            raise OSError(
-                error.errno or errno.EIO, f"it was cut short: {error}", str(self._file(number))
-            ) from error
+        buffer = BytesIO()  # numpy does not notice when a disk takes less than the end of what it writes
+        np.save(buffer, array, allow_pickle=False)
+        self._file(number).write_bytes(buffer.getbuffer())
 
     def __delitem__(self, number: int) -> None:
         if number not in self:
