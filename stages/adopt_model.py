@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.distributions import PICTURES, PYCOLMAP
@@ -25,24 +25,31 @@ class AdoptModelSettings(Settings):
         ge=0,
         le=16,
     )
+    turned_photos: Literal["as_stored", "upright"] = setting(
+        "as_stored",
+        "How the model means photos that their header turns, where sizes leave both possible (180°, "
+        "mirrored, squares). as_stored: as COLMAP takes them, which passes over that tag. upright: the model "
+        "comes from a program that obeys it.",
+    )
 
 
 def run(job: Job) -> None:
     """Find the model, match it with the photos, save it in binary under the photos' names."""
     from stages.scene.colmap_assembly import assemble
     from stages.scene.colmap_model import find_model, read_model, registered, write_model
-    from stages.scene.photo_turns import write_as_stored
+    from stages.scene.photo_turns import read_as_stored, says_which, write_as_stored
 
     folder = find_model(job.inputs["colmap"])
     model = read_model(folder)
     photos = _photo_of_each(job, [image.name for image in registered(model)], folder)
     posed, rescaled, as_stored = [], [], []
+    told = read_as_stored(folder) if says_which(folder) else None
     for image in registered(model):
         if image.name not in photos:
             continue
         path = job.inputs["images"] / photos[image.name]
         camera = model.cameras[image.camera_id]
-        size, turned = _size_in_model(path, camera, job.settings.size_tolerance_px)
+        size, turned = _size_in_model(path, photos[image.name], camera, job.settings, told)
         as_stored += [photos[image.name]] * turned
         if size != (camera.width, camera.height):
             rescaled.append(photos[image.name])
@@ -86,17 +93,24 @@ def _photo_of_each(job: Job, names: list[str], source: Path) -> dict[str, str]:
     return found
 
 
-def _size_in_model(path: Path, camera: pycolmap.Camera, tolerance_px: float) -> tuple[tuple[int, int], bool]:
+def _size_in_model(
+    path: Path, name: str, camera: pycolmap.Camera, settings: AdoptModelSettings, told: frozenset[str] | None
+) -> tuple[tuple[int, int], bool]:
     """Width and height of a photo as the model means it; whether that is as stored, though tagged as turned.
 
-    COLMAP passes over orientation tags. Where the sizes leave both possible, as at 180°, it is as stored.
+    `told` are the names of those that a model of our own means as stored.
     """
     from stages.scene.photos import orientation_of, photo_size
 
     upright, stored = photo_size(path), photo_size(path, as_stored=True)
-    if orientation_of(path) != 1 and _off_px(stored, camera) <= tolerance_px:
+    fits = [_off_px(size, camera) <= settings.size_tolerance_px for size in (stored, upright)]
+    if told is not None:
+        fits = [fits[0] and name in told, fits[1] and name not in told]
+    elif all(fits):
+        fits[0] = settings.turned_photos == "as_stored"
+    if fits[0] and orientation_of(path) != 1:
         return stored, True
-    if _off_px(upright, camera) <= tolerance_px:
+    if fits[1]:
         return upright, False
     turned = upright[::-1] == (camera.width, camera.height)
     raise UserError(

@@ -203,10 +203,12 @@ def _publish(job: Job, model: pycolmap.Reconstruction, database: Path, photos: S
     """Model and database under the photos' own names."""
     from stages.motion.database import publish
     from stages.scene.colmap_model import registered, write_model
+    from stages.scene.photo_turns import write_as_stored
 
     for image in model.images.values():
         image.name = photos[image.image_id - 1].name
     write_model(model, job.outputs["model"])
+    write_as_stored(job.outputs["model"], [])  # they were read upright
     publish(database, job.outputs["database"], [photo.name for photo in photos])
     used = {image.camera_id for image in registered(model)}
     job.note(
@@ -228,7 +230,7 @@ def _each(job: Job, work: Callable[..., T], *columns: Any) -> Iterator[T]:
 
 SFM = Stage(
     name="sfm",
-    version=2,
+    version=3,
     about="Camera poses, lens and sparse points from photos alone (COLMAP).",
     settings=SfmSettings,
     takes=("images",),

@@ -86,6 +86,11 @@ def run(job: Job) -> None:
             step()
     names = [image.name for image in images]
     _tell_black_masks(job, [name for name, one in zip(names, found, strict=True) if one.black], len(views))
+    if all(one.nothing_left for one in found):
+        raise UserError(
+            f"No photo in {job.inputs['images']} holds a value that can be light: all are not numbers, or "
+            "beyond 1e30; expected linear light. Export the photos again."
+        )
     _tell_impossible(job, {name: one.impossible for name, one in zip(names, found, strict=True)})
     _tell_remarks(job, {name: one.remarks for name, one in zip(names, found, strict=True)})
     write_model(pinhole_model(cameras, points_from=model), workspace / "sparse")
@@ -110,6 +115,8 @@ class Undistorted:
         Its mask keeps nothing.
     impossible : int
         Pixels that were not numbers, or too bright to be light from a surface.
+    nothing_left : bool
+        And without them, there is no other.
     remarks : list of str
         What its header says and was not delivered.
     """
@@ -117,6 +124,7 @@ class Undistorted:
     resampled: bool
     black: bool
     impossible: int
+    nothing_left: bool
     remarks: list[str]
 
 
@@ -138,7 +146,8 @@ def undistort_view(view: View) -> Undistorted:
     if view.mask is not None or not kept.all():
         write_mask(view.kept, kept)
     black = view.mask is not None and not kept.any()
-    return Undistorted(touched, black, impossible, remarks_on(view.photo, view.as_stored))
+    nothing_left = bool(impossible) and not kept.any()
+    return Undistorted(touched, black, impossible, nothing_left, remarks_on(view.photo, view.as_stored))
 
 
 def _pinhole_cameras(model: pycolmap.Reconstruction, settings: UndistortSettings) -> list[Camera]:

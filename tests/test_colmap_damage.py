@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pipeline import UserError
+from stages.scene.colmap_files import check_binary_files
 from stages.scene.colmap_model import read_model, write_model
 from tests.short_writes import no_file_longer_than
 from tests.test_colmap_model import distorted_model
@@ -47,8 +48,10 @@ def content_of(model: pycolmap.Reconstruction) -> list:
     return [cameras, images, points]
 
 
-def test_a_sound_model_is_what_colmap_reads(whole):
-    assert content_of(read_model(whole)) == content_of(pycolmap.Reconstruction(whole))
+def test_a_sound_model_is_what_was_written(whole):
+    assert content_of(read_model(whole)) == content_of(distorted_model())
+    counts = check_binary_files(whole)
+    assert counts == {"cameras": 1, "images": 4, "points3D": 40, "rigs": 1, "frames": 4}
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -79,7 +82,7 @@ def test_impossible_counts_are_refused_at_once(whole, tmp_path, name, count):
 
 @MANY
 @given(name=st.sampled_from(FILES), place=st.floats(0, 1, exclude_max=True), byte=st.integers(0, 255))
-def test_a_byte_changed_is_what_colmap_reads_or_a_sentence(whole, tmp_path, name, place, byte):
+def test_a_byte_changed_is_a_whole_model_or_a_sentence(whole, tmp_path, name, place, byte):
     data = bytearray((whole / f"{name}.bin").read_bytes())
     data[int(place * len(data))] = byte
     folder = copied(whole, tmp_path / "m", **{name: bytes(data)})
@@ -87,7 +90,14 @@ def test_a_byte_changed_is_what_colmap_reads_or_a_sentence(whole, tmp_path, name
         model = read_model(folder)
     except UserError:
         return
-    assert np.array_equal(str(content_of(model)), str(content_of(pycolmap.Reconstruction(folder))))
+    counts = check_binary_files(folder)
+    assert (len(model.cameras), len(model.images), len(model.points3D)) == (
+        counts["cameras"],
+        counts["images"],
+        counts["points3D"],
+    )
+    for image in model.images.values():
+        assert np.isfinite(image.cam_from_world().matrix()).all()
 
 
 @pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
@@ -95,8 +105,11 @@ def test_a_text_model_with_fewer_lines_than_its_comment_says_is_refused(tmp_path
     model = distorted_model(names=[f"photo_{index}.jpg" for index in range(4)])
     model.write_text(tmp_path)
     lines = (tmp_path / f"{name}.txt").read_text().splitlines(keepends=True)
-    if name == "images":
-        lines = lines[:-2]
+    if name == "images":  # whose last is gone, and nothing else speaks of it
+        head = [line for line in lines if line.startswith("#")]
+        poses = [line for line in lines[len(head) :] if ".jpg" in line]
+        lines = [*head, *(part for pose in poses[:-1] for part in (pose, "\n"))]
+        (tmp_path / "points3D.txt").unlink()
     elif name == "cameras":  # another one that nobody uses is gone
         lines[2] = lines[2].replace("cameras: 1", "cameras: 2")
     else:
@@ -104,8 +117,35 @@ def test_a_text_model_with_fewer_lines_than_its_comment_says_is_refused(tmp_path
     (tmp_path / f"{name}.txt").write_text("".join(lines))
     for left in ("rigs.txt", "frames.txt"):
         (tmp_path / left).unlink(missing_ok=True)
-    with pytest.raises(UserError):
+    with pytest.raises(UserError, match=f"promises .* {name} and holds .* mend the comment"):
         read_model(tmp_path)
+
+
+def test_more_than_a_comment_promises_is_no_cut(tmp_path):
+    """As in a model that somebody added to by hand, under a head that was copied."""
+    distorted_model(names=[f"photo_{index}.jpg" for index in range(4)]).write_text(tmp_path)
+    text = (tmp_path / "images.txt").read_text()
+    (tmp_path / "images.txt").write_text(text.replace("images: 4", "images: 2"))
+    assert len(read_model(tmp_path).images) == 4
+
+
+def test_a_last_line_of_points_that_is_missing_is_a_sentence(tmp_path):
+    model = distorted_model(names=[f"photo_{index}.jpg" for index in range(4)])
+    model.write_text(tmp_path)
+    for left in ("rigs.txt", "frames.txt"):
+        (tmp_path / left).unlink()
+    lines = [line for line in (tmp_path / "images.txt").read_text().splitlines() if not line.startswith("#")]
+    (tmp_path / "images.txt").write_text("\n".join(lines[:-1]))
+    with pytest.raises(UserError, match="COLMAP model in"):
+        read_model(tmp_path)
+
+
+def test_a_model_of_posed_and_other_images_is_written(tmp_path):
+    model = distorted_model()
+    frame = model.images[min(model.images)].frame_id
+    model.deregister_frame(frame)
+    write_model(model, tmp_path / "m")
+    assert len(read_model(tmp_path / "m").images) == 3
 
 
 @pytest.mark.parametrize(
@@ -113,8 +153,10 @@ def test_a_text_model_with_fewer_lines_than_its_comment_says_is_refused(tmp_path
     [
         ([100.0, -100, 61, 44, 0, 0, 0, 0], "a focal length of -100 px"),
         ([100.0, 100, 1254, 44, 0, 0, 0, 0], "a principal point at 1254, 44 px"),
+        ([1e-3, 1e-3, 61, 44, 0, 0, 0, 0], "a focal length of 0.001 px"),
+        ([1e8, 1e8, 61, 44, 0, 0, 0, 0], r"a focal length of 1e\+08 px"),
         ([100.0, 100, 61, 44, 1e6, 0, 0, 0], "its lens draws the image out"),
-        ([100.0, 100, 61, 44, -50, 0, 0, 0], "its lens can be undone over"),
+        ([400.0, 400, 61, 44, -50, 0, 0, 0], "its lens can be undone over"),
         ([100.0, np.inf, 61, 44, 0, 0, 0, 0], "they are not all finite"),
     ],
 )
@@ -135,6 +177,9 @@ def test_impossible_cameras_are_refused_by_what_is_wrong(tmp_path, params, sente
         ("OPENCV_FISHEYE", [50.0, 50, 60, 45, 0.02, -0.01, 0, 0]),
         ("PINHOLE", [2000.0, 2000, 60, 45]),
         ("PINHOLE", [100.0, 100, -30, 45]),  # a crop
+        ("PINHOLE", [900.0, 900, -1500, 45]),  # a small one, far from the middle of a wide photo
+        ("EQUIRECTANGULAR", [120.0, 90]),
+        ("SIMPLE_RADIAL", [53.0, 60, 45, -0.35]),
     ],
 )
 def test_strong_lenses_long_lenses_and_crops_are_cameras(tmp_path, model_name, params):

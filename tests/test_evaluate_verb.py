@@ -14,6 +14,7 @@ from stages.cli import main
 from stages.scene.exr import read_exr, write_exr
 from stages.scene.photos import write_mask, write_png_srgb8, write_png_srgb16
 from tests.judged_scene import NAMES, truth_views, write_truth
+from tests.raw_exr import write_raw_exr
 
 SAMPLE = Path(__file__).parent.parent / "sample_data/linear"
 
@@ -173,7 +174,7 @@ def harm(truth: Path, prediction: Path, how: str) -> None:
         case "nan":
             broken = read_exr(albedo / f"{NAMES[1]}.exr")
             broken[20, 20] = np.nan
-            write_exr(albedo / f"{NAMES[1]}.exr", broken)
+            write_raw_exr(albedo / f"{NAMES[1]}.exr", broken)
         case "no maps":
             shutil.rmtree(albedo)
             albedo.mkdir()

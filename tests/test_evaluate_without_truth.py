@@ -12,6 +12,7 @@ import pytest
 from stages.cli import main
 from stages.scene.exr import read_exr, write_exr
 from stages.scene.photos import write_mask, write_png_srgb16
+from tests.raw_exr import write_raw_exr
 
 NAMES, SHAPE = ("a/früh am morgen", "b.2"), (60, 80)
 KEPT = 0.5  # of the log of the true texture
@@ -202,11 +203,11 @@ def harm(noon: Path, evening: Path, how: str) -> None:
         case "photo of another shape":
             write_exr(photo, np.ones((120, 200, 3)))
         case "photo not finite":
-            write_exr(photo, np.full((*SHAPE, 3), np.nan))
+            write_raw_exr(photo, np.full((*SHAPE, 3), np.nan))
         case "shading gone":
             (noon / "output/shading/b.2.exr").unlink()
         case "albedo not finite":
-            write_exr(noon / "output/albedo/b.2.exr", np.full((*SHAPE, 3), np.inf))
+            write_raw_exr(noon / "output/albedo/b.2.exr", np.full((*SHAPE, 3), np.inf))
         case "other size":
             write_exr(other, np.ones((30, 40, 3)))
         case "nothing in common":

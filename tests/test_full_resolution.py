@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import pytest
+from PIL import Image
 
+from stages.full_resolution import View, write_view
 from stages.photometry.full_resolution import at_full_resolution
-from stages.scene.exr import read_exr
+from stages.scene.cameras import Camera
+from stages.scene.exr import read_exr, write_exr
+from stages.scene.photos import encode_srgb8, write_mask
 from stages.scene.resize import reduce_by_area
+from tests.raw_exr import write_raw_exr
 from tests.rendered_scene import TINY, unshade, write_config
 
 RNG = np.random.default_rng(0)
@@ -107,3 +113,39 @@ def test_the_command_writes_the_photos_own_size(tmp_path, capsys):
     code, _, said = unshade(capsys, "plan", config, "--full-resolution", "--to", "raycast")
     assert code == 2
     assert "--to raycast" in said
+
+
+@pytest.mark.parametrize("as_stored", [True, False])
+def test_turned_photos_and_values_that_are_no_light_are_taken_as_undistort_takes_them(tmp_path, as_stored):
+    """The same photo as stored or upright, with one firefly that must not become albedo."""
+    light = (0.2 + 0.6 * RNG.random((40, 60, 3))).astype(np.float32)
+    spiked = light.copy()
+    spiked[7, 9] = 1e6
+    write_raw_exr(tmp_path / "a.exr", spiked)
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    Image.fromarray(encode_srgb8(light)).save(tmp_path / "a.png", exif=exif)
+    lens = {"model": "PINHOLE", "width": 60, "height": 40, "params": [50.0, 50.0, 30.0, 20.0]}
+    camera = Camera("a", 30, 20, np.array([[25.0, 0, 15], [0, 25, 10], [0, 0, 1]]), np.eye(3, 4))
+    write_exr(tmp_path / "albedo.exr", np.full((20, 30, 3), 0.5, np.float32))
+    write_mask(tmp_path / "mask.png", np.ones((20, 30), bool))
+    for name in ("a.exr", "a.png"):
+        view = View(
+            photo=tmp_path / name,
+            as_stored=as_stored,
+            lens=lens,
+            camera=camera,
+            albedo=tmp_path / "albedo.exr",
+            mask=tmp_path / "mask.png",
+            maps=tmp_path / f"{name}.fine.exr",
+            pictures=tmp_path / f"{name}.fine.png",
+            white=1.0,
+            most_contrast=4.0,
+            most_times_bright=1000.0,
+        )
+        assert write_view(view) == "60x40"
+    linear, photo = (read_exr(tmp_path / f"{name}.fine.exr") for name in ("a.exr", "a.png"))
+    assert np.isfinite(linear).all() and (linear[7, 9] == 0).all()
+    turned = photo if as_stored else photo[::-1, ::-1]
+    known = (linear > 0).all(axis=2) & (turned > 0).all(axis=2)
+    assert np.corrcoef(linear[known].ravel(), turned[known].ravel())[0, 1] > 0.99

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from pipeline import UserError
 from stages.cli import main
 from stages.scene.mesh_files import read_mesh_file
-from stages.scene.meshes import read_mesh, read_points, to_open3d, write_mesh
+from stages.scene.meshes import read_mesh, read_points, read_vertex_colours, to_open3d, write_mesh
 from stages.scene.polygons import Polygons, triangulate
 from tests.test_surface import SQUARE
 
@@ -274,3 +275,183 @@ def test_the_command_refuses_a_part_and_takes_quads(tmp_path, capsys, damage):
     else:
         assert code == 2 and "it was cut off or damaged" in said
         assert not list((tmp_path / "w/cache/adopt_mesh").glob("*/mesh.ply"))
+
+
+CORNERS = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+TEXT_V = "".join(f"v {x:g} {y:g} {z:g}\n" for x, y, z in CORNERS)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# C:\\models\\\n" + TEXT_V + "f 1 2 3 4\n",
+        "mtllib C:\\models\\\n" + TEXT_V + "f 1 2 3 4\n",
+        "\ufeff" + TEXT_V + "f 1 2 3 4",
+        TEXT_V + "vt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1 4/1/1 # four\nl 1 2\np 1\n",
+        TEXT_V + "f 1 2 \\ \n 3 4\n",
+        TEXT_V.replace("\nv", " .1 .2 .3\nv") + "fo -4 -3 -2 -1\r\n",
+    ],
+)
+def test_obj_as_programs_write_it(tmp_path, text):
+    (tmp_path / "a.obj").write_text(text, encoding="utf-8")
+    surface = read_mesh_file(tmp_path / "a.obj")
+    assert len(surface.faces) == 2
+    np.testing.assert_array_equal(np.unique(surface.vertices, axis=0), np.unique(CORNERS, axis=0))
+
+
+@pytest.mark.parametrize("text", ["v 0 0 1.#QNAN\n", "v 0 0\n", "surf 0 1 0 1 1 2 3\n", "f 1 2 9\n"])
+def test_obj_that_cannot_be_meant_is_refused(tmp_path, text):
+    (tmp_path / "a.obj").write_text(TEXT_V + "f 1 2 3\n" + text)
+    with pytest.raises(UserError, match=r"a\.obj"):
+        read_mesh_file(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize("head", ["OFF\n4 1 0", "OFF4 1 0", "OFF 4 1 0", "COFF\n4 1 0", "4 1 0"])
+def test_off_as_programs_write_it(tmp_path, head):
+    rows = [f"{x:g} {y:g} {z:g}" + (" 255 0 0 255" if head[0] == "C" else "") for x, y, z in CORNERS]
+    (tmp_path / "a.off").write_text("\n".join([head, *rows, "4 0 1 2 3 0.5 0.5 0.5"]) + "\n\n")
+    surface = read_mesh_file(tmp_path / "a.off")
+    assert len(surface.faces) == 2
+    np.testing.assert_array_equal(surface.vertices, CORNERS)
+
+
+@pytest.mark.parametrize(
+    "text", ["OFF\n6 1 0\n" + "0 1\n" * 6 + "3 0 1 2\n", "4OFF\n4 1 0\n", "OFF BINARY\n"]
+)
+def test_off_of_another_kind_is_refused(tmp_path, text):
+    (tmp_path / "a.off").write_text(text)
+    with pytest.raises(UserError, match=r"a\.off cannot be read as OFF"):
+        read_mesh_file(tmp_path / "a.off")
+
+
+@pytest.mark.parametrize("name", ["multifacet", "vertex paint", "facet normal", "endsolid"])
+def test_solids_may_be_called_what_they_like(tmp_path, name):
+    one = (
+        "facet\tnormal 0 0 1\nouter loop\n"
+        + "vertex 0 0 0\nvertex 1 0 0\nVERTEX 1 1 0\n"
+        + "endloop\nendfacet\n"
+    )
+    (tmp_path / "a.stl").write_text(f"solid {name}\n{one}endsolid {name}\nsolid two\n{one}endsolid two\n")
+    assert len(read_mesh_file(tmp_path / "a.stl").faces) == 2
+
+
+def test_binary_stl_may_begin_with_solid_and_end_with_a_line(tmp_path):
+    mesh = o3d.geometry.TriangleMesh.create_icosahedron()
+    mesh.compute_vertex_normals()
+    o3d.io.write_triangle_mesh(str(tmp_path / "a.stl"), mesh)
+    data = bytearray((tmp_path / "a.stl").read_bytes())
+    data[:6] = b"solid "
+    (tmp_path / "a.stl").write_bytes(data + b"\n")
+    assert len(read_mesh_file(tmp_path / "a.stl").faces) == 20
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_ply_as_programs_write_it(tmp_path, end, form):
+    """Three ends of lines, comments about end_header, edges, texture coordinates, a name twice, padding."""
+    head = ["ply", f"format {form} 1.0", "comment the end_header follows", "obj_info x", "element vertex 4"]
+    head += [f"property float {name}" for name in ("x", "y", "z", "alpha", "alpha")]
+    head += ["element edge 1", "property int vertex1", "property int vertex2", "element face 1"]
+    head += ["property list uchar int vertex_indices", "property list uchar float texcoord", "end_header"]
+    rows = [(*corner, 0.5, 0.25) for corner in CORNERS]
+    if form == "ascii":
+        body = (
+            end.join(" ".join(map(str, row)) for row in [*rows, (0, 1), (4, 0, 1, 2, 3, 2, 0.5, 0.5)]) + end
+        )
+        data = body.encode()
+    else:
+        data = b"".join(struct.pack("<5f", *row) for row in rows) + struct.pack("<2i", 0, 1)
+        data += struct.pack("<B4iB2f", 4, 0, 1, 2, 3, 2, 0.5, 0.5) + b"\n\0\0"
+    (tmp_path / "a.ply").write_bytes((end.join(head) + end).encode() + data)
+    surface = read_mesh_file(tmp_path / "a.ply")
+    assert len(surface.faces) == 2
+    np.testing.assert_array_equal(surface.vertices, CORNERS)
+
+
+def test_what_is_left_over_in_a_ply_is_no_part_of_it(tmp_path):
+    data = ply_of(SQUARE.vertices, SQUARE.faces.tolist())
+    (tmp_path / "a.ply").write_bytes(data + data[-30:])
+    with pytest.raises(UserError, match="30 bytes are left over"):
+        read_mesh_file(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize(("kind", "value"), [("uchar", 128), ("ushort", 32896), ("float", 128 / 255)])
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_colours_are_what_their_type_says(tmp_path, kind, value, form):
+    """Of text, 128 once was a hundred thousand times white."""
+    head = ["ply", f"format {form} 1.0", "element vertex 1"]
+    head += [f"property float {axis}" for axis in "xyz"]
+    head += [f"property {kind} {colour}" for colour in ("red", "green", "blue")] + ["end_header\n"]
+    packed = struct.pack(f"<3f3{ {'uchar': 'B', 'ushort': 'H', 'float': 'f'}[kind] }", 0, 0, 0, *[value] * 3)
+    body = f"0 0 0 {value} {value} {value}\n".encode() if form == "ascii" else packed
+    (tmp_path / "a.ply").write_bytes("\n".join(head).encode() + body)
+    np.testing.assert_allclose(read_vertex_colours(tmp_path / "a.ply"), 0.2158605, rtol=1e-4)
+
+
+def glb_of(**changed) -> bytes:
+    """A square as one indexed primitive, placed twice, with other parts of the JSON where they are given."""
+    data = SQUARE.vertices.astype("<f4").tobytes() + SQUARE.faces.astype("<u4").tobytes()
+    split = 12 * len(SQUARE.vertices)
+    places = {"bufferView": 0, "componentType": 5126, "count": len(SQUARE.vertices), "type": "VEC3"}
+    corners = {"bufferView": 1, "componentType": 5125, "count": SQUARE.faces.size, "type": "SCALAR"}
+    content = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"children": [1, 2]}, {"mesh": 0}, {"mesh": 0, "translation": [0.0, 0, 5]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "buffers": [{"byteLength": len(data)}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": split},
+            {"buffer": 0, "byteOffset": split, "byteLength": len(data) - split},
+        ],
+        "accessors": [places, corners],
+        **changed,
+    }
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def test_a_glb_comes_in_as_often_as_its_scene_places_it(tmp_path):
+    (tmp_path / "a.glb").write_bytes(glb_of())
+    surface = read_mesh_file(tmp_path / "a.glb")
+    assert len(surface.faces) == 4
+    assert sorted(np.unique(surface.vertices[:, 2] - SQUARE.vertices[0, 2])) == [0, 5]
+
+
+PRIMITIVE = {"attributes": {"POSITION": 0}, "indices": 1}
+PLACES = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}
+INDICES = {"bufferView": 1, "componentType": 5125, "count": 6, "type": "SCALAR"}
+UNREAD = {
+    "KHR_mesh_quantization": {"extensionsRequired": ["KHR_mesh_quantization"]},
+    "KHR_draco_mesh_compression": {
+        "meshes": [{"primitives": [PRIMITIVE | {"extensions": {"KHR_draco_mesh_compression": {}}}]}]
+    },
+    "EXT_mesh_gpu_instancing": {"nodes": [{"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {}}}]},
+    "a skin": {"nodes": [{"mesh": 0, "skin": 0}]},
+    "morphs": {"meshes": [{"primitives": [PRIMITIVE], "weights": [0.5]}]},
+    "sparse accessors": {"accessors": [PLACES | {"sparse": {}}, INDICES]},
+    "packed coordinates": {"accessors": [PLACES | {"normalized": True}, INDICES]},
+    "data in another file": {"buffers": [{"byteLength": 1, "uri": "other.bin"}]},
+}
+
+
+@pytest.mark.parametrize("what", UNREAD)
+def test_what_would_be_passed_over_in_a_glb_is_refused_by_name(tmp_path, what):
+    (tmp_path / "a.glb").write_bytes(glb_of(**UNREAD[what]))
+    with pytest.raises(UserError, match=f"uses {what}, which is not read here"):
+        read_mesh_file(tmp_path / "a.glb")
+
+
+def test_materials_and_lights_of_a_glb_say_nothing_of_its_shape(tmp_path):
+    (tmp_path / "a.glb").write_bytes(
+        glb_of(extensionsRequired=["KHR_materials_unlit", "KHR_texture_transform"])
+    )
+    assert len(read_mesh_file(tmp_path / "a.glb").faces) == 4
+
+
+def test_a_glb_of_fewer_triangles_than_it_says_is_refused(tmp_path):
+    (tmp_path / "a.glb").write_bytes(glb_of(accessors=[PLACES, INDICES | {"count": 9}]))
+    with pytest.raises(UserError, match=r"a\.glb"):
+        read_mesh_file(tmp_path / "a.glb")

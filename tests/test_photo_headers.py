@@ -13,9 +13,10 @@ import pytest
 from PIL import Image, ImageCms
 
 from pipeline import UserError
-from stages.adopt_model import ADOPT_MODEL
+from stages.adopt_model import ADOPT_MODEL, AdoptModelSettings
+from stages.scene.masked_photos import read_masked_photo
 from stages.scene.photo_remarks import remarks_on
-from stages.scene.photo_turns import read_as_stored
+from stages.scene.photo_turns import read_as_stored, write_as_stored
 from stages.scene.photos import encode_srgb8, photo_size, read_photo, upright
 from stages.undistort import UNDISTORT, UndistortSettings
 from tests.raw_exr import write_raw_exr
@@ -24,13 +25,15 @@ CODES = np.random.default_rng(0).integers(0, 256, (30, 40, 3)).astype(np.uint8)
 INVERSE = {1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 8, 7: 7, 8: 6}
 
 
-def profile_named(name: str) -> bytes:
-    """An RGB profile with another description: ICC's own sRGB, renamed in its `desc` tag."""
+def profile_named(name: str, srgb: bool = False) -> bytes:
+    """ICC's own sRGB, renamed in its `desc` tag; where it is not to be sRGB, red and green exchanged."""
     profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
     count = struct.unpack_from(">I", profile, 128)[0]
     text = name.encode("utf-16-be")
     for k in range(count):
         tag, offset, _ = struct.unpack_from(">4sII", profile, 132 + 12 * k)
+        if not srgb and tag in (b"rXYZ", b"gXYZ"):
+            struct.pack_into(">4s", profile, 132 + 12 * k, b"gXYZ" if tag == b"rXYZ" else b"rXYZ")
         if tag == b"desc":
             assert profile[offset : offset + 4] == b"mluc"
             start = len(profile)
@@ -59,9 +62,11 @@ def test_an_embedded_profile_is_named(tmp_path, name, suffix):
 
 
 def test_srgb_and_no_profile_need_no_word(tmp_path):
-    Image.fromarray(CODES).save(tmp_path / "a.jpg", icc_profile=profile_named("sRGB IEC61966-2.1"))
+    Image.fromarray(CODES).save(tmp_path / "a.jpg", icc_profile=profile_named("c2", srgb=True))
     Image.fromarray(CODES).save(tmp_path / "b.png")
     assert remarks_on(tmp_path / "a.jpg", False) == remarks_on(tmp_path / "b.png", False) == []
+    Image.fromarray(CODES).save(tmp_path / "d.jpg", icc_profile=profile_named("sRGB, or so it says"))
+    assert "(sRGB, or so it says): taken as sRGB" in remarks_on(tmp_path / "d.jpg", False)[0]
     Image.fromarray(CODES).save(tmp_path / "c.jpg", icc_profile=b"no profile at all")
     assert remarks_on(tmp_path / "c.jpg", False) == [
         "an embedded profile (which cannot be read): taken as sRGB"
@@ -161,6 +166,73 @@ def test_a_photo_meets_its_camera_as_colmap_saw_it(make_job, tmp_path, orientati
     assert (job.facts.get("headers") is None) == (orientation == 1)
     if orientation == 3:
         assert job.warnings == ["a.png: turned by 180° by its tag: taken as stored, as COLMAP does."]
+
+
+def test_a_mask_is_turned_as_its_photo_is(make_job, tmp_path):
+    """Both with the same tag, both stored alike: the mask once covered the wrong half."""
+    mask = np.zeros((30, 40), np.uint8)
+    mask[:10] = 255
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    tagged(tmp_path / "a.png", 3)
+    Image.fromarray(mask).save(tmp_path / "m.png", exif=exif)
+    for as_stored in (True, False):
+        linear, kept, _ = read_masked_photo(tmp_path / "a.png", tmp_path / "m.png", (40, 30), as_stored)
+        assert kept[:10].all() == as_stored and kept[20:].all() == (not as_stored)
+        np.testing.assert_array_equal(
+            encode_srgb8(linear[kept]), CODES[:10].reshape(-1, 3)[:: 1 if as_stored else -1]
+        )
+
+
+@pytest.mark.parametrize(
+    ("told", "turned"), [(None, True), ([], False), (["a.png"], True), ("upright", False)]
+)
+def test_who_says_how_a_turned_photo_is_meant(make_job, tmp_path, told, turned):
+    """A model of our own knows; of another's, COLMAP's habit is taken, unless a setting says otherwise."""
+    tagged(tmp_path / "images/a.png", 3)
+    model = pycolmap.Reconstruction()
+    lens = pycolmap.Camera(camera_id=1, model="PINHOLE", width=40, height=30, params=[50.0, 50, 20, 15])
+    model.add_camera_with_trivial_rig(lens)
+    image = pycolmap.Image(name="a.png", camera_id=1, image_id=1)
+    model.add_image_with_trivial_frame(image, pycolmap.Rigid3d())
+    (tmp_path / "model").mkdir()
+    model.write(tmp_path / "model")
+    if isinstance(told, list):
+        write_as_stored(tmp_path / "model", told)
+    settings = AdoptModelSettings(turned_photos="upright" if told == "upright" else "as_stored")
+    places = {"colmap": tmp_path / "model", "images": tmp_path / "images"}
+    adopted = make_job(tmp_path / "adopted", ADOPT_MODEL, settings, **places)
+    ADOPT_MODEL.run(adopted)
+    assert (read_as_stored(adopted.outputs["model"]) == {"a.png"}) == turned
+
+
+def test_png_and_hdr_say_more_than_pillow_tells(tmp_path):
+    import zlib
+
+    def with_chunk(name: bytes, data: bytes) -> bytes:
+        plain = cv2.imencode(".png", CODES)[1].tobytes()
+        body = name + data
+        return (
+            plain[:33]
+            + struct.pack(">I", len(data))
+            + body
+            + struct.pack(">I", zlib.crc32(body))
+            + plain[33:]
+        )
+
+    (tmp_path / "a.png").write_bytes(with_chunk(b"cICP", bytes([9, 16, 0, 1])))
+    assert remarks_on(tmp_path / "a.png", False) == ["a coding of [9, 16, 0, 1] (cICP): taken as sRGB"]
+    (tmp_path / "b.png").write_bytes(with_chunk(b"cICP", bytes([1, 13, 0, 1])))
+    assert remarks_on(tmp_path / "b.png", False) == []
+    adobe = [31270, 32900, 64000, 33000, 21000, 71000, 15000, 6000]
+    (tmp_path / "c.png").write_bytes(with_chunk(b"cHRM", struct.pack(">8I", *adobe)))
+    assert remarks_on(tmp_path / "c.png", False) == ["other primaries than sRGB's (cHRM): taken as sRGB's"]
+    srgb = [31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000]
+    (tmp_path / "d.png").write_bytes(with_chunk(b"cHRM", struct.pack(">8I", *srgb)))
+    assert remarks_on(tmp_path / "d.png", False) == []
+    hdr = cv2.imencode(".hdr", CODES.astype(np.float32))[1].tobytes()
+    (tmp_path / "e.hdr").write_bytes(hdr.replace(b"\n\n", b"\nEXPOSURE=4.0\n\n", 1))
+    assert remarks_on(tmp_path / "e.hdr", False) == ["EXPOSURE=4.0: left out"]
 
 
 def test_photos_that_say_the_same_share_a_line_and_each_has_its_own_in_the_record(make_job, tmp_path):

@@ -99,7 +99,10 @@ def check_cut(finished: Path, stage: str, most: int) -> None:
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_nothing_that_was_cut_is_published(finished, stage):
-    """Real stages, real libraries: the largest of their files is one byte too large for the disk."""
+    """Real stages, real libraries: the largest of their files is one byte too large for the disk.
+
+    The limit holds for all files at once; each kind by itself: below, and in test_colmap_damage.
+    """
     check_cut(finished, stage, sizes(finished, stage)[-1] - 1)
 
 

@@ -88,10 +88,17 @@ def write_model(model: pycolmap.Reconstruction, folder: Path) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     model.write_binary(folder)
+    wanted = {
+        "cameras": len(model.cameras),
+        "images": model.num_reg_images(),
+        "points3D": len(model.points3D),
+    }
     try:
-        _check_counts(model, check_binary_files(folder), folder)
+        written = check_binary_files(folder)
     except UserError as error:
         raise OSError(errno.EIO, f"it was cut short: {error}", str(folder)) from error
+    if {part: written.get(part) for part in wanted} != wanted:
+        raise OSError(errno.EIO, f"it was cut short: {written} of {wanted}", str(folder))
 
 
 def check_image_name(name: str, source: Path | str) -> None:
@@ -241,10 +248,11 @@ def _promised_in_text(folder: Path) -> dict[str, int]:
 def _check_counts(model: pycolmap.Reconstruction, promised: Mapping[str, int], source: Path) -> None:
     for part, count in promised.items():
         found = len(getattr(model, part))
-        if found != count:
+        if found < count:
             raise UserError(
                 f"The COLMAP model in {source} promises {count} {part} and holds {found}; it was cut off or "
-                "damaged. Copy or export it again."
+                "damaged. Copy or export it again; if it was meant to hold fewer, mend the comment with "
+                "their number at the head of the file."
             )
 
 

@@ -131,5 +131,6 @@ def read_vertex_colours(path: Path) -> np.ndarray:
     colours = file.columns(*COLOURS)
     if colours is None:
         raise UserError(f"{path} has no vertex colours; expected a PLY with red, green and blue per vertex.")
-    whole = np.issubdtype(file.vertex["red"].dtype, np.integer)
-    return linear_from_srgb(colours / 255 if whole else colours).astype(np.float32)
+    kind = file.vertex["red"].dtype
+    white = np.iinfo(kind).max if np.issubdtype(kind, np.integer) else 1
+    return linear_from_srgb(colours / white).astype(np.float32)

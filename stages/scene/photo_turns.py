@@ -16,6 +16,11 @@ def write_as_stored(model: Path, names: Iterable[str]) -> None:
     (model / AS_STORED).write_text(json_text(sorted(names)) + "\n", encoding="utf-8")
 
 
+def says_which(model: Path) -> bool:
+    """Whether somebody wrote it there: such a model was made of photos as they are read here."""
+    return (model / AS_STORED).is_file()
+
+
 def read_as_stored(model: Path) -> frozenset[str]:
     """Read these names; none where nobody wrote any: then all photos are meant upright."""
     file = model / AS_STORED

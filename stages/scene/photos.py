@@ -117,10 +117,12 @@ def read_environment(path: Path) -> np.ndarray:
     return picture
 
 
-def read_mask(path: Path) -> np.ndarray:
-    """Read a mask, shape (h, w), bool: True where it is white (at least half), upright."""
+def read_mask(path: Path, as_stored: bool = False) -> np.ndarray:
+    """Read a mask, shape (h, w), bool: True where it is white (at least half), upright or as stored."""
     photo_size(path)
     values = _read_encoded(path)
+    if as_stored:
+        values = _turned_back(values, orientation_of(path))
     brightest = values[..., :3].max(axis=-1) if values.ndim == 3 else values
     return brightest > np.iinfo(values.dtype).max // 2
 

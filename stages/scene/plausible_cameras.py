@@ -10,10 +10,11 @@ import pycolmap
 from pipeline import UserError
 
 SAMPLES = 9  # across and down the image, where a lens is tried
-FARTHEST_CENTRE = 1.0  # image sizes beyond the border; crops and shift lenses stay far within
+FARTHEST_CENTRE = 4.0  # focal lengths, 76°, from the middle of the image: it may be a crop or a tile
+WIDEST, NARROWEST = 11.0, 5e-5  # focal lengths from the middle to a corner: 170° in all, and some 20"
 MOST_STRETCHED = 4.0  # what a lens with a rim makes of a distance from its centre, against a pinhole
-LEAST_INVERTIBLE = 0.5  # share of the image; fitted lenses often fold in a corner that no point was seen in
-WIDE = ("FISHEYE", "EQUIRECTANGULAR", "FOV", "EUCM")  # in their names: a pinhole is no measure of them
+LEAST_INVERTIBLE = 0.2  # share of the image; fitted lenses fold in corners that no point was seen in
+WIDE = ("FISHEYE", "FOV", "EUCM")  # in their names: a pinhole is no measure of them
 
 
 def check_cameras(model: pycolmap.Reconstruction, source: Path | str) -> None:
@@ -22,11 +23,17 @@ def check_cameras(model: pycolmap.Reconstruction, source: Path | str) -> None:
     Raises
     ------
     UserError
-        A size or focal length is not positive, a parameter not finite, the principal point lies more than
-        an image away from the image, the lens cannot be undone over half of it or draws it out by more than
-        `MOST_STRETCHED`, or a pose is not finite or has no rotation.
+        A size or focal length is not positive, a parameter not finite, the field of view or the way from
+        the principal point to the image is beyond any lens, the lens cannot be undone over most of the image
+        or draws it out by more than `MOST_STRETCHED`, or a pose is not finite or has no rotation.
     """
-    images = [model.images[image_id] for image_id in sorted(model.reg_image_ids())]
+    try:
+        images = [model.images[image_id] for image_id in sorted(model.reg_image_ids())]
+    except (RuntimeError, ValueError, IndexError, KeyError) as error:
+        raise UserError(
+            f"The COLMAP model in {source} has poses of images that it does not hold "
+            f"({' '.join(str(error).split())[:200]}); it was cut off or damaged. Export it again."
+        ) from error
     for camera_id in sorted({image.camera_id for image in images}):
         if fault := _fault_of(model.cameras[camera_id]):
             camera = model.cameras[camera_id]
@@ -55,15 +62,18 @@ def _fault_of(camera: pycolmap.Camera) -> str:
     focal_px = np.asarray(camera.params)[list(camera.focal_length_idxs())]
     if len(focal_px) and focal_px.min() <= 0:
         return f"a focal length of {focal_px.min():g} px"
-    centre = np.array([camera.principal_point_x, camera.principal_point_y])
-    if (centre < -FARTHEST_CENTRE * size).any() or (centre > (1 + FARTHEST_CENTRE) * size).any():
+    if not len(focal_px) or len(camera.principal_point_idxs()) < 2:
+        return ""  # all around: neither has a meaning there
+    centre = np.asarray(camera.params)[list(camera.principal_point_idxs())]
+    corner = float(np.hypot(*size)) / 2 / focal_px.min()
+    if not NARROWEST <= corner <= WIDEST:
+        return f"a focal length of {focal_px.min():g} px"
+    if np.hypot(*(centre - size / 2)) > FARTHEST_CENTRE * focal_px.min() + np.hypot(*size):
         return f"a principal point at {centre[0]:g}, {centre[1]:g} px"
     return _fault_of_lens(camera, centre)
 
 
 def _fault_of_lens(camera: pycolmap.Camera, centre: np.ndarray) -> str:
-    if any(word in camera.model_name for word in WIDE):
-        return ""
     across, down = (np.linspace(0, side, SAMPLES) for side in (camera.width, camera.height))
     pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     with np.errstate(all="ignore"):
@@ -72,6 +82,8 @@ def _fault_of_lens(camera: pycolmap.Camera, centre: np.ndarray) -> str:
         undone = np.linalg.norm(back - pixels, axis=1) < 1
         if undone.mean() < LEAST_INVERTIBLE:
             return f"its lens can be undone over {undone.mean():.0%} of the image only"
+        if any(word in camera.model_name for word in WIDE):
+            return ""
         from_centre = np.linalg.norm(pixels - centre, axis=1)
         ideal = np.linalg.norm(rays * camera.mean_focal_length(), axis=1)
         far = undone & (from_centre > 0.25 * np.hypot(camera.width, camera.height))

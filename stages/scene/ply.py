@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ TYPES = {
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 INDICES = ("vertex_indices", "vertex_index")
 LONGEST_HEADER = 1 << 20  # bytes
+END_OF_HEADER = re.compile(rb"ply[ \t]*(\r\n|\n|\r)((?:.*?(?:\r\n|\n|\r))??)end_header[ \t]*\1", re.DOTALL)
+PADDING = 16  # bytes at most after a binary body
 Columns = Mapping[str, np.ndarray]
 
 
@@ -58,7 +61,7 @@ class Ply:
     Attributes
     ----------
     vertex : mapping of str to ndarray, shape (v,)
-        By property name, in the file's own types; float64 from text.
+        By property name, in the types that the header declares.
     sizes, corners : ndarray
         As in `Polygons`; empty where there are no faces.
     """
@@ -109,6 +112,8 @@ def read_ply(path: Path) -> Ply:
     faces = found.get("face", {})
     name = next((name for name in INDICES if name in faces), None)
     if name is None:
+        if "tristrips" in found:
+            raise UserError(f"{path} holds strips of triangles; expected faces. Export it again, or as OBJ.")
         return Ply(vertex, np.zeros(0, np.int64), np.zeros(0, np.int64))
     sizes, corners = faces[f"{name} sizes"], faces[name].reshape(-1)
     if len(sizes) and sizes.min() < FEWEST_CORNERS:
@@ -158,32 +163,32 @@ def _as_indices(path: Path, corners: np.ndarray) -> np.ndarray:
 
 def _read_header(path: Path, data: bytes) -> tuple[str, list[Element], int]:
     """Byte order ("" for text), what is promised, and where the body begins."""
-    end = data.find(b"end_header", 0, LONGEST_HEADER)
-    newline = data.find(b"\n", end)
-    lines = data[: max(end, 0)].decode("ascii", "replace").split("\n")
-    if lines[0].strip() != "ply" or newline < 0:
+    head = END_OF_HEADER.match(data[:LONGEST_HEADER])
+    if head is None:
         raise UserError(f"{path} has no PLY header; expected a file that begins with 'ply'. Export it again.")
+    lines, start = head[2].decode("ascii", "replace").splitlines(), head.end()
     order, elements = "", []
     try:
-        for words in filter(None, (line.split() for line in lines[1:])):
+        for words in filter(None, (line.split() for line in lines)):
             if words[0] == "format":
                 order = ORDERS[words[1]]
             elif words[0] == "element":
                 elements.append(Element(words[1], _count(words[2]), ()))
             elif words[0] == "property":
                 last = elements.pop()
-                elements.append(Element(last.name, last.count, (*last.properties, _property(words))))
+                one = _property(words, {other.name for other in last.properties})
+                elements.append(Element(last.name, last.count, (*last.properties, one)))
     except (KeyError, IndexError, ValueError) as error:
         raise UserError(
             f"{path} has a PLY header that makes no sense ({error}); export the mesh again."
         ) from error
     for element in elements:
-        if order and element.count * element.fewest_bytes > len(data) - newline:
+        if order and element.count * element.fewest_bytes > len(data) - start:
             raise UserError(
                 f"{path} promises {element.count} rows of {element.name} and holds {len(data)} bytes in all; "
                 "it was cut off or damaged. Copy or export it again."
             )
-    return order, elements, newline + 1
+    return order, elements, start
 
 
 def _count(word: str) -> int:
@@ -192,10 +197,13 @@ def _count(word: str) -> int:
     return int(word)
 
 
-def _property(words: list[str]) -> Property:
-    if words[1] == "list":
-        return Property(words[4], TYPES[words[3]], TYPES[words[2]])
-    return Property(words[2], TYPES[words[1]])
+def _property(words: list[str], taken: set[str]) -> Property:
+    """A header's line; the second of one name is called otherwise, for the first is meant."""
+    listed = words[1] == "list"
+    name = words[4] if listed else words[2]
+    while name in taken:
+        name += " again"
+    return Property(name, TYPES[words[3]], TYPES[words[2]]) if listed else Property(name, TYPES[words[1]])
 
 
 class _BinaryRows:
@@ -212,9 +220,10 @@ class _BinaryRows:
         return self._one_by_one(element) if uniform is None else uniform
 
     def end(self) -> None:
-        """Refuse what nobody promised."""
-        if self._at != len(self._data):
-            raise ValueError(f"{len(self._data) - self._at} bytes are left over")
+        """Refuse what nobody promised; some editors end every file with a line's end, some pad with zeros."""
+        left = self._data[self._at :]
+        if left.strip(b"\0\r\n ") or len(left) > PADDING:
+            raise ValueError(f"{len(left)} bytes are left over")
 
     def _with_lists_as_the_first(self, element: Element) -> dict[str, np.ndarray] | None:
         """All rows at once, if all their lists are as long as those of the first."""
@@ -269,12 +278,34 @@ class _TextRows:
         self._at = 0
 
     def take(self, element: Element) -> dict[str, np.ndarray]:
-        """As `_BinaryRows.take`, all in float64."""
-        if any(one.counted for one in element.properties):
-            return self._one_by_one(element)
-        width = len(element.properties)
-        rows = self._next(element.count * width).reshape(element.count, width)
-        return {one.name: rows[:, k] for k, one in enumerate(element.properties)}
+        """As `_BinaryRows.take`."""
+        if not element.count or not element.properties:
+            return _no_rows(element)
+        uniform = self._with_lists_as_the_first(element)
+        return self._one_by_one(element) if uniform is None else uniform
+
+    def _with_lists_as_the_first(self, element: Element) -> dict[str, np.ndarray] | None:
+        """All rows at once, if all their lists are as long as those of the first."""
+        places: list[tuple[str, str, slice]] = []
+        width, lists = 0, []
+        for one in element.properties:
+            length = 1
+            if one.counted is not None:
+                length = int(self._numbers[self._at + width])
+                places.append((f"{one.name} sizes", one.counted, slice(width, width + 1)))
+                lists.append(width)
+                width += 1
+            places.append((one.name, one.type, slice(width, width + length)))
+            width += length
+        if min(length for length in (width, *(place[2].stop - place[2].start for place in places))) < 0:
+            raise ValueError("a list is shorter than nothing")
+        if self._at + element.count * width > len(self._numbers):
+            return None
+        rows = self._numbers[self._at : self._at + element.count * width].reshape(element.count, width)
+        if any((rows[:, column] != rows[0, column]).any() for column in lists):
+            return None
+        self._at += element.count * width
+        return {name: rows[:, place].reshape(-1).astype(kind) for name, kind, place in places}
 
     def end(self) -> None:
         """Refuse what nobody promised."""
@@ -290,7 +321,10 @@ class _TextRows:
                     length = int(self._next(1)[0])
                     values[f"{one.name} sizes"].append(length)
                 values[one.name].extend(self._next(length))
-        return {name: np.array(column, np.float64) for name, column in values.items()}
+        return {
+            name: np.array(column).astype(empty.dtype)
+            for (name, column), empty in zip(values.items(), _no_rows(element).values(), strict=True)
+        }
 
     def _next(self, count: int) -> np.ndarray:
         if count < 0 or self._at + count > len(self._numbers):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +10,12 @@ import numpy as np
 
 from pipeline import UserError
 from stages.scene.polygons import FEWEST_CORNERS, Polygons
+
+BOM = b"\xef\xbb\xbf"
+FACES = (b"f", b"fo")  # the second is the first's older name
+CURVES = (b"surf", b"curv", b"curv2")
+CONTINUED = (b"v", b"vt", b"vn", b"l", b"p", *FACES)
+OFF_HEAD = re.compile(rb"(?:(?:ST)?C?N?OFF)? ?(\d+ \d+.*)?", re.ASCII)
 
 
 def read_obj(path: Path) -> Polygons:
@@ -32,7 +39,9 @@ def read_obj(path: Path) -> Polygons:
                 seen[words[0]] += 1
             if words[0] == b"v":
                 places.append(_place(words))
-            elif words[0] == b"f":
+            elif words[0] in CURVES:
+                raise ValueError("curved surface is not read")
+            elif words[0] in FACES:
                 sizes.append(_size(words))
                 corners += [_corner(word, tuple(seen.values())) for word in words[1:]]
         except ValueError as error:
@@ -58,18 +67,16 @@ def read_off(path: Path) -> Polygons:
     """
     lines = [words for _, words in _lines_of(path)]
     try:
-        head = lines[0][0]
-        if not head.endswith(b"OFF") or b"4" in head or b"n" in head:
-            raise ValueError("it does not begin with OFF")
-        rest = lines[1:] if len(lines[0]) == 1 else [lines[0][1:], *lines[1:]]
-        if rest[0] == [b"BINARY"]:
-            raise ValueError("it is binary; expected text")
+        head = OFF_HEAD.fullmatch(b" ".join(lines[0]))
+        if head is None:
+            raise ValueError("it does not begin with OFF, or is of another dimension, or binary")
+        rest = [head[1].split(), *lines[1:]] if head[1] else lines[1:]
         vertex_count, face_count = int(rest[0][0]), int(rest[0][1])
         if min(vertex_count, face_count) < 0 or len(rest) - 1 != vertex_count + face_count:
             raise ValueError(
                 f"it promises {vertex_count} vertices and {face_count} faces and has {len(rest) - 1} lines"
             )
-        vertices = np.array([[float(word) for word in words[:3]] for words in rest[1 : 1 + vertex_count]])
+        vertices = np.array([_place([b"v", *words]) for words in rest[1 : 1 + vertex_count]], np.float64)
         faces = [[int(word) for word in words[1 : 1 + int(words[0])]] for words in rest[1 + vertex_count :]]
         sizes = np.array([int(words[0]) for words in rest[1 + vertex_count :]], np.int64)
         if any(len(face) != size or size < FEWEST_CORNERS for face, size in zip(faces, sizes, strict=True)):
@@ -83,12 +90,23 @@ def read_off(path: Path) -> Polygons:
 
 
 def _lines_of(path: Path) -> Iterator[tuple[int, list[bytes]]]:
-    """Words of each line that has any, with its number; comments left out, continued lines joined."""
-    joined = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
-    for number, line in enumerate(joined.splitlines(), 1):
-        words = line.split(b"#", 1)[0].split()
-        if words:
+    """Words of each line that has any, with its number; comments left out, continued lines joined.
+
+    Comments, and names of files as Windows writes them, may end with a backslash that continues nothing; and
+    a number that is none begins with ``1.#`` there.
+    """
+    begun: list[bytes] = []
+    for number, line in enumerate(path.read_bytes().removeprefix(BOM).splitlines(), 1):
+        words = line.split()
+        comment = next((k for k, word in enumerate(words) if word.startswith(b"#")), len(words))
+        words = begun + words[:comment]
+        begun = []
+        if words and words[0] in CONTINUED and words[-1].endswith(b"\\"):
+            begun = [*words[:-1], *filter(None, [words[-1][:-1]])]
+        elif words:
             yield number, words
+    if begun:
+        yield number, begun
 
 
 def _place(words: list[bytes]) -> list[float]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 FEWEST_CORNERS = 3
+MOST_FANS = 64  # tried of a face: its time grows with the square of its corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,7 @@ def _fans(vertices: np.ndarray, corners: np.ndarray) -> np.ndarray:
     count, size = corners.shape
     best, flattest = np.zeros((count, size - 2, 3), corners.dtype), np.full(count, -np.inf)
     normal = _newell_normals(vertices[corners])
-    for start in range(size):
+    for start in range(0, size, -(-size // MOST_FANS)):
         turned = np.roll(corners, -start, axis=1)
         fan = np.stack([np.repeat(turned[:, :1], size - 2, axis=1), turned[:, 1:-1], turned[:, 2:]], axis=2)
         a, b, c = np.moveaxis(vertices[fan], 2, 0)
