@@ -10,7 +10,6 @@ from stages.scene.distributions import OPEN3D, PICTURES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     import numpy as np
 
@@ -40,14 +39,14 @@ def run(job: Job) -> None:
     from stages.scene.meshes import read_mesh
     from stages.scene.photos import read_environment, read_mask
     from stages.scene.transfer_file import read_transfer
-    from stages.scene.view_files import read_surface_points, write_maps, write_previews
+    from stages.scene.view_files import read_maps, read_surface_points, write_maps, write_previews
     from stages.solvers.threading_layer import use_threads
 
     settings: RelightSettings = job.settings
     picture = read_environment(job.inputs["light"])  # what is no light is said at once
     cameras = read_cameras(job.inputs["cameras"])
     masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
-    normals, albedo = (_masked(job.inputs[kind], cameras, masks) for kind in ("normal", "albedo"))
+    normals, albedo = (read_maps(job.inputs[kind], cameras, masks) for kind in ("normal", "albedo"))
     stored = read_transfer(job.inputs["transfer"])
     points = read_surface_points(job.inputs, cameras, masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
@@ -60,16 +59,6 @@ def run(job: Job) -> None:
     write_maps(job.outputs["relit"], cameras, masks, radiance)
     write_previews(job.outputs["relit"], cameras, masks, radiance)
     job.note(opposed_pixels=opposed, mean_shading=np.round(shading.mean(axis=0, dtype=float), 6).tolist())
-
-
-def _masked(folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> np.ndarray:
-    """The maps of all views inside their masks, (N, 3)."""
-    import numpy as np
-
-    from stages.scene.exr import read_exr
-
-    pairs = zip(cameras, masks, strict=True)
-    return np.concatenate([read_exr(folder / f"{camera.name}.exr")[mask] for camera, mask in pairs])
 
 
 def _light_from(

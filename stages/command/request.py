@@ -75,7 +75,7 @@ def _request(
     given = override(config.settings, command.assignments)
     settings = check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given)
     flow_of = stages.experiment if "render" in given else stages.dataflow
-    flow = flow_of(sources, stages.mode_of(settings))
+    flow = flow_of(sources, stages.kind_of_light(settings))
     if "light" in sources:
         flow = stages.with_relighting(flow)
     if full_resolution:

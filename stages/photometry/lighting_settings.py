@@ -1,0 +1,61 @@
+"""Settings of the `lighting` stage."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pipeline import Settings, setting
+
+
+class LightingSettings(Settings):
+    """Settings of the `lighting` stage: light of at least 0 from all around, found before the albedo."""
+
+    lights: Literal["auto", "shared", "per-view"] = setting(
+        "auto",
+        "shared: one light for all views, with a gain per view and channel. per-view: a light each, as when "
+        "lamps are carried about or clouds pass. auto: by `moving_light`; light that is brighter in only a "
+        "few of many views passes for gloss there.",
+    )
+    moving_light: float = setting(
+        0.15,
+        "`lights: auto`: where the same surface point differs more than this from view to view, after "
+        "gains, each view has its own light, unless views rise further above one another than they fall "
+        "below: that is gloss, which only adds. Noise stays below.",
+        unit="typical difference of the logarithms",
+        gt=0,
+    )
+    sheen: bool = setting(
+        True,
+        "One light for all views: whether the light's image in the surface, which is taken for a rough "
+        "mirror, is taken off where it explains how views differ: on all of it, or else on the paints where "
+        "it does. How views differ there then has a say in the light, too.",
+    )
+    samples: int = setting(
+        20_000,
+        "Pixels that the light is found from; a quarter as many more for every further light. More changes "
+        "little.",
+        unit="pixels",
+        ge=1000,
+        le=300_000,
+    )
+    neutrality: float = setting(
+        0.005,
+        "The price of channels that disagree about where the light comes from. More keeps the colour of "
+        "paint out of the light where all that faces one way is of one colour (moss on the ground); less is "
+        "for coloured lamps.",
+        ge=0,
+    )
+    evenness: float = setting(
+        1e-3,
+        "The price of light that differs from direction to direction; settles what the surface does not "
+        "see. A sun costs what it is bright, not the square.",
+        ge=0,
+    )
+    bounces: int = setting(4, "How often light is passed on between surfaces; 0: not at all.", ge=0, le=100)
+    brightest: float = setting(
+        0.9,
+        "What the brightest material is taken to reflect, since images do not tell; it says how much light "
+        "bounces.",
+        ge=0.01,
+        le=0.95,
+    )
