@@ -22,6 +22,7 @@ from stages.lighting import LIGHTING
 from stages.mesh import MESH
 from stages.mvs import MVS
 from stages.photometry.decomposition_settings import check_mode
+from stages.photometry.lighting_settings import check_known_light
 from stages.raycast import RAYCAST
 from stages.relight import RELIGHT
 from stages.render import RENDER
@@ -43,6 +44,7 @@ SOURCES = (
     Source("masks", IMAGE_SUFFIXES),
     Source("object"),
     Source("environment"),
+    Source("known_light"),
     Source("light"),
 )
 
@@ -101,7 +103,7 @@ def experiment(given: Collection[str], light: str = "directions") -> tuple[Stage
     UserError
         There are photos as well.
     """
-    if unwanted := sorted(set(given) - {"object", "environment", "light"}):
+    if unwanted := sorted(set(given) - {"object", "environment", "light", "known_light"}):
         raise UserError(
             f"The settings of `render` ask for a rendered scene, but {', '.join(unwanted)} was given too; "
             "give one of the two."
@@ -109,16 +111,20 @@ def experiment(given: Collection[str], light: str = "directions") -> tuple[Stage
     return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, *light_and_paint(light), DELIVER)
 
 
-def kind_of_light(settings: Mapping[str, Settings]) -> str:
+def kind_of_light(settings: Mapping[str, Settings], given: Collection[str] = ()) -> str:
     """The decomposition's kind of light, from the settings of all stages: paper, harmonics or directions.
 
     Raises
     ------
     UserError
-        The solver that was asked for does not know that light, or the transfer not all of it.
+        The solver that was asked for does not know that light, or the transfer not all of it; or a known
+        light was given that these settings have no use for.
     """
     check_mode(settings[DECOMPOSITION.name], settings[TRANSFER.name].degree)
-    return settings[DECOMPOSITION.name].kind_of_light
+    kind = settings[DECOMPOSITION.name].kind_of_light
+    if "known_light" in given:
+        check_known_light(settings[LIGHTING.name], kind)
+    return kind
 
 
 def light_and_paint(light: str) -> tuple[Stage, ...]:

@@ -54,7 +54,8 @@ def _under_light(job: Job) -> None:
     cameras, light = read_cameras(job.inputs["cameras"]), read_light(job.inputs["found_light"])
     masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
     views = stack_views(masks, None, numbered_links(job.inputs["correspondences"], cameras))
-    shading = read_maps(job.inputs["shading"], cameras, masks, job.executor.map)
+    mean = light.mean_shading.astype(np.float32)
+    shading = read_maps(job.inputs["shading"], cameras, masks, job.executor.map) / mean
     kinds = ("seen", "matt", "trusted")
     observed = Observations(
         **read_arrays(job.inputs["observations"], cameras, kinds, job.executor.map), glossy=light.glossy
@@ -67,7 +68,7 @@ def _under_light(job: Job) -> None:
     incidence = np.einsum("nk,nk->n", normals, ways_to_cameras(cameras, masks))
     trusted = observed.trusted & light.trusted  # where none was, all had to do: their albedo is a guess
     solved = solved.judged(views, observed.seen, incidence, trusted)
-    _write_albedo(job, cameras, masks, solved, light.image_scale)
+    _write_albedo(job, cameras, masks, solved, np.float32(light.image_scale) / mean)
     _write_history(job, solved)
 
 
@@ -180,9 +181,12 @@ def _tell_opposed(job: Job, opposed: int, pixels: int) -> None:
 
 
 def _write_albedo(
-    job: Job, cameras: list[Camera], masks: list[np.ndarray], solved: Solved, scale: float
+    job: Job, cameras: list[Camera], masks: list[np.ndarray], solved: Solved, scale: float | np.ndarray
 ) -> None:
-    """Albedo in the images' own units, Eq. 2's own and the confidence where they are known."""
+    """Albedo in the images' own units, Eq. 2's own and the confidence where they are known.
+
+    `scale`: that unit, over the shading's where this is not a mean of 1; of all channels or of each.
+    """
     from stages.scene.view_files import write_maps
 
     maps = {"albedo": solved.albedo * scale}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from stages.photometry.illumination import Illumination
+    from stages.photometry.known_light import KnownLight
     from stages.photometry.sky import Eyes
     from stages.photometry.stack import StackedViews
     from stages.scene.cameras import Camera
@@ -55,14 +56,16 @@ def run(job: Job) -> None:
     import numpy as np
 
     from stages.geometry.pixel_blends import pixels_on_proxy
-    from stages.photometry.illumination import find_illumination
+    from stages.photometry.illumination import find_illumination, illumination_by
     from stages.photometry.light_search import REFINED
     from stages.photometry.sky_photos import TURNS, Looks
     from stages.photometry.sky_scenes import sky_scenes
     from stages.scene.meshes import read_mesh
+    from stages.scene.photos import read_environment
     from stages.scene.transfer_file import read_transfer
     from stages.scene.view_files import read_surface_points, ways_to_cameras
 
+    known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
     opened, stored = _open(job), read_transfer(job.inputs["transfer"])
     points = read_surface_points(job.inputs, opened.cameras, opened.views.masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
@@ -70,13 +73,20 @@ def run(job: Job) -> None:
     incidence = np.einsum("nk,nk->n", opened.normals, towards)
     trusted = opened.unclipped & (incidence > GRAZING)
     _tell_clipped(job, int(np.count_nonzero(~opened.unclipped)), len(trusted))
+    if known is not None:
+        stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
     scenes, opposed = sky_scenes(stored, blend, opened.normals, _eyes(job, stored))
     _tell_opposed(job, opposed, len(trusted))
-    how = as_illumination(job.settings)
-    with job.progress("steps", len(how.light.scales) * len(scenes) + TURNS + REFINED) as step:
-        found = find_illumination(
-            opened.views, opened.images, scenes, Looks(trusted, towards), how, job.threads, step
-        )
+    seen = opened.views, opened.images
+    how = Looks(trusted, towards), as_illumination(job.settings), job.threads
+    if known is not None:
+        light = _as_known(known, job.settings, opened)
+        with job.progress("steps", light.turns + 1) as step:
+            found = illumination_by(light, *seen, scenes[0], *how, step)
+    else:
+        steps = len(how[1].light.scales) * len(scenes) + TURNS + REFINED
+        with job.progress("steps", steps) as step:
+            found = find_illumination(*seen, scenes, *how, step)
     _note(job, stored, found, trusted)
     _write(job, opened, stored, found, bool(trusted.any()))
 
@@ -101,6 +111,15 @@ def _open(job: Job) -> Opened:
     unclipped = np.concatenate([_unclipped(own) for own in pixels])
     images, scale = scaled_channels(np.concatenate(pixels))
     return Opened(cameras, views, images, scale, np.concatenate(normals), unclipped)
+
+
+def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -> KnownLight:
+    """The light in this picture, as the photos are scaled."""
+    from stages.photometry.known_light import KnownLight
+    from stages.scene.upright import upright_from_world
+
+    scale = 1 / opened.scale if settings.known_scale == "fixed" else None
+    return KnownLight.of(picture, upright_from_world(opened.cameras), settings.known_turn_deg, scale)
 
 
 def _eyes(job: Job, stored: StoredTransfer) -> Eyes:
@@ -142,6 +161,8 @@ def _note(job: Job, stored: StoredTransfer, found: Illumination, trusted: np.nda
     """What was found out about the light, and by what."""
     import numpy as np
 
+    if found.turn_deg is not None:
+        job.note(known_light_turned_by_deg=found.turn_deg)
     distance = stored.radii[found.scene]
     job.note(
         light_distance=float(distance) if np.isfinite(distance) else "infinitely far",
@@ -171,10 +192,12 @@ def _write(job: Job, opened: Opened, stored: StoredTransfer, found: Illumination
     write_arrays(job.outputs["observations"], *views, observed, job.executor.map)
     sphere = stored.centre, float(stored.radii[found.scene])
     around = LightAround(directions, found.cells, lights, found.light_of_view, found.gains.gains, *sphere)
-    write_light_around(job.outputs["lighting"], opened.cameras, around, opened.scale)
+    absolute = found.turn_deg is not None and job.settings.known_scale == "fixed"
+    write_light_around(job.outputs["lighting"], opened.cameras, around, opened.scale, absolute)
     stored_light = StoredLight(
         around=around,
         image_scale=opened.scale,
+        mean_shading=found.light.shading.mean(axis=0, dtype=np.float64) if absolute else np.ones(3),
         sheen_strength=found.sheen.strength if found.sheen else np.zeros(3),
         sheen_roughness=found.sheen.roughness if found.sheen else 0.0,
         glossy=found.observations.glossy,
@@ -195,6 +218,7 @@ LIGHTING = Stage(
     about="The light of all views, its distance, gains and gloss, and what each pixel is worth under it.",
     settings=LightingSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),
+    may_take=("known_light",),
     gives=(
         Artefact("lighting", "light per view and channel", file="lighting.json", output="lighting.json"),
         Artefact("light_pictures", "the light from all directions, EXR and PNG", output="environment"),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.photometry.divided_light import divided
+from stages.photometry.known_light import KnownLight, light_at, turn_of
 from stages.photometry.observations import Observations
 from stages.photometry.sheen import Sheen
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
@@ -69,6 +70,8 @@ class Illumination:
         Of the light.
     cells : ndarray, shape (M,)
         Share of all directions that each stands for.
+    turn_deg : float or None
+        By how much a light that is known is turned.
     """
 
     light: SkyLight
@@ -81,6 +84,7 @@ class Illumination:
     observations: Observations
     directions: np.ndarray
     cells: np.ndarray
+    turn_deg: float | None = None
 
 
 def find_illumination(
@@ -111,13 +115,7 @@ def find_illumination(
         Called after every step of the search.
     """
     use_threads(threads)
-    image = np.stack(images, axis=1)
-    if not looks.trusted.any():
-        looks = replace(looks, trusted=np.ones_like(looks.trusted))
-    gains = view_gains(views, image, looks.trusted)
-    of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
-    photos = Photos.of(views, looks, image / of_pixel, gains.spread, settings.lighting)
-    del image  # `photos` has what follows
+    photos, gains, of_pixel = _photos(views, images, looks, settings.lighting)
     best, left, found, differences = _best_explanation(photos, scenes, settings, step)
     scene = scenes[best]
     sheen = None
@@ -144,6 +142,67 @@ def find_illumination(
         directions=scene.pixels.directions,
         cells=scene.pixels.cells,
     )
+
+
+def illumination_by(
+    known: KnownLight,
+    views: StackedViews,
+    images: list[np.ndarray],
+    scene: SkyScene,
+    looks: Looks,
+    settings: IlluminationSettings,
+    threads: int,
+    step: Callable[[], None],
+) -> Illumination:
+    """Find all but the light, which is known: its turn, gains of the views, their gloss, the pixels' worth.
+
+    Parameters as of `find_illumination`; the light comes from infinitely far away, one for all views.
+    """
+    use_threads(threads)
+    photos, gains, of_pixel = _photos(views, images, looks, replace(settings.lighting, asked="shared"))
+    how = settings.light if known.scale is None else replace(settings.light, brightest=None)
+    search = photos.search(scene, how)
+    turn_deg = turn_of(search, known, step)
+    found = light_at(search, known, turn_deg)
+    sheen = photos.sheen_in(scene, found) if settings.sheen else None
+    if sheen is not None:
+        photos = photos.without_sheen(sheen, photos.mirror(scene, found))
+    finer, _ = divided(scene, found)
+    if sheen is not None or finer is not scene:
+        scene, found = finer, light_at(photos.search(finer, how), known, turn_deg)
+    step()
+    shading = photos.shading(scene, found)
+    if known.scale is None:
+        light = _scaled(found.radiance, shading * of_pixel)
+    else:
+        unit = np.float32(known.scale)
+        light = SkyLight(found.radiance / unit, shading * of_pixel / unit)
+    glossy = not settings.sheen if sheen is None else not sheen.glossy.all()
+    return Illumination(
+        light=light,
+        scene=0,
+        disagreements=photos.disagreements([scene], [found], how),
+        gains=gains,
+        sheen=sheen,
+        brightening=photos.brightening,
+        light_of_view=photos.light_of_view,
+        observations=_observations(photos, light.shading, of_pixel, glossy),
+        directions=scene.pixels.directions,
+        cells=scene.pixels.cells,
+        turn_deg=turn_deg,
+    )
+
+
+def _photos(
+    views: StackedViews, images: list[np.ndarray], looks: Looks, lighting: Lighting
+) -> tuple[Photos, ViewGains, np.ndarray]:
+    """The photos as light is sought from them, the gains of their views, and those of all pixels, (N, 3)."""
+    image = np.stack(images, axis=1)
+    if not looks.trusted.any():
+        looks = replace(looks, trusted=np.ones_like(looks.trusted))
+    gains = view_gains(views, image, looks.trusted)
+    of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
+    return Photos.of(views, looks, image / of_pixel, gains.spread, lighting), gains, of_pixel
 
 
 def _best_explanation(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pipeline import Settings, setting
+from pipeline import Settings, UserError, setting
 
 
 class LightingSettings(Settings):
@@ -59,3 +59,37 @@ class LightingSettings(Settings):
         ge=0.01,
         le=0.95,
     )
+    known_turn_deg: float | None = setting(
+        None,
+        "`--known-light`: by how much its picture is turned about the vertical, counter-clockwise seen from "
+        "above; none: found, to a degree.",
+        unit="°",
+    )
+    known_scale: Literal["fitted", "fixed"] = setting(
+        "fitted",
+        "`--known-light`. fitted: every channel of its picture has a factor of its own, such that shading is "
+        "1 on average, as under light that is found; `brightest` says how much bounces. fixed: its values "
+        "are in the photos' unit (what is white, in light of 1 all around, has the value 1), so that the "
+        "albedo is absolute.",
+    )
+
+
+def check_known_light(settings: LightingSettings, kind: str) -> None:
+    """Refuse a known light that is not asked for: another kind of light, or one for each view.
+
+    Raises
+    ------
+    UserError
+        It is not.
+    """
+    if kind != "directions":
+        raise UserError(
+            f"A known light was given, but the light is of the kind {kind!r}, which is found with the "
+            "albedo; expected decomposition.mode=transfer and decomposition.light=directions. Leave the "
+            "light out, or change these."
+        )
+    if settings.lights == "per-view":
+        raise UserError(
+            "A known light was given, but lighting.lights is per-view; one picture is one light for all "
+            "views. Leave one of them out."
+        )

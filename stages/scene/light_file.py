@@ -20,7 +20,9 @@ class StoredLight:
     ----------
     around : LightAround
     image_scale : float
-        What the images were divided by: light, shading and albedo are of the scaled images.
+        What the images were divided by: light and shading are of the scaled images.
+    mean_shading : ndarray, shape (3,)
+        By the unit of the light, per channel: 1 unless it is that of the photos, which is known then.
     sheen_strength : ndarray, shape (3,)
         What the surface's mirror adds of the light, per channel; 0 where no sheen was found.
     sheen_roughness : float
@@ -33,6 +35,7 @@ class StoredLight:
 
     around: LightAround
     image_scale: float
+    mean_shading: np.ndarray
     sheen_strength: np.ndarray
     sheen_roughness: float
     glossy: bool
