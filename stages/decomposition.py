@@ -28,7 +28,7 @@ CHANNELS = ("red", "green", "blue")
 def run(job: Job) -> None:
     """Decompose under the light that was given, or find it with the albedo; save maps and history.
 
-    Memory, per masked pixel and all channels together: `solver: fast` some 550 B in `mode: paper`, 900 B in
+    Memory, per masked pixel and all channels together: `solver: fast` some 550 B in `mode: paper`, 600 B in
     `mode: transfer`, 1350 B there with `light: harmonics`; `solver: paper` about 500 B for what the channels
     share, 500 B more for each at work.
     """

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from stages.photometry.illumination import Illumination
     from stages.photometry.known_light import KnownLight
     from stages.photometry.sky import Eyes
+    from stages.photometry.sky_light import SkyScene
     from stages.photometry.stack import StackedViews
     from stages.scene.cameras import Camera
     from stages.scene.transfer_file import StoredTransfer
@@ -50,33 +51,26 @@ class Opened:
 def run(job: Job) -> None:
     """Open the views, find their light, save it, the shading, and what the pixels are worth.
 
-    Memory: some 1000 B per masked pixel. Where sheen is looked for, 0.4 GB more at any size, and 0.2 GB for
+    Memory: some 400 B per masked pixel. Where sheen is looked for, 0.4 GB more at any size, and 0.2 GB for
     the light's picture: of 256 directions, and as many times as much of more.
     """
     import numpy as np
 
-    from stages.geometry.pixel_blends import pixels_on_proxy
     from stages.photometry.illumination import find_illumination, illumination_by
     from stages.photometry.light_search import REFINED
     from stages.photometry.sky_photos import TURNS, Looks
-    from stages.photometry.sky_scenes import sky_scenes
-    from stages.scene.meshes import read_mesh
     from stages.scene.photos import read_environment
     from stages.scene.transfer_file import read_transfer
-    from stages.scene.view_files import read_surface_points, ways_to_cameras
+    from stages.scene.view_files import ways_to_cameras
 
     known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
     opened, stored = _open(job), read_transfer(job.inputs["transfer"])
-    points = read_surface_points(job.inputs, opened.cameras, opened.views.masks)
-    blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
     towards = ways_to_cameras(opened.cameras, opened.views.masks)
-    incidence = np.einsum("nk,nk->n", opened.normals, towards)
-    trusted = opened.unclipped & (incidence > GRAZING)
+    trusted = opened.unclipped & (np.einsum("nk,nk->n", opened.normals, towards) > GRAZING)
     _tell_clipped(job, int(np.count_nonzero(~opened.unclipped)), len(trusted))
     if known is not None:
         stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
-    scenes, opposed = sky_scenes(stored, blend, opened.normals, _eyes(job, stored))
-    _tell_opposed(job, opposed, len(trusted))
+    scenes = _scenes(job, opened, stored)
     seen = opened.views, opened.images
     how = Looks(trusted, towards), as_illumination(job.settings), job.threads
     if known is not None:
@@ -111,6 +105,20 @@ def _open(job: Job) -> Opened:
     unclipped = np.concatenate([_unclipped(own) for own in pixels])
     images, scale = scaled_channels(np.concatenate(pixels))
     return Opened(cameras, views, images, scale, np.concatenate(normals), unclipped)
+
+
+def _scenes(job: Job, opened: Opened, stored: StoredTransfer) -> list[SkyScene]:
+    """What the pixels see, under light from each distance; points and blends on the way there are let go."""
+    from stages.geometry.pixel_blends import pixels_on_proxy
+    from stages.photometry.sky_scenes import sky_scenes
+    from stages.scene.meshes import read_mesh
+    from stages.scene.view_files import read_surface_points
+
+    points = read_surface_points(job.inputs, opened.cameras, opened.views.masks)
+    blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
+    scenes, opposed = sky_scenes(stored, blend, opened.normals, _eyes(job, stored))
+    _tell_opposed(job, opposed, len(opened.normals))
+    return scenes
 
 
 def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -> KnownLight:

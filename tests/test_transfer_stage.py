@@ -78,6 +78,13 @@ def test_who_looks_again_sees_what_is_stored(config, output):
         assert np.array_equal(eyes.see(directions, sphere), visible)
 
 
+def test_light_and_albedo_are_the_same_bytes_on_any_number_of_threads(config, capsys):
+    for stage in ("lighting", "decomposition"):
+        code, _, said = unshade(capsys, "run", config, "--only", stage, "--force", "--threads", "1")
+        assert code == 0, said
+        assert "came out different" not in said.replace("\n", " ")
+
+
 def test_what_only_this_mode_knows_is_there(output):
     assert sorted(path.name for path in (output / "environment").iterdir()) == ["shared.exr", "shared.png"]
     assert read_exr(output / "environment/shared.exr").min() >= 0
