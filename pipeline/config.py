@@ -177,6 +177,8 @@ def _validated(stage: str, kind: type[Settings], values: Mapping[str, Any]) -> S
 def _sentence(stage: str, kind: type[Settings], fault: Mapping[str, Any]) -> str:
     """One sentence for one of pydantic's findings."""
     name = ".".join(str(part) for part in fault["loc"])
+    if fault["type"] == "extra_forbidden" and name in kind.moved:
+        return f"{stage}.{name} has moved to {kind.moved[name]}; set it there."
     if fault["type"] == "extra_forbidden":
         known = [field.alias or name for name, field in kind.model_fields.items()]
         return f"There is no setting {stage}.{name}; {near(name, known)}"

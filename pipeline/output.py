@@ -17,6 +17,7 @@ from pipeline.stage import Artefact, Stage
 from pipeline.store import Store
 
 Digests = Mapping[str, Mapping[str, str]]  # by artefact or source, then by file
+UNKNOWN = ""  # the stage of what was shown before the ledger knew of which result it is
 
 
 class Output:
@@ -24,18 +25,25 @@ class Output:
 
     Copies, not links: whoever edits a file there must not damage the cache. What was put there is
     remembered per artefact, with the result that it is of; other files in `output/` are never touched.
+    `flow` has the names of the stages that a run goes through.
     """
 
-    def __init__(self, workspace: Path, store: Store) -> None:
+    def __init__(self, workspace: Path, store: Store, flow: Collection[str]) -> None:
         self.root = workspace / "output"
         self._store = store
+        self._flow = flow
         self._ledger = store.root / "output.json"
 
     def show(self, stage: Stage, record: Record) -> None:
-        """Bring the stage's artefacts into `output/`, and take away what it gave once and gives no more."""
+        """Bring the stage's artefacts into `output/`, and take away what it gave once and gives no more.
+
+        And what is left of a stage that the dataflow does without now, where this one gives what that gave.
+        """
         shown = self._shown()
         given = {artefact.name: artefact for artefact in stage.gives if artefact.output is not None}
-        for name in [name for name, one in shown.items() if one["stage"] == stage.name and name not in given]:
+        replaced = {shown[name]["stage"] for name in given if name in shown} - {UNKNOWN, *self._flow}
+        gone = {stage.name, *replaced}
+        for name in [name for name, one in shown.items() if one["stage"] in gone and name not in given]:
             self._take_away(shown.pop(name)["files"])
         for artefact in given.values():
             self._show_artefact(artefact, record, shown)
@@ -123,7 +131,7 @@ def _of_an_earlier_run(stage: str, places: Sequence[str], other: Sequence[str]) 
 
 def _of_unknown_origin(files: Mapping[str, Any]) -> dict[str, Any]:
     """A ledger's entry as it was written before it knew of which result it is."""
-    return {"stage": "", "key": "", "files": files}
+    return {"stage": UNKNOWN, "key": "", "files": files}
 
 
 def _place(targets: Collection[str]) -> str:

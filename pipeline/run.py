@@ -88,7 +88,7 @@ def run(request: Request, listener: Listener) -> list[Done]:
 
 def _run_in_order(request: Request, store: Store, listener: Listener) -> list[Done]:
     available = _read_sources_aloud(request, store, listener)
-    output = Output(request.workspace, store)
+    output = Output(request.workspace, store, [stage.name for stage in request.flow])
     done = []
     for stage in request.flow[: request.last_index() + 1]:
         decision = decide(stage, request, store, available)

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
 
 class Settings(BaseModel):
-    """Settings of one stage: frozen; unknown keys, NaN and infinity refused. Subclass it beside the stage."""
+    """Settings of one stage: frozen; unknown keys, NaN and infinity refused. Subclass it beside the stage.
+
+    Attributes
+    ----------
+    moved : mapping of str to str
+        Names that settings had here once, and where they are now, as in ``{"light": "lighting.light"}``.
+    """
+
+    moved: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 

@@ -14,13 +14,15 @@ from pipeline import Settings, Source, Stage, UserError
 from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
 from stages.correspondence import CORRESPONDENCE
-from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER
+from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER, DECOMPOSITION_UNDER_LIGHT
 from stages.deliver import DELIVER
 from stages.full_resolution import FULL_RESOLUTION
 from stages.known_geometry import KNOWN_GEOMETRY
+from stages.lighting import LIGHTING
 from stages.mesh import MESH
 from stages.mvs import MVS
 from stages.photometry.decomposition_settings import check_mode
+from stages.photometry.lighting_settings import check_known_light
 from stages.raycast import RAYCAST
 from stages.relight import RELIGHT
 from stages.render import RENDER
@@ -42,6 +44,7 @@ SOURCES = (
     Source("masks", IMAGE_SUFFIXES),
     Source("object"),
     Source("environment"),
+    Source("known_light"),
     Source("light"),
 )
 
@@ -53,7 +56,8 @@ DATAFLOW = (
     RAYCAST,  #         n^i, Ω^i, π⁻¹
     CORRESPONDENCE,  #  Eq. 5, 6, 8: C_ij
     TRANSFER,  #        ν that knows what it can see; not in mode: paper
-    DECOMPOSITION_BY_TRANSFER,  # Eq. 1–4, 9–18: ρ, σ
+    LIGHTING,  #        σ, known once; not in mode: paper
+    DECOMPOSITION_UNDER_LIGHT,  # Eq. 1–4, 9–18: ρ
     DELIVER,  #         what people open
 )
 ENTRY_POINTS = (ADOPT_MODEL, ADOPT_MESH)
@@ -63,8 +67,8 @@ ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
 IN_ORDER = (*EXPERIMENT, *ENTRY_POINTS, *DATAFLOW, *AFTERWARDS)  # each after all that it can take from
 
 
-def dataflow(given: Collection[str], mode: str = "transfer") -> tuple[Stage, ...]:
-    """The stages to go through, given the names of the sources at hand and the decomposition's mode.
+def dataflow(given: Collection[str], light: str = "directions") -> tuple[Stage, ...]:
+    """The stages to go through, given the names of the sources at hand and the kind of light.
 
     Raises
     ------
@@ -88,40 +92,48 @@ def dataflow(given: Collection[str], mode: str = "transfer") -> tuple[Stage, ...
         )
     model = ADOPT_MODEL if "colmap" in given else SFM
     surface = (ADOPT_MESH,) if "mesh_file" in given else (MVS, MESH)
-    return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_paint(mode), DELIVER)
+    return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_paint(light), DELIVER)
 
 
-def experiment(given: Collection[str], mode: str = "transfer") -> tuple[Stage, ...]:
-    """The stages of a rendered scene, given the names of the sources at hand and the decomposition's mode.
+def experiment(given: Collection[str], light: str = "directions") -> tuple[Stage, ...]:
+    """The stages of a rendered scene, given the names of the sources at hand and the kind of light.
 
     Raises
     ------
     UserError
         There are photos as well.
     """
-    if unwanted := sorted(set(given) - {"object", "environment", "light"}):
+    if unwanted := sorted(set(given) - {"object", "environment", "light", "known_light"}):
         raise UserError(
             f"The settings of `render` ask for a rendered scene, but {', '.join(unwanted)} was given too; "
             "give one of the two."
         )
-    return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, *light_and_paint(mode), DELIVER)
+    return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, *light_and_paint(light), DELIVER)
 
 
-def mode_of(settings: Mapping[str, Settings]) -> str:
-    """The decomposition's mode, from the settings of all stages.
+def kind_of_light(settings: Mapping[str, Settings], given: Collection[str] = ()) -> str:
+    """The decomposition's kind of light, from the settings of all stages: paper, harmonics or directions.
 
     Raises
     ------
     UserError
-        The solver that was asked for does not know that mode's light, or the transfer not all of it.
+        The solver that was asked for does not know that light, or the transfer not all of it; or a known
+        light was given that these settings have no use for.
     """
     check_mode(settings[DECOMPOSITION.name], settings[TRANSFER.name].degree)
-    return settings[DECOMPOSITION.name].mode
+    kind = settings[DECOMPOSITION.name].kind_of_light
+    if "known_light" in given:
+        check_known_light(settings[LIGHTING.name], kind)
+    return kind
 
 
-def light_and_paint(mode: str) -> tuple[Stage, ...]:
-    """The stages of a mode of the decomposition: the paper's light needs no transfer."""
-    return (DECOMPOSITION,) if mode == "paper" else (TRANSFER, DECOMPOSITION_BY_TRANSFER)
+def light_and_paint(light: str) -> tuple[Stage, ...]:
+    """The stages that find light and albedo: only light from directions is found before the albedo."""
+    return {
+        "paper": (DECOMPOSITION,),
+        "harmonics": (TRANSFER, DECOMPOSITION_BY_TRANSFER),
+        "directions": (TRANSFER, LIGHTING, DECOMPOSITION_UNDER_LIGHT),
+    }[light]
 
 
 def with_relighting(flow: tuple[Stage, ...]) -> tuple[Stage, ...]:

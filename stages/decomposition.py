@@ -16,33 +16,70 @@ if TYPE_CHECKING:
 
     from stages.photometry.energy import EnergyWeights
     from stages.photometry.pixel_transfer import PixelTransfer
-    from stages.photometry.sky import Eyes
-    from stages.photometry.sky_decomposition import SkySolution
     from stages.photometry.solutions import Solved
     from stages.photometry.stack import StackedViews
     from stages.scene.cameras import Camera
     from stages.scene.transfer_file import StoredTransfer
 
 CHANNELS = ("red", "green", "blue")
-GRAZING = 0.1  # cosine: more than 84° off its normal, surface shows mostly its neighbourhood
-SATURATED = 0.98  # of white, linear: the photo shows less than there was
 
 
 def run(job: Job) -> None:
-    """Open the views, decompose, save albedo, shading, light and history.
+    """Decompose under the light that was given, or find it with the albedo; save maps and history.
 
-    Memory, per masked pixel and all channels together: `solver: fast` some 550 B in `mode: paper`, 1100 B in
+    Memory, per masked pixel and all channels together: `solver: fast` some 550 B in `mode: paper`, 600 B in
     `mode: transfer`, 1350 B there with `light: harmonics`; `solver: paper` about 500 B for what the channels
-    share, 500 B more for each at work. Where sheen is looked for, 0.4 GB more at any size, and 0.2 GB for the
-    light's picture: of 256 directions, and as many times as much of more.
+    share, 500 B more for each at work.
     """
+    if job.settings.kind_of_light == "directions":
+        _under_light(job)
+    else:
+        _with_its_light(job)
+
+
+def _under_light(job: Job) -> None:
+    """`mode: transfer`: the albedo, under the light that the stage before has found."""
+    import numpy as np
+
+    from stages.photometry import transfer_solutions
+    from stages.photometry.observations import Observations
+    from stages.photometry.stack import stack_views
+    from stages.scene.camera_file import read_cameras
+    from stages.scene.light_file import read_light
+    from stages.scene.link_files import numbered_links
+    from stages.scene.photos import read_mask
+    from stages.scene.view_files import read_arrays, read_maps, ways_to_cameras
+
+    cameras, light = read_cameras(job.inputs["cameras"]), read_light(job.inputs["found_light"])
+    masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
+    views = stack_views(masks, None, numbered_links(job.inputs["correspondences"], cameras))
+    mean = light.mean_shading.astype(np.float32)
+    shading = read_maps(job.inputs["shading"], cameras, masks, job.executor.map) / mean
+    kinds = ("seen", "matt", "trusted")
+    observed = Observations(
+        **read_arrays(job.inputs["observations"], cameras, kinds, job.executor.map), glossy=light.glossy
+    )
+    settings: DecompositionSettings = job.settings
+    how = as_sky(settings, _weights(job, views), views.side)
+    with job.progress("rounds", 2 * settings.stopping.rounds) as step:
+        solved = transfer_solutions.under_light(views, shading, observed, how, job.threads, step)
+    normals = read_maps(job.inputs["normal"], cameras, masks, job.executor.map)
+    incidence = np.einsum("nk,nk->n", normals, ways_to_cameras(cameras, masks))
+    trusted = observed.trusted & light.trusted  # where none was, all had to do: their albedo is a guess
+    solved = solved.judged(views, observed.seen, incidence, trusted)
+    _write_albedo(job, cameras, masks, solved, np.float32(light.image_scale) / mean)
+    _write_history(job, solved)
+
+
+def _with_its_light(job: Job) -> None:
+    """Light that is found together with the albedo: the paper's, or harmonics with transfer vectors."""
     import numpy as np
 
     from stages.photometry.stack import stack_views
     from stages.scene.camera_file import read_cameras
+    from stages.scene.lighting_file import write_lighting
     from stages.scene.link_files import numbered_links
-    from stages.scene.transfer_file import read_transfer
-    from stages.scene.view_files import read_views, scaled_channels
+    from stages.scene.view_files import read_views, scaled_channels, write_maps
 
     cameras = read_cameras(job.inputs["cameras"])
     masks, normals, pixels = [], [], []
@@ -54,19 +91,20 @@ def run(job: Job) -> None:
             step()
     links = numbered_links(job.inputs["correspondences"], cameras)
     views = stack_views(masks, normals, links, job.executor.map)
-    pixels = np.concatenate(pixels)
-    images, scale = scaled_channels(pixels)
-    if job.settings.mode == "transfer":
+    images, scale = scaled_channels(np.concatenate(pixels))
+    del pixels
+    by_transfer = job.settings.mode == "transfer"
+    if by_transfer:
         own = np.concatenate([image[mask] for image, mask in zip(normals, masks, strict=True)])
-        unclipped = np.concatenate([_unclipped(pixels[views.view(i)]) for i in range(len(cameras))])
-        del normals, pixels
-        stored = read_transfer(job.inputs["transfer"])
-        solved = _by_transfer(job, cameras, masks, views, images, own, unclipped, stored)
-        _write_what_transfer_knows(job, cameras, masks, solved, scale, stored)
+        del normals
+        solved = _by_transfer(job, cameras, masks, views, images, own)
+        _write_pictures(job, cameras, solved)
     else:
-        del normals, pixels  # the stack has its own
+        del normals  # the stack has its own
         solved = _as_the_paper(job, views, images)
-    _write_maps(job, cameras, masks, solved, scale)
+    _write_albedo(job, cameras, masks, solved, scale)
+    write_maps(job.outputs["shading"], cameras, masks, solved.shading, job.executor.map)
+    write_lighting(job.outputs["lighting"], cameras, solved.light, scale, by_transfer)
     _write_history(job, solved)
 
 
@@ -90,73 +128,27 @@ def _by_transfer(
     views: StackedViews,
     images: list[np.ndarray],
     normals: np.ndarray,
-    unclipped: np.ndarray,
-    stored: StoredTransfer,
 ) -> Solved:
-    """`mode: transfer`, by either kind of light."""
+    """`light: harmonics`: Eq. 2 as it stands, with transfer vectors for ν; all data count."""
     import numpy as np
 
     from stages.geometry.pixel_blends import pixels_on_proxy
     from stages.photometry import transfer_solutions
-    from stages.photometry.light_search import REFINED
-    from stages.photometry.sky_photos import TURNS, Looks
-    from stages.photometry.sky_scenes import sky_scenes
     from stages.scene.meshes import read_mesh
+    from stages.scene.transfer_file import read_transfer
     from stages.scene.view_files import read_surface_points, ways_to_cameras
 
     settings: DecompositionSettings = job.settings
+    stored = read_transfer(job.inputs["transfer"])
     points = read_surface_points(job.inputs, cameras, masks)
-    blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
-    weights = _weights(job, views)
-    towards = ways_to_cameras(cameras, masks)
-    incidence = np.einsum("nk,nk->n", normals, towards)
-    if settings.light == "harmonics":
-        trusted = np.ones_like(unclipped)  # Eq. 2 as it stands: all data count
-        transfer = _pixel_transfer(job, stored, blend, normals)
-        with job.progress("rounds", settings.stopping.rounds) as step:
-            solved = transfer_solutions.by_transfer(
-                views, images, transfer, as_transfer(settings, weights), job.threads, step
-            )
-    else:
-        trusted = unclipped & (incidence > GRAZING)
-        _tell_clipped(job, int(np.count_nonzero(~unclipped)), len(unclipped))
-        scenes, opposed = sky_scenes(stored, blend, normals, _eyes(job, stored))
-        _tell_opposed(job, opposed, len(normals))
-        looks = Looks(trusted, towards)
-        how = as_sky(settings, weights, views.side)
-        steps = len(how.light.scales) * len(scenes) + TURNS + REFINED + 2 * settings.stopping.rounds
-        with job.progress("steps", steps) as step:
-            solved = transfer_solutions.by_sky(views, images, scenes, looks, how, job.threads, step)
-        _note_light(job, stored, solved.sky)
-        trusted &= solved.sky.trusted  # where none was, all had to do: their albedo is a guess
-    job.note(untrusted_pixels=int(np.count_nonzero(~trusted)))
-    return solved.judged(views, images, incidence, trusted)
-
-
-def _eyes(job: Job, stored: StoredTransfer) -> Eyes:
-    """Of the proxy's vertices, and the proxy in their way."""
-    from stages.geometry.occluders import Occluders
-    from stages.photometry.sky import Eyes
-    from stages.scene.meshes import Surface
-
-    proxy = Occluders(Surface(stored.vertices, stored.faces), job.threads)
-    return Eyes(stored.eyes - proxy.origin, stored.normals, proxy.blocked, proxy.origin, job.executor)
-
-
-def _note_light(job: Job, stored: StoredTransfer, sky: SkySolution) -> None:
-    """What was found out about the light, and by what."""
-    import numpy as np
-
-    distance = stored.radii[sky.scene]
-    job.note(
-        light_distance=float(distance) if np.isfinite(distance) else "infinitely far",
-        disagreement=dict(zip(map(str, stored.radii.tolist()), sky.disagreements, strict=True)),
-        directions=len(sky.directions),
-        lights=int(sky.light_of_view.max()) + 1,
-        spread_between_views=round(sky.gains.spread, 4),
-        brightening_between_views=round(sky.brightening, 3),
-        sheen=[sky.sheen.as_json()] if sky.sheen else [],
+    transfer = _pixel_transfer(
+        job, stored, pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points), normals
     )
+    how = as_transfer(settings, _weights(job, views))
+    with job.progress("rounds", settings.stopping.rounds) as step:
+        solved = transfer_solutions.by_transfer(views, images, transfer, how, job.threads, step)
+    incidence = np.einsum("nk,nk->n", normals, ways_to_cameras(cameras, masks))
+    return solved.judged(views, np.stack(images, axis=1), incidence, np.ones(len(normals), bool))
 
 
 def _weights(job: Job, views: StackedViews) -> EnergyWeights:
@@ -164,15 +156,6 @@ def _weights(job: Job, views: StackedViews) -> EnergyWeights:
     weights = weights_at(job.settings, views.side, views.links_per_pixel)
     job.note(weights={"lambda": weights.smoothness, "mu": weights.consistency})
     return weights
-
-
-def _unclipped(pixels: np.ndarray) -> np.ndarray:
-    """Pixels of a view that no channel of its photo has clipped; a linear image beyond 1 has no white."""
-    import numpy as np
-
-    if pixels.max(initial=0.0) > 1.0001:
-        return np.ones(len(pixels), bool)
-    return (pixels < SATURATED).all(axis=1)
 
 
 def _pixel_transfer(
@@ -188,73 +171,46 @@ def _pixel_transfer(
     return transfer
 
 
-def _tell_clipped(job: Job, clipped: int, pixels: int) -> None:
-    if 2 * clipped > pixels:
-        job.warn(
-            f"{clipped} of {pixels} pixels are white in a channel of their photo (from {SATURATED:.0%} on); "
-            "expected few: their albedo is a guess. Develop the photos darker, or give them as EXR."
-        )
-
-
 def _tell_opposed(job: Job, opposed: int, pixels: int) -> None:
+    from stages.scene.wording import seen_from_behind
+
     job.note(opposed_pixels=opposed)
     if 2 * opposed > pixels:
-        job.warn(
-            f"{opposed} of {pixels} pixels see the back of the mesh; they count as seeing the whole sky. "
-            "Turn the mesh's faces outwards if it is inside out; if the cameras are inside it, its scale or "
-            "frame is not theirs."
-        )
+        job.warn(seen_from_behind(opposed, pixels))
 
 
-def _write_maps(
-    job: Job, cameras: list[Camera], masks: list[np.ndarray], solved: Solved, scale: float
+def _write_albedo(
+    job: Job, cameras: list[Camera], masks: list[np.ndarray], solved: Solved, scale: float | np.ndarray
 ) -> None:
-    """Albedo in the images' own units, and the shading as it is; the light, where it is harmonics."""
-    from stages.scene.lighting_file import write_lighting
+    """Albedo in the images' own units, Eq. 2's own and the confidence where they are known.
+
+    `scale`: that unit, over the shading's where this is not a mean of 1; of all channels or of each.
+    """
     from stages.scene.view_files import write_maps
 
-    albedo = solved.albedo * scale
-    write_maps(job.outputs["albedo"], cameras, masks, albedo, job.executor.map)
-    write_maps(job.outputs["shading"], cameras, masks, solved.shading, job.executor.map)
-    if solved.sky is None:
-        by_transfer = job.settings.mode == "transfer"
-        write_lighting(job.outputs["lighting"], cameras, solved.light, scale, by_transfer)
+    maps = {"albedo": solved.albedo * scale}
+    if solved.albedo_tv is not None:
+        maps |= {"albedo_tv": solved.albedo_tv * scale, "confidence": solved.confidence}
+    for name, stacked in maps.items():
+        write_maps(job.outputs[name], cameras, masks, stacked, job.executor.map)
     job.note(
-        pixels=len(albedo),
+        pixels=len(solved.albedo),
         links=solved.views.link_count,
         negative_shading={c: int((solved.shading[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
-        negative_albedo={c: int((albedo[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
+        negative_albedo={c: int((maps["albedo"][:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
     )
 
 
-def _write_what_transfer_knows(
-    job: Job,
-    cameras: list[Camera],
-    masks: list[np.ndarray],
-    solved: Solved,
-    scale: float,
-    stored: StoredTransfer,
-) -> None:
-    """Eq. 2's own albedo, the confidence, and the light as pictures of all directions."""
+def _write_pictures(job: Job, cameras: list[Camera], solved: Solved) -> None:
+    """Harmonic light as pictures of all directions."""
     from stages.photometry.environment import picture_of_light
-    from stages.scene.lighting_file import LightAround, write_light_around
     from stages.scene.upright import upright_from_world
-    from stages.scene.view_files import write_maps, write_pictures_of_light
+    from stages.scene.view_files import write_pictures_of_light
 
-    write_maps(job.outputs["albedo_tv"], cameras, masks, solved.albedo_tv * scale, job.executor.map)
-    write_maps(job.outputs["confidence"], cameras, masks, solved.confidence, job.executor.map)
-    names = [camera.name for camera in cameras]
-    if solved.sky is None:
-        (directions, lights), cells = solved.sampled_light(), None
-    else:
-        sky = solved.sky
-        directions, cells, lights = sky.directions, sky.cells, sky.light.radiance
-        sphere = stored.centre, float(stored.radii[sky.scene])
-        light = LightAround(directions, cells, lights, sky.light_of_view, sky.gains.gains, *sphere)
-        write_light_around(job.outputs["lighting"], cameras, light, scale)
-        names = names if len(lights) > 1 else ["shared"]
+    directions, lights = solved.sampled_light()
     upright = directions @ upright_from_world(cameras).T
-    pictures = {name: picture_of_light(upright, one, cells) for name, one in zip(names, lights, strict=True)}
+    names = [camera.name for camera in cameras]
+    pictures = {name: picture_of_light(upright, one) for name, one in zip(names, lights, strict=True)}
     write_pictures_of_light(job.outputs["light_pictures"], pictures)
 
 
@@ -264,7 +220,7 @@ def _write_history(job: Job, solved: Solved) -> None:
     from stages.photometry.energy_history import LEGEND, UNDER_LIGHT
 
     content = {
-        "legend": LEGEND if solved.sky is None else UNDER_LIGHT,
+        "legend": UNDER_LIGHT if solved.light is None else LEGEND,
         "settings": job.settings.model_dump(by_alias=True),
         "channels": dict(zip(CHANNELS, solved.histories, strict=True)),
     }
@@ -287,6 +243,13 @@ def _write_history(job: Job, solved: Solved) -> None:
             job.warn(f"{which}: {outcome.value}.")
 
 
+ALBEDO = Artefact("albedo", "albedo per view, EXR, linear, 0 outside the mask", output="albedo")
+ENERGY = Artefact("energy", "energy per alternation", file="energy.json", output="energy.json")
+OF_TRANSFER = (
+    Artefact("albedo_tv", "Eq. 2's own albedo under the same light, EXR, linear", output="albedo_tv"),
+    Artefact("confidence", "how well each pixel is known, 0 to 1, EXR", output="confidence"),
+)
+
 DECOMPOSITION = Stage(
     name="decomposition",
     version=18,
@@ -294,28 +257,31 @@ DECOMPOSITION = Stage(
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),
     gives=(
-        Artefact("albedo", "albedo per view, EXR, linear, 0 outside the mask", output="albedo"),
-        Artefact(
-            "shading",
-            "shading per view, EXR, linear: image = albedo × shading, but for gloss",
-            output="shading",
-        ),
+        ALBEDO,
+        Artefact("shading", "shading per view, EXR, linear: image = albedo × shading", output="shading"),
         Artefact("lighting", "light per view and channel", file="lighting.json", output="lighting.json"),
-        Artefact("energy", "energy per alternation", file="energy.json", output="energy.json"),
+        ENERGY,
     ),
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
 )
 
-# The same stage in `mode: transfer`: it takes what that mode stands on, and gives what only that mode knows.
+# The same stage in `mode: transfer`. With `light: harmonics` it takes what that light is found from.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
     version=DECOMPOSITION.version + 20,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     gives=(
         *DECOMPOSITION.gives,
-        Artefact("albedo_tv", "Eq. 2's own albedo under the same light, EXR, linear", output="albedo_tv"),
-        Artefact("confidence", "how well each pixel is known, 0 to 1, EXR", output="confidence"),
+        *OF_TRANSFER,
         Artefact("light_pictures", "the light from all directions, EXR and PNG", output="environment"),
     ),
+)
+# With `light: directions` the light, the shading and what is left of the photos are given.
+DECOMPOSITION_UNDER_LIGHT = replace(
+    DECOMPOSITION,
+    version=DECOMPOSITION.version + 21,
+    about="Albedo of each view under the light that was found, from all views together.",
+    takes=("normal", "mask", "cameras", "correspondences", "found_light", "shading", "observations"),
+    gives=(ALBEDO, ENERGY, *OF_TRANSFER),
 )

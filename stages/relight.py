@@ -3,18 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, setting
 from stages.scene.distributions import OPEN3D, PICTURES
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    import numpy as np
-
-    from stages.scene.cameras import Camera
 
 
 class RelightSettings(Settings):
@@ -34,20 +25,21 @@ def run(job: Job) -> None:
     import numpy as np
 
     from stages.geometry.pixel_blends import pixels_on_proxy
-    from stages.photometry.relighting import relit
+    from stages.photometry.relighting import relit, turned_light
     from stages.photometry.sky_scenes import sky_scenes
     from stages.scene.camera_file import read_cameras
     from stages.scene.meshes import read_mesh
     from stages.scene.photos import read_environment, read_mask
     from stages.scene.transfer_file import read_transfer
-    from stages.scene.view_files import read_surface_points, write_maps, write_previews
+    from stages.scene.upright import upright_from_world
+    from stages.scene.view_files import read_maps, read_surface_points, write_maps, write_previews
     from stages.solvers.threading_layer import use_threads
 
     settings: RelightSettings = job.settings
     picture = read_environment(job.inputs["light"])  # what is no light is said at once
     cameras = read_cameras(job.inputs["cameras"])
     masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
-    normals, albedo = (_masked(job.inputs[kind], cameras, masks) for kind in ("normal", "albedo"))
+    normals, albedo = (read_maps(job.inputs[kind], cameras, masks) for kind in ("normal", "albedo"))
     stored = read_transfer(job.inputs["transfer"])
     points = read_surface_points(job.inputs, cameras, masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
@@ -55,36 +47,12 @@ def run(job: Job) -> None:
     far = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])
     (scene,), opposed = sky_scenes(far, blend, normals)
     use_threads(job.threads)
-    light = _light_from(picture, settings.turn_deg, cameras, scene.pixels.directions)
+    upright = upright_from_world(cameras)
+    light = turned_light(picture, settings.turn_deg, upright, scene.pixels.directions)
     radiance, shading = relit(scene, albedo, light, settings.bounces, settings.brightest)
     write_maps(job.outputs["relit"], cameras, masks, radiance)
     write_previews(job.outputs["relit"], cameras, masks, radiance)
     job.note(opposed_pixels=opposed, mean_shading=np.round(shading.mean(axis=0, dtype=float), 6).tolist())
-
-
-def _masked(folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> np.ndarray:
-    """The maps of all views inside their masks, (N, 3)."""
-    import numpy as np
-
-    from stages.scene.exr import read_exr
-
-    pairs = zip(cameras, masks, strict=True)
-    return np.concatenate([read_exr(folder / f"{camera.name}.exr")[mask] for camera, mask in pairs])
-
-
-def _light_from(
-    picture: np.ndarray, turn_deg: float, cameras: Sequence[Camera], directions: np.ndarray
-) -> np.ndarray:
-    """Radiance from each of the world's directions, (M, 3): turning the light turns them the other way."""
-    import numpy as np
-
-    from stages.photometry.relighting import light_of_picture
-    from stages.scene.upright import upright_from_world
-
-    turn = np.deg2rad(-turn_deg)
-    turned = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
-    towards = directions @ (turned @ upright_from_world(cameras)).T
-    return light_of_picture(picture, towards)
 
 
 RELIGHT = Stage(

@@ -202,9 +202,9 @@ def test_every_dataflow_is_sound():
     from pipeline.request import check_flow
 
     for given in (["images"], ["images", "colmap"], ["images", "colmap", "mesh_file"], ["images", "masks"]):
-        for mode in ("paper", "transfer"):
-            check_flow(stages.dataflow(given, mode), stages.SOURCES)
+        for light in ("paper", "harmonics", "directions"):
+            check_flow(stages.dataflow(given, light), stages.SOURCES)
     for given in ([], ["object"], ["environment"], ["object", "environment"]):
-        for mode in ("paper", "transfer"):
-            flow = stages.with_full_resolution(stages.with_relighting(stages.experiment(given, mode)))
+        for light in ("paper", "harmonics", "directions"):
+            flow = stages.with_full_resolution(stages.with_relighting(stages.experiment(given, light)))
             check_flow(flow, stages.kinds_of_sources(flow))

@@ -427,6 +427,22 @@ def test_an_artefact_that_takes_the_place_of_another_is_not_taken_away_with_it(r
     assert (root / "workspace/output/numbers/length.txt").read_text() == "7"
 
 
+def test_a_stage_that_takes_over_from_one_that_is_gone_leaves_nothing_of_it_in_the_output(root):
+    """As does another dataflow: what the one before showed of another kind is not of this result."""
+
+    def counted_apart(job):
+        (job.outputs["numbers"] / "length.txt").write_text("7")
+        (job.outputs["letters"] / "a.txt").write_text("a")
+
+    letters = Artefact("letters", "letters", output="letters")
+    apart = replace(COUNT, name="count_apart", run=counted_apart, gives=(*COUNT.gives, letters))
+    run_toy(root, flow=(JOIN, apart, REPORT))
+    assert (root / "workspace/output/letters/a.txt").exists()
+    run_toy(root, flow=(JOIN, COUNT))
+    assert not (root / "workspace/output/letters").exists()
+    assert (root / "workspace/output/page.txt").exists(), "of a stage whose place nobody takes"
+
+
 def test_an_output_of_a_program_that_kept_no_origins_is_brought_up_to_date(root):
     run_toy(root)
     ledger = root / "workspace/cache/output.json"

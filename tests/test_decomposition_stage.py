@@ -12,16 +12,18 @@ import scipy.sparse as sp
 
 from pipeline import Job, Stage, UserError
 from stages.correspondence import CORRESPONDENCE, CorrespondenceSettings
-from stages.decomposition import DECOMPOSITION, DecompositionSettings, _unclipped
+from stages.decomposition import DECOMPOSITION, DecompositionSettings
+from stages.lighting import _unclipped
 from stages.photometry.harmonics import shading_basis
 from stages.scene.camera_file import write_cameras
 from stages.scene.cameras import Camera
 from stages.scene.exr import read_exr, write_exr
+from stages.scene.light_file import StoredLight, read_light, write_light
 from stages.scene.lighting_file import LightAround, write_light_around
 from stages.scene.link_files import numbered_links
 from stages.scene.photos import write_mask
 from stages.scene.upright import mean_camera_up
-from stages.scene.view_files import scaled_channels
+from stages.scene.view_files import read_arrays, read_maps, scaled_channels, write_arrays, write_maps
 from tests.raw_exr import write_raw_exr
 from tests.sphere_scene import SphereScene, camera_looking_at_origin, sphere_scene
 
@@ -233,3 +235,41 @@ def test_light_from_all_around_is_written_from_plain_arrays(scene, tmp_path, rad
     assert (told["directions"], told["radiance"]) == (directions.tolist(), radiance.tolist())
     assert told["cells"] == cells.tolist()
     assert told["views"][1] == {"name": scene.cameras[1].name, "light": 1, "gain": [0.5] * 3}
+
+
+@pytest.mark.parametrize("radius", [np.inf, 5.0])
+def test_the_light_that_was_found_comes_back_bit_by_bit(tmp_path, radius):
+    rng = np.random.default_rng(0)
+    directions, radiance = rng.normal(size=(7, 3)), rng.random((2, 7, 3)).astype(np.float32)
+    gains, cells = rng.random((3, 3)), np.full(7, 1 / 7)
+    around = LightAround(directions, cells, radiance, np.array([0, 1, 1]), gains, rng.random(3), radius)
+    light = StoredLight(around, 0.7, rng.random(3), rng.random(3), 0.2, glossy=True, trusted=False)
+    write_light(tmp_path / "light.npz", light)
+    found = read_light(tmp_path / "light.npz")
+    for name in ("directions", "cells", "radiance", "light_of_view", "gains", "centre"):
+        before, after = (getattr(one.around, name) for one in (light, found))
+        assert np.array_equal(before, after) and before.dtype == after.dtype
+    assert found.around.radius == radius
+    assert np.array_equal(found.sheen_strength, light.sheen_strength)
+    assert np.array_equal(found.mean_shading, light.mean_shading)
+    assert (found.image_scale, found.sheen_roughness, found.glossy, found.trusted) == (0.7, 0.2, True, False)
+
+
+def test_what_is_no_light_is_refused_with_a_way_out(tmp_path):
+    for content in (b"", b"not an archive"):
+        (tmp_path / "light.npz").write_bytes(content)
+        with pytest.raises(UserError, match=r"cannot be read as light .* expected light.npz as in"):
+            read_light(tmp_path / "light.npz")
+
+
+def test_values_of_pixels_come_back_bit_by_bit_from_their_views(scene, tmp_path):
+    rng = np.random.default_rng(0)
+    count = sum(int(mask.sum()) for mask in scene.masks)
+    seen, trusted = rng.normal(size=(count, 3)).astype(np.float32), rng.random(count) < 0.5
+    views = scene.cameras, scene.masks
+    write_arrays(tmp_path, *views, {"seen": seen, "trusted": trusted})
+    found = read_arrays(tmp_path, scene.cameras, ("trusted", "seen"))
+    assert np.array_equal(found["seen"], seen) and found["seen"].dtype == np.float32
+    assert np.array_equal(found["trusted"], trusted) and found["trusted"].dtype == bool
+    write_maps(tmp_path, *views, seen)
+    assert np.array_equal(read_maps(tmp_path, *views), seen)

@@ -13,10 +13,10 @@ from stages.photometry.environment import picture_of_light
 from stages.photometry.light_from_pairs import contrast
 from stages.photometry.light_search import sky_light
 from stages.photometry.sky import AROUND, Eyes, Sphere, even_directions, honeycomb
-from stages.photometry.sky_decomposition import decompose_by_sky
 from stages.photometry.sky_light import FoundLight, SkyScene
 from stages.photometry.sky_photos import Lighting
 from stages.photometry.transfer import Occlusion, Proxy
+from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import sphere_scene
 from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, looks, normals_of, photo_of
 
@@ -184,7 +184,7 @@ def test_the_decomposition_divides_what_it_may_look_in(under_a_roof, sheen):
     channels, looked, how = list(image.T.copy()), looks(np.ones(len(image), bool)), replace(HOW, sheen=sheen)
     how = replace(how, lighting=Lighting("shared", 1.0))
     fine, coarse = (
-        decompose_by_sky(views, channels, [scene], looked, how, 1, lambda: None)
+        decompose_by_sky(views, channels, [scene], looked, how).light
         for scene in (sky, replace(sky, eyes=None))
     )
     assert len(coarse.directions) == len(coarse.cells) == DIRECTIONS

@@ -52,6 +52,7 @@ def test_none_is_written_as_the_documentation_writes_it(nothing):
     ("assignment", "sentence"),
     [
         ("count.tims=3", "There is no setting count.tims; did you mean 'times'?"),
+        ("count.glue=3", "count.glue has moved to join.separator; set it there."),
         ("cuont.times=3", "There is no stage 'cuont' to set; did you mean 'count'?"),
         ("count.times=0", "count.times is 0; expected greater than or equal to 1."),
         ("count.times=many", "count.times is 'many'; expected a valid integer."),

@@ -15,12 +15,12 @@ from stages.photometry.light_search import Search
 from stages.photometry.paints import PALETTE, paints_of
 from stages.photometry.sheen import Mirror, Sheen, highlights_of, without_sheen
 from stages.photometry.sky import Sphere, even_directions, offsets_in
-from stages.photometry.sky_decomposition import decompose_by_sky
 from stages.photometry.sky_light import FoundLight, SkyScene
 from stages.photometry.sky_photos import Lighting, Looks, Photos
 from stages.photometry.stack import stack_views
 from stages.photometry.view_differences import MOST_EXPLAINED, Differences, some_links
 from stages.scene.view_files import ways_to_cameras
+from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import PAINTS, SphereScene, sphere_scene
 from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, in_shadow_of, looks, normals_of, open_scene
 
@@ -329,14 +329,12 @@ def test_the_albedo_comes_nearer_the_paint(glossy):
     images = [np.ascontiguousarray((matt + sheen)[:, c]) for c in range(3)]
     albedo = matt / shading
     with_it, without = (
-        decompose_by_sky(
-            views, images, [sky], looks(everything(matt)), replace(HOW, sheen=sheen), 1, lambda: None
-        )
+        decompose_by_sky(views, images, [sky], looks(everything(matt)), replace(HOW, sheen=sheen))
         for sheen in (True, False)
     )
-    assert with_it.sheen is not None
-    assert without.sheen is None
+    assert with_it.light.sheen is not None
+    assert without.light.sheen is None
     assert error(with_it.albedo, albedo) < 0.8 * error(without.albedo, albedo)
-    assert error(with_it.seen, matt) < error(without.seen, matt)
-    two_threads = decompose_by_sky(views, images, [sky], looks(everything(matt)), HOW, 2, lambda: None)
+    assert error(with_it.light.observations.seen, matt) < error(without.light.observations.seen, matt)
+    two_threads = decompose_by_sky(views, images, [sky], looks(everything(matt)), HOW, threads=2)
     assert np.array_equal(two_threads.albedo, with_it.albedo)

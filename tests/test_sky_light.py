@@ -15,6 +15,7 @@ from stages.photometry.appearance import appearance_of
 from stages.photometry.energy import EnergyWeights
 from stages.photometry.fast_alternation import FastSettings
 from stages.photometry.highlights import Linked, brightening, darkened, without_highlights
+from stages.photometry.illumination import explained_best
 from stages.photometry.light_from_pairs import ENOUGH, PairObjective, PairWeights, Sample, believed
 from stages.photometry.light_search import Search, disagreements, sky_light
 from stages.photometry.paint_detail import with_detail
@@ -27,7 +28,6 @@ from stages.photometry.paint_edges import (
 )
 from stages.photometry.saddle import ALIKE, EdgeWeights, graph_of
 from stages.photometry.sky import even_directions
-from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky, explained_best
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks, Photos
 from stages.photometry.soft_paint import soft_paint
@@ -35,12 +35,13 @@ from stages.photometry.stack import StackedViews, stack_views
 from stages.photometry.transfer import Occlusion, Proxy
 from stages.photometry.view_gains import view_gains
 from stages.scene.view_files import ways_to_cameras
+from tests.by_sky import BySky, decompose_by_sky
 from tests.sphere_scene import SphereScene, sphere_scene
 
 DIRECTIONS = 128
 MOVING = 0.15
 FEW = SkySettings(samples=3000, bounces=0)
-HOW = SkyDecomposition(
+HOW = BySky(
     light=FEW,
     lighting=Lighting("auto", MOVING),
     sheen=True,
@@ -547,16 +548,14 @@ def test_everything_together_on_the_sphere(lit):
     views, sky, albedo, shading, _ = lit
     image = photo_of(albedo, shading)
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
-    found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW, 1, lambda: None)
-    assert found.light_of_view.max() == 0
-    assert found.sheen is None
-    assert np.allclose(found.light.shading.mean(axis=0), 1, atol=1e-3)
+    found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW)
+    assert found.light.light_of_view.max() == 0
+    assert found.light.sheen is None
+    assert np.allclose(found.light.light.shading.mean(axis=0), 1, atol=1e-3)
     assert error(found.albedo, albedo) < 0.25 * error(image, albedo)
     apart = replace(HOW, lighting=Lighting("per-view", MOVING))
-    per_view = decompose_by_sky(
-        views, images, [sky], looks(np.ones(len(albedo), bool)), apart, 1, lambda: None
-    )
-    assert per_view.light.radiance.shape == (3, DIRECTIONS, 3)
+    per_view = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), apart)
+    assert per_view.light.light.radiance.shape == (3, DIRECTIONS, 3)
     assert error(per_view.albedo, albedo) < 0.5 * error(image, albedo)
 
 
@@ -650,8 +649,8 @@ def test_where_nothing_is_trusted_everything_is(lit):
     image = photo_of(albedo, shading)
     how = replace(HOW, lighting=Lighting("shared", MOVING), descent=replace(HOW.descent, max_rounds=5))
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
-    found = decompose_by_sky(views, images, [sky], looks(np.zeros(len(albedo), bool)), how, 1, lambda: None)
-    assert found.trusted.any()
+    found = decompose_by_sky(views, images, [sky], looks(np.zeros(len(albedo), bool)), how)
+    assert found.light.observations.trusted.any()
     assert found.albedo.min() > 0
 
 
@@ -715,9 +714,9 @@ def test_views_under_a_light_that_moves_have_one_each():
     scene = sphere_scene(view_count=3, turn_deg=90.0)
     views, sky = scene.stacked(), open_scene(normals_of(scene))
     images, everything = scene.channels(), np.ones(int(views.starts[-1]), bool)
-    found = decompose_by_sky(views, images, [sky], looks(everything), HOW, 1, lambda: None)
-    assert found.brightening < 1
-    assert found.light_of_view.tolist() == [0, 1, 2]
+    found = decompose_by_sky(views, images, [sky], looks(everything), HOW)
+    assert found.light.brightening < 1
+    assert found.light.light_of_view.tolist() == [0, 1, 2]
 
 
 def test_glossy_views_have_one_light_and_firm_links(lit, monkeypatch):
@@ -731,9 +730,9 @@ def test_glossy_views_have_one_light_and_firm_links(lit, monkeypatch):
 
     monkeypatch.setattr(sky_decomposition, "albedo_under_light", solve)
     images = list(np.ascontiguousarray(with_sheen(lit).T))
-    found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW, 1, lambda: None)
-    assert found.gains.spread > MOVING
-    assert found.light_of_view.max() == 0
+    found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW)
+    assert found.light.gains.spread > MOVING
+    assert found.light.light_of_view.max() == 0
     of_tv, of_albedo = weighed
     assert of_tv == ALIKE
     assert of_albedo.smoothness.size == sum(p.size for p, _ in views.neighbours())

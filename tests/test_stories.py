@@ -113,7 +113,7 @@ def test_a_second_run_reuses_everything_and_says_so(finished, capsys):
     code, _, said = unshade(capsys, "run", ROOT / "configs/sample.yaml", "--workspace", finished, *QUICK)
     assert code == 0
     lines = [line for line in said.splitlines() if line.strip()]
-    assert len(lines) == 9
+    assert len(lines) == 10
     assert all("reuse" in line and "nothing that it depends on has changed" in line for line in lines)
 
 
@@ -127,6 +127,16 @@ def test_a_setting_of_the_decomposition_reruns_it_and_what_follows_only(finished
     assert {stage for stage, action in plan.items() if action != "reuse"} == {"decomposition", "deliver"}
     reasons = {row["stage"]: row["reason"] for row in json.loads(told)}
     assert reasons["decomposition"].startswith("setting lambda went from")
+    assert reasons["lighting"] == "nothing that it depends on has changed"
+
+
+def test_a_setting_of_the_light_runs_both(finished, capsys):
+    words = ["plan", ROOT / "configs/sample.yaml", "--workspace", finished, *QUICK, "--json"]
+    code, told, _ = unshade(capsys, *words, "--set", "lighting.neutrality=0.01")
+    assert code == 0
+    plan = actions(told)
+    assert plan["transfer"] == "reuse"
+    assert [plan[stage] for stage in ("lighting", "decomposition")] == ["run", "run or reuse"]
 
 
 def test_photos_elsewhere_are_the_same_photos_and_one_changed_byte_is_not(finished, tmp_path, capsys):
@@ -196,8 +206,8 @@ def test_known_cameras_a_mesh_and_linear_images_need_no_sfm_and_no_mvs(tmp_path,
                             "--set", "raycast.reduce=3", "--set", "transfer.max_vertices=30000")  # fmt: skip
     assert code == 0
     assert list(actions(told)) == [
-        "adopt_model", "undistort", "adopt_mesh", "raycast", "correspondence", "transfer", "decomposition",
-        "deliver",
+        "adopt_model", "undistort", "adopt_mesh", "raycast", "correspondence", "transfer", "lighting",
+        "decomposition", "deliver",
     ]  # fmt: skip
     (linear,) = (tmp_path / "w/cache/undistort").glob("*/linear")
     assert {path.stem for path in linear.iterdir()} == LINEAR_VIEWS
@@ -319,6 +329,9 @@ def test_a_workspace_among_the_photos_is_refused_before_anything_is_written(
             "without --colmap",
         ),
         (["run", *LINEAR, "--set", "decomposition.lambada=1"], "did you mean 'lambda'?"),
+        (["run", *LINEAR, "--set", "decomposition.neutrality=1"], "has moved to lighting.neutrality"),
+        (["run", *LINEAR, "--set", "decomposition.lighting=shared"], "has moved to lighting.lights"),
+        (["run", *LINEAR, "--set", "decomposition.bounces=0"], "has moved to lighting.bounces"),
         (["run", *LINEAR, "--set", "decomposition.lambda=-1"], "decomposition.lambda is -1"),
         (["run", *LINEAR, "--only", "meshes"], "There is no stage 'meshes'"),
         (

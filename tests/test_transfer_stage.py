@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stages.cli import main
-from stages.decomposition import _eyes
+from stages.lighting import _eyes
 from stages.photometry.sky import Sphere, even_directions
 from stages.scene.exr import read_exr
 from stages.scene.photos import read_mask
@@ -68,7 +68,7 @@ def test_albedo_times_shading_is_the_image_and_the_light_says_what_it_meets(conf
 
 
 def test_who_looks_again_sees_what_is_stored(config, output):
-    """The eyes that the decomposition makes of the file, in the directions that the file was made in."""
+    """The eyes that `lighting` makes of the file, in the directions that the file was made in."""
     stored = read_transfer(artefact(config.parent / "w", "transfer", "transfer.npz"))
     eyes = _eyes(SimpleNamespace(threads=1, executor=None), stored)
     directions = even_directions(int(stored.directions))
@@ -76,6 +76,13 @@ def test_who_looks_again_sees_what_is_stored(config, output):
     for radius, visible in zip(stored.radii, stored.visible, strict=True):
         sphere = Sphere(tuple(stored.centre), radius) if np.isfinite(radius) else None
         assert np.array_equal(eyes.see(directions, sphere), visible)
+
+
+def test_light_and_albedo_are_the_same_bytes_on_any_number_of_threads(config, capsys):
+    for stage in ("lighting", "decomposition"):
+        code, _, said = unshade(capsys, "run", config, "--only", stage, "--force", "--threads", "1")
+        assert code == 0, said
+        assert "came out different" not in said.replace("\n", " ")
 
 
 def test_what_only_this_mode_knows_is_there(output):
@@ -109,6 +116,8 @@ def test_light_that_sees_the_mouth_leaves_less_of_it_in_the_albedo(config, outpu
     settings = ["--set", "decomposition.mode=paper", "--set", "decomposition.solver=fast"]
     assert main(["run", str(config), "--workspace", str(config.parent / "w"), *settings]) == 0
     by_normals = errors(output, capsys)
+    left = {"environment", "albedo_tv", "confidence"} & {path.name for path in output.iterdir()}
+    assert not left, "they are of another light"
     assert main(["run", str(config)]) == 0
     assert np.all(by_transfer < 0.8 * by_normals), (by_transfer, by_normals)
     assert by_transfer.mean() < 0.5 * by_normals.mean()
@@ -120,7 +129,10 @@ def test_only_mode_transfer_knows_the_stage(config, capsys):
     assert "\ntransfer " in told
     code, told, _ = unshade(capsys, "plan", config, "--set", "decomposition.mode=paper")
     assert code == 0
-    assert "\ntransfer " not in told
+    assert "\ntransfer " not in told and "\nlighting " not in told
+    code, told, _ = unshade(capsys, "plan", config, *HARMONICS)
+    assert code == 0
+    assert "\ntransfer " in told and "\nlighting " not in told
 
 
 def test_what_does_not_go_together_is_said(config, capsys):

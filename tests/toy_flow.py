@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 from pipeline import Artefact, Job, Settings, Silence, Source, Stage, UserError, setting
 from pipeline.config import check_settings
@@ -17,6 +18,7 @@ class JoinSettings(Settings):
 
 
 class CountSettings(Settings):
+    moved = MappingProxyType({"glue": "join.separator"})
     times: int = setting(1, "The count is multiplied by this.", ge=1, le=100)
     lambda_: float = setting(1.0, "A name that Python reserves.", name="lambda", gt=0)
 

@@ -23,15 +23,19 @@ CARTOON_FIDELITY = 0.05  # the best of its grid on Fig. 3 at this size (docs/pap
 
 @dataclass(frozen=True)
 class Method:
-    """A name, and what the decomposition is told beyond its defaults; None where it is not asked."""
+    """A name, and what the decomposition and the lighting before it are told beyond their defaults.
+
+    `settings` are the decomposition's: None where it is not asked.
+    """
 
     name: str
     settings: dict[str, Any] | None = None
     artefact: str = "albedo"
+    lighting: dict[str, Any] = field(default_factory=dict)
 
 
-def _ours(name: str, artefact: str = "albedo", **settings: Any) -> Method:
-    return Method(name, {"mode": "transfer", **settings}, artefact)
+def _ours(name: str, artefact: str = "albedo", lighting: dict[str, Any] | None = None, **settings: Any):
+    return Method(name, {"mode": "transfer", **settings}, artefact, lighting or {})
 
 
 PAPER = Method("mode: paper", {"mode": "paper"})
@@ -42,11 +46,11 @@ METHODS = (IMAGE, Method("cartoon-texture"), PAPER, WELL, OURS)
 ABLATIONS = (
     _ours("albedo_tv", artefact="albedo_tv"),
     _ours("light: harmonics", light="harmonics"),
-    _ours("no bounces", bounces=0),
-    _ours("no sheen", sheen=False),
-    _ours("one light per view", lighting="per-view"),
-    _ours("channels apart", neutrality=0.0),
-    _ours("no evenness", evenness=0.0),
+    _ours("no bounces", lighting={"bounces": 0}),
+    _ours("no sheen", lighting={"sheen": False}),
+    _ours("one light per view", lighting={"lights": "per-view"}),
+    _ours("channels apart", lighting={"neutrality": 0.0}),
+    _ours("no evenness", lighting={"evenness": 0.0}),
     _ours("any change of colour is paint", chroma_step=1e-3),
     _ours("hardly any λ", coarse_lambda=0.3),
 )
@@ -110,8 +114,9 @@ def _albedo(laboratory: Laboratory, row: Row, judge: Judge, method: Method):
     settings = dict(method.settings)
     if settings["mode"] == "paper":
         settings |= _best_weights(settings, row, judge)
-    results = laboratory.run_with(row, settings)
-    return maps_in(results.paths[method.artefact], judge.names), results.facts["decomposition"]
+    results = laboratory.run_with(row, settings, method.lighting)
+    facts = results.facts.get("lighting", {}) | results.facts["decomposition"]
+    return maps_in(results.paths[method.artefact], judge.names), facts
 
 
 def _best_weights(settings: dict[str, Any], row: Row, judge: Judge) -> dict[str, float]:

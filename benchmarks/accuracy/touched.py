@@ -20,22 +20,26 @@ from benchmarks.accuracy.scenes import laboratory_of, paper_rows  # noqa: E402
 from benchmarks.paper.laboratory import QUARTER, TINY  # noqa: E402
 from benchmarks.paper.tables import markdown  # noqa: E402
 from stages.photometry.decomposition_settings import DecompositionSettings  # noqa: E402
+from stages.photometry.lighting_settings import LightingSettings  # noqa: E402
 from stages.scene.photos import write_png8  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
+OF_STAGE = {"lighting": LightingSettings(), "decomposition": DecompositionSettings()}
 HEAD = """# Settings that one may touch, in pictures
 
 Written by `python -m benchmarks.accuracy.touched`. Nothing needs tuning: the defaults are the same on all
 scenes. Where a result has what you do not want, these are the ones to try, one at a time
-(`unshade run CONFIG --set decomposition.coarse_lambda=3`: nothing before the decomposition is run again).
+(`unshade run CONFIG --set decomposition.coarse_lambda=3`: nothing before the decomposition is run again, and
+the light is not sought anew).
 Every picture: one view's photo, its true albedo, and what is found with the setting at some values, all else
 at its default; the table has the si-RMSE of all views. What every setting means: docs/settings.md."""
 
 
 @dataclass(frozen=True)
 class Touched:
-    """A setting of the decomposition, values besides the default, the row they show on, what they do."""
+    """A setting of a stage, values besides the default, the row they show on, what they do."""
 
+    stage: str
     setting: str
     others: tuple[Any, ...]
     row: str
@@ -44,16 +48,23 @@ class Touched:
     @property
     def default(self) -> Any:
         """What it is where nobody touches it."""
-        return getattr(DecompositionSettings(), self.setting)
+        return getattr(OF_STAGE[self.stage], self.setting)
 
     @property
     def values(self) -> tuple[Any, ...]:
         """All that are shown, in their order."""
         return tuple(sorted({*self.others, self.default}))
 
+    def method(self, value: Any) -> Method:
+        """`mode: transfer` with one of them."""
+        own = {"decomposition": {"mode": "transfer"}, "lighting": {}}
+        own[self.stage][self.setting] = value
+        return Method(f"{self.setting} {value}", own["decomposition"], lighting=own["lighting"])
+
 
 TOUCHED = (
     Touched(
+        "decomposition",
         "coarse_lambda",
         (1.0, 40.0),
         "fig7",
@@ -62,12 +73,14 @@ TOUCHED = (
         "that changes softly comes out flat, in plates.",
     ),
     Touched(
+        "decomposition",
         "fine_lambda",
         (0.02, 1.0),
         "fig5",
         "What it costs elsewhere. More, where photos are noisy: lines and spots of a few pixels go as well.",
     ),
     Touched(
+        "lighting",
         "sheen",
         (False,),
         "fig6",
@@ -75,6 +88,7 @@ TOUCHED = (
         "sooner, and gloss is paint.",
     ),
     Touched(
+        "lighting",
         "bounces",
         (0, 1),
         "fig3",
@@ -94,20 +108,13 @@ def main(argv: Sequence[str] | None = None) -> Path:
     sections = [HEAD]
     for touched in (one for one in TOUCHED if one.setting in given.settings):
         row, size = rows[touched.row]
-        judged = judge_row(laboratory_of(row, size, given.workspace), row, methods_of(touched))
+        methods = tuple(touched.method(value) for value in touched.values)
+        judged = judge_row(laboratory_of(row, size, given.workspace), row, methods)
         write_png8(given.to / f"touched-{touched.setting}.png", judged.picture)
         sections.append(section_of(touched, judged))
     page = given.to / "touched.md"
     page.write_text("\n\n".join(sections) + "\n", encoding="utf-8")
     return page
-
-
-def methods_of(touched: Touched) -> tuple[Method, ...]:
-    """`mode: transfer` with each of the values."""
-    return tuple(
-        Method(f"{touched.setting} {value}", {"mode": "transfer", touched.setting: value})
-        for value in touched.values
-    )
 
 
 def section_of(touched: Touched, judged: JudgedRow) -> str:
@@ -121,7 +128,7 @@ def section_of(touched: Touched, judged: JudgedRow) -> str:
     ]
     return "\n\n".join(
         [
-            f"## `{touched.setting}`",
+            f"## `{touched.stage}.{touched.setting}`",
             f"{touched.says} Here: {judged.name}, {judged.about}.",
             markdown([touched.setting, "red", "green", "blue"], table),
             f"![{judged.name} with {touched.setting} at {', '.join(map(str, touched.values))}]"

@@ -16,6 +16,7 @@ from pipeline.config import check_settings
 from pipeline.request import Request, Selection
 from pipeline.run import Listener, run
 from pipeline.store import Store
+from stages.photometry.decomposition_settings import DecompositionSettings
 
 
 @dataclass(frozen=True)
@@ -124,18 +125,18 @@ class Laboratory:
 
     def prepare(self, row: Row) -> Results:
         """Render a row and all that the decomposition takes."""
-        return self._run(row, {}, last="correspondence")
+        return self._run(row, {"mode": "paper"}, {}, last="correspondence")
 
     def decompose(self, row: Row, weights: Weights, **settings: Any) -> Results:
         """Decompose a row; λ's factor of the row is applied here."""
         own = Weights(weights.smoothness * row.lambda_factor, weights.agreement)
-        return self._run(row, own.at(self.size) | settings, last="decomposition")
+        return self._run(row, own.at(self.size) | settings, {}, last="decomposition")
 
-    def run_with(self, row: Row, settings: dict[str, Any]) -> Results:
-        """Decompose a row with settings as they are."""
-        return self._run(row, settings, last="decomposition")
+    def run_with(self, row: Row, settings: dict[str, Any], lighting: dict[str, Any] | None = None) -> Results:
+        """Decompose a row with settings as they are: the decomposition's, and the lighting's before it."""
+        return self._run(row, settings, lighting or {}, last="decomposition")
 
-    def _run(self, row: Row, decomposition: dict[str, Any], last: str) -> Results:
+    def _run(self, row: Row, decomposition: dict[str, Any], lighting: dict[str, Any], last: str) -> Results:
         given = {
             "render": {
                 "views": self.size.views,
@@ -147,7 +148,8 @@ class Laboratory:
             },
             "undistort": {"max_size_px": None},
             "known_geometry": dict(row.known_geometry),
+            "lighting": lighting,
             "decomposition": decomposition,
         }
-        flow = stages.experiment(row.sources, decomposition.get("mode", "paper"))
+        flow = stages.experiment(row.sources, DecompositionSettings(**decomposition).kind_of_light)
         return results_of(flow, row.sources, given, self.workspace, last, self.threads, self.listener)

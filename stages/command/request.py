@@ -20,8 +20,9 @@ SOURCE_OF_FLAG = {
     "masks": "masks",
     "object": "object",
     "environment": "environment",
+    "known_light": "known_light",
 }
-FILES = {"mesh", "object", "environment", "light"}
+FILES = {"mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
 WORKSPACES = Path("workspaces")  # below the current folder
 # Names of folders that do not say of what the photos are: projects so called would share a workspace.
@@ -75,7 +76,7 @@ def _request(
     given = override(config.settings, command.assignments)
     settings = check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given)
     flow_of = stages.experiment if "render" in given else stages.dataflow
-    flow = flow_of(sources, stages.mode_of(settings))
+    flow = flow_of(sources, stages.kind_of_light(settings, sources))
     if "light" in sources:
         flow = stages.with_relighting(flow)
     if full_resolution:
@@ -138,7 +139,7 @@ def beside(config: Config, path: str) -> Path:
 
 def existing(flag: str, path: Path) -> Path:
     """The path, if it is there and of the right kind."""
-    expected = "file" if flag in FILES else "folder"
+    expected, flag = "file" if flag in FILES else "folder", flag.replace("_", "-")
     if not path.exists():
         raise UserError(f"--{flag} {path} does not exist; expected a {expected}. Check the path.")
     if path.is_dir() != (expected == "folder"):

@@ -42,6 +42,9 @@ class Given:
         Mesh to render instead of the bust, where the configuration asks for a rendered scene.
     environment
         Picture of all directions (EXR, HDR) that lights a rendered scene.
+    known_light
+        Picture of all directions (EXR, HDR), measured where the photos were taken; twice as wide as high, its
+        zenith in the first row. The light is not sought then, only how it is turned.
     assignments
         A setting, as in `--set decomposition.coarse_lambda=5`; repeatable.
     threads
@@ -58,6 +61,7 @@ class Given:
     masks: Folder = None
     object: File = None
     environment: File = None
+    known_light: File = None
     assignments: Annotated[UseAppendAction[tuple[str, ...]], optional("STAGE.SETTING=VALUE", "set")] = ()
     threads: Annotated[int | None, optional("N")] = None
     json: bool = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 from pipeline import Settings, UserError, setting
@@ -27,57 +28,27 @@ USUAL = {
 class DecompositionSettings(Settings):
     """Settings of the `decomposition` stage; those of `mode: transfer` say so, as do those of the solvers."""
 
+    moved = MappingProxyType(
+        {
+            "lighting": "lighting.lights",
+            "moving_light": "lighting.moving_light",
+            "sheen": "lighting.sheen",
+            "samples": "lighting.samples",
+            "neutrality": "lighting.neutrality",
+            "evenness": "lighting.evenness",
+        }
+    )
+
     mode: Literal["paper", "transfer"] = setting(
         "transfer",
         "paper: nine harmonics of the normal per view and channel, channels apart, as the paper has it. "
         "transfer: light that knows what each point sees, and what other surface sends on to it; found "
-        "before the albedo, by what it makes of like paint.",
+        "before the albedo by the stage `lighting`, by what it makes of like paint.",
     )
     light: Literal["directions", "harmonics"] = setting(
         "directions",
         "`mode: transfer`. directions: light of at least 0 from all around, under which pixels of like "
         "colour come out alike. harmonics: the paper's energy as it is, with transfer vectors for ν.",
-    )
-    lighting: Literal["auto", "shared", "per-view"] = setting(
-        "auto",
-        "`light: directions`. shared: one light for all views, with a gain per view and channel. per-view: "
-        "a light each, as when lamps are carried about or clouds pass. auto: by `moving_light`; light "
-        "that is brighter in only a few of many views passes for gloss there.",
-    )
-    moving_light: float = setting(
-        0.15,
-        "`lighting: auto`: where the same surface point differs more than this from view to view, after "
-        "gains, each view has its own light, unless views rise further above one another than they fall "
-        "below: that is gloss, which only adds. Noise stays below.",
-        unit="typical difference of the logarithms",
-        gt=0,
-    )
-    sheen: bool = setting(
-        True,
-        "`light: directions`, one light for all views: whether the light's image in the surface, which is "
-        "taken for a rough mirror, is taken off where it explains how views differ: on all of it, or else on "
-        "the paints where it does. How views differ there then has a say in the light, too.",
-    )
-    samples: int = setting(
-        20_000,
-        "Pixels that the light of `light: directions` is found from; a quarter as many more for every "
-        "further light. More changes little.",
-        unit="pixels",
-        ge=1000,
-        le=300_000,
-    )
-    neutrality: float = setting(
-        0.005,
-        "`light: directions`: the price of channels that disagree about where the light comes from. More "
-        "keeps the colour of paint out of the light where all that faces one way is of one colour (moss on "
-        "the ground); less is for coloured lamps.",
-        ge=0,
-    )
-    evenness: float = setting(
-        1e-3,
-        "`light: directions`: the price of light that differs from direction to direction; settles what the "
-        "surface does not see. A sun costs what it is bright, not the square.",
-        ge=0,
     )
     solver: Literal["paper", "fast"] | None = setting(
         None,
@@ -91,16 +62,15 @@ class DecompositionSettings(Settings):
         ge=1,
         le=6,
     )
-    bounces: int = setting(
-        4,
-        "`mode: transfer`: how often light is passed on between surfaces; 0: not at all.",
+    bounces: int | None = setting(
+        None,
+        "`light: harmonics`: as `lighting.bounces`; none: its default.",
         ge=0,
         le=100,
     )
-    brightest: float = setting(
-        0.9,
-        "`mode: transfer`: what the brightest material is taken to reflect, since images do not tell; it "
-        "says how much light bounces.",
+    brightest: float | None = setting(
+        None,
+        "`light: harmonics`: as `lighting.brightest`; none: its default.",
         ge=0.01,
         le=0.95,
     )
@@ -211,9 +181,14 @@ class DecompositionSettings(Settings):
     )
 
     @property
+    def kind_of_light(self) -> Literal["paper", "harmonics", "directions"]:
+        """The paper's, or that of `mode: transfer`."""
+        return "paper" if self.mode == "paper" else self.light
+
+    @property
     def stopping(self) -> Stopping:
         """When `solver: fast` is done: what was set, or what suits the mode and its light."""
-        usual = USUAL["paper" if self.mode == "paper" else self.light]
+        usual = USUAL[self.kind_of_light]
         return Stopping(
             tolerance=given_or(self.fast_tolerance, usual.tolerance),
             gap=given_or(self.fast_gap, usual.gap),
@@ -234,8 +209,14 @@ def check_mode(settings: DecompositionSettings, transfer_degree: int) -> None:
             "decomposition.solver is paper and decomposition.mode transfer; the paper's solver knows the "
             "paper's light only. Leave the solver out, or set the mode to paper."
         )
-    by_transfer = settings.mode == "transfer" and settings.light == "harmonics"
-    if by_transfer and given_or(settings.degree, 0) > transfer_degree:
+    if settings.kind_of_light == "directions":
+        for name in ("bounces", "brightest"):
+            if getattr(settings, name) is not None:
+                raise UserError(
+                    f"decomposition.{name} is {getattr(settings, name)}, but `light: directions` is found by "
+                    f"another stage: it has moved to lighting.{name}; set it there."
+                )
+    if settings.kind_of_light == "harmonics" and given_or(settings.degree, 0) > transfer_degree:
         raise UserError(
             f"decomposition.degree is {settings.degree}, but the transfer vectors end at {transfer_degree}; "
             "raise transfer.degree or lower decomposition.degree."

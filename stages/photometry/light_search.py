@@ -127,7 +127,8 @@ class Search:
         for _ in range(SETTLES):
             shading = scale * of_pixels + now.sent_on(*where)
             albedo, known = vertex_albedo(scene, self.image, shading)
-            factor = _brightest(albedo, known) / self.settings.brightest
+            asked = self.settings.brightest
+            factor = 1.0 if asked is None else _brightest(albedo, known) / asked
             absolute, scale = np.clip(albedo / factor, 0, WHITEST)[nearest], np.float32(scale * factor)
             sent_on = _bounced(scene, scale * of_vertices, absolute, known[nearest], self.settings.bounces)
             now = FoundLight(scale * light, sent_on)

@@ -34,6 +34,18 @@ def light_of_picture(picture: np.ndarray, directions: np.ndarray) -> np.ndarray:
     return np.where(total[:, None] > 0, light, picture.reshape(-1, 3)[pixel])  # finer than the picture
 
 
+def turned_light(
+    picture: np.ndarray, turn_deg: float, upright_from_world: np.ndarray, directions: np.ndarray
+) -> np.ndarray:
+    """Radiance from each of the world's directions, (M, 3), of a picture that is turned about the vertical.
+
+    Counter-clockwise seen from above; turning the light turns the directions the other way.
+    """
+    turn = np.deg2rad(-turn_deg)
+    turned = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    return light_of_picture(picture, directions @ (turned @ upright_from_world).T)
+
+
 def relit(
     scene: SkyScene, albedo: np.ndarray, light: np.ndarray, bounces: int, brightest: float
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -1,16 +1,16 @@
-"""`mode: transfer`: first the light, by what it makes of like paint; then the albedo under it."""
+"""`mode: transfer`: the albedo under the light that was found, once as Eq. 2 has it and once by edge."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.appearance import appearance_of
-from stages.photometry.divided_light import divided
 from stages.photometry.fast_alternation import FastDescent, FastSettings
+from stages.photometry.observations import Observations
 from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
     PaintEdges,
@@ -19,17 +19,9 @@ from stages.photometry.paint_edges import (
     smoothness_of_edges,
 )
 from stages.photometry.saddle import ALIKE, EdgeWeights
-from stages.photometry.sheen import Sheen
-from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
-from stages.photometry.sky_photos import Lighting, Looks, Photos
 from stages.photometry.soft_paint import soft_paint
 from stages.photometry.stack import StackedViews
-from stages.photometry.view_differences import Differences
-from stages.photometry.view_gains import ViewGains, view_gains
 from stages.solvers.threading_layer import use_threads
-
-NEARER = 0.01  # by how much less disagreement light from nearby must leave to be believed in
-UNLIT = 0.02  # of the median shading: a quotient by less says nothing
 
 
 @dataclass(frozen=True)
@@ -38,29 +30,14 @@ class SkyDecomposition:
 
     Attributes
     ----------
-    light : SkySettings
-    lighting : Lighting
-    sheen : bool
-        Whether it is looked for, where there is one light; see `Photos.sheen`.
     edges : PaintEdges
         Of `albedo`.
     descent : FastSettings
         Of the albedo; λ and μ are those of `albedo_tv`, μ is the least that links have in `albedo`.
     """
 
-    light: SkySettings
-    lighting: Lighting
-    sheen: bool
     edges: PaintEdges
     descent: FastSettings
-
-
-@dataclass(frozen=True, eq=False)
-class SkyLight:
-    """The light, (G, M, 3), at least 0, and the shading of all pixels by it, (N, 3), float32."""
-
-    radiance: np.ndarray
-    shading: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,164 +46,55 @@ class SkySolution:
 
     Attributes
     ----------
-    light : SkyLight
-        Its shading with the gains of the views.
-    scene : int
-        Which of the scenes explains the photos best.
-    disagreements : list of float
-        Of all scenes; see `_best_explanation`.
-    gains : ViewGains
-    sheen : Sheen or None
-        That was found and taken off.
-    brightening : float
-        Of the views, gains divided out, sheen and all.
-    light_of_view : ndarray, shape (n,), int64
-    trusted : ndarray, shape (N,), bool
-        Pixels whose data counted.
-    seen : ndarray, shape (N, 3), float32
-        The photos without their sheen, gains of the views included: what albedo and shading are to explain.
     smooth : FastDescent
         Eq. 2's ρ under that light, for `albedo_tv`.
     detailed : FastDescent
         Before the detail came back that the photos have.
     albedo : ndarray, shape (N, 3), float32
         With it.
-    directions : ndarray, shape (M, 3)
-        Of the light.
-    cells : ndarray, shape (M,)
-        Share of all directions that each stands for.
     """
 
-    light: SkyLight
-    scene: int
-    disagreements: list[float]
-    gains: ViewGains
-    sheen: Sheen | None
-    brightening: float
-    light_of_view: np.ndarray
-    trusted: np.ndarray
-    seen: np.ndarray
     smooth: FastDescent
     detailed: FastDescent
     albedo: np.ndarray
-    directions: np.ndarray
-    cells: np.ndarray
 
 
-def decompose_by_sky(
+def decompose_under_light(
     views: StackedViews,
-    images: list[np.ndarray],
-    scenes: Sequence[SkyScene],
-    looks: Looks,
+    shading: np.ndarray,
+    observed: Observations,
     settings: SkyDecomposition,
     threads: int,
     step: Callable[[], None],
 ) -> SkySolution:
-    """Find the light, then the albedo.
+    """Find the albedo: Eq. 2's ρ, and ρ by edge with the photo's detail.
 
     Parameters
     ----------
     views : StackedViews
-    images : list of 3 ndarray, shape (N,)
-        Scaled.
-    scenes : sequence of SkyScene
-        The same under light from other distances: that whose light leaves the least disagreement is taken.
-    looks : Looks
-        If none is trusted, all are.
+        Their basis is not looked at.
+    shading : ndarray, shape (N, 3), float32
+        By the light, with the gains of the views.
+    observed : Observations
     settings : SkyDecomposition
     threads : int
         Never changes the result.
     step : callable
-        Called after every step of the light and every round of the albedo.
+        Called after every round.
     """
     use_threads(threads)
-    image = np.stack(images, axis=1)
-    if not looks.trusted.any():
-        looks = replace(looks, trusted=np.ones_like(looks.trusted))
-    gains = view_gains(views, image, looks.trusted)
-    of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
-    photos = Photos.of(views, looks, image / of_pixel, gains.spread, settings.lighting)
-    best, left, found, differences = _best_explanation(photos, scenes, settings, step)
-    scene = scenes[best]
-    sheen = None
-    if differences is not None:
-        sheen, found = photos.sheen(scene, found, differences, settings.light, step) or (None, found)
-    unsure = differences is None if sheen is None else not sheen.glossy.all()
-    del differences  # many lobes
-    if sheen is not None:
-        photos = photos.without_sheen(sheen, photos.mirror(scene, found))
-    finer, near = divided(scene, found)
-    if sheen is not None or finer is not scene:
-        scene, found = finer, photos.light(finer, settings.light, step, near=near)
-    shading = photos.shading(scene, found)
-    light = _scaled(found.radiance, shading * of_pixel)
-    light_found = (light, best, left, gains, sheen, photos.brightening, photos.light_of_view)
-    del image  # `photos` has what follows
-    albedo_found = _albedo(photos, unsure, light, of_pixel, settings, threads, step)
-    return SkySolution(*light_found, *albedo_found, scene.pixels.directions, scene.pixels.cells)
-
-
-def _best_explanation(
-    photos: Photos, scenes: Sequence[SkyScene], settings: SkyDecomposition, step: Callable[[], None]
-) -> tuple[int, list[float], FoundLight, Differences | None]:
-    """Which scene it is, what each leaves unexplained, and of that one the light and how views then differ.
-
-    None where no sheen is sought.
-
-    What pairs of like paint disagree by is told by the shading; how views differ, by highlights, which are a
-    sharper witness of where light comes from, where there are some, and enough in every scene to tell. The
-    two are multiplied.
-    """
-    lights = [photos.light(scene, settings.light, step) for scene in scenes]
-    left = photos.disagreements(scenes, lights, settings.light)
-    if not (settings.sheen and photos.in_one_light):
-        best = explained_best(left)
-        return best, left, lights[best], None
-    differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
-    mirrored = [each.mirrored for each in differences]
-    if all(mirrored) and any(light.explains_most for light in mirrored):
-        left = [one * min(light.left, 1.0) for one, light in zip(left, mirrored, strict=True)]
-    best = explained_best(left)
-    return best, left, lights[best], differences[best]
-
-
-def _albedo(
-    photos: Photos,
-    unsure: bool,
-    light: SkyLight,
-    of_pixel: np.ndarray,
-    settings: SkyDecomposition,
-    threads: int,
-    step: Callable[[], None],
-) -> tuple[np.ndarray, np.ndarray, FastDescent, FastDescent, np.ndarray]:
-    """What is trusted and seen under this light; Eq. 2's ρ, ρ by edge, and that with the photo's detail."""
-    views, shading = photos.views, light.shading
-    lit = photos.looks.without(shading.mean(axis=1) <= UNLIT * np.median(shading))
-    seen, matt = photos.seen * of_pixel, photos.matt * of_pixel
-    shown, white = (in_white_light(one, shading) for one in (seen, matt))
-    surface = appearance_of(views, shown, shading, lit.trusted, settings.edges, unsure)
-    soft = soft_paint(views, white, shading, lit.trusted, settings.edges)
+    trusted, matt = observed.trusted, observed.matt
+    shown, white = (in_white_light(one, shading) for one in (observed.seen, matt))
+    surface = appearance_of(views, shown, shading, trusted, settings.edges, observed.glossy)
+    soft = soft_paint(views, white, shading, trusted, settings.edges)
     by_edge = EdgeWeights(
         smoothness_of_edges(views, white, shading, surface.textured, soft, settings.edges),
         agreement_of_links(views, settings.descent.weights.consistency, surface.disputed),
     )
     channels = list(np.ascontiguousarray(matt.T))
     smooth, detailed = (
-        albedo_under_light(views, channels, shading, lit.trusted, each, settings.descent, threads, step)
+        albedo_under_light(views, channels, shading, trusted, each, settings.descent, threads, step)
         for each in (ALIKE, by_edge)
     )
-    albedo = with_detail(detailed.albedo, matt, shading, lit.trusted, surface.textured)
-    return lit.trusted, seen, smooth, detailed, albedo
-
-
-def explained_best(left: Sequence[float]) -> int:
-    """Index of the least; the first, light from far away, unless another is clearly better."""
-    best = int(np.argmin(left))
-    return best if left[best] < (1 - NEARER) * left[0] else 0
-
-
-def _scaled(radiance: np.ndarray, shading: np.ndarray) -> SkyLight:
-    """Scale the light so that the mean shading, (N, 3), with the gains of the views, is 1 in each channel."""
-    mean = shading.mean(axis=0, dtype=np.float64).astype(np.float32)
-    mean = np.where(mean > 0, mean, np.float32(1))
-    return SkyLight(radiance / mean, shading / mean)
+    albedo = with_detail(detailed.albedo, matt, shading, trusted, surface.textured)
+    return SkySolution(smooth, detailed, albedo)

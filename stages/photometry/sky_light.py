@@ -28,8 +28,9 @@ class SkySettings:
     scales : tuple of float
         See `light_from_pairs`: coarse first, as bounces find their place, and so that a sun's shadow, e times
         darker and more, is not at once taken for other paint; then finer.
-    brightest : float
-        What the brightest material reflects.
+    brightest : float or None
+        What the brightest material reflects. None where light and images are in one unit, and the scale of
+        the albedo is known.
     weights : PairWeights
     seed : int
         Of the sample.
@@ -38,7 +39,7 @@ class SkySettings:
     bounces: int
     samples: int = 20_000
     scales: tuple[float, ...] = (2.4, 1.2, 0.6, 0.4, 0.4)
-    brightest: float = 0.9
+    brightest: float | None = 0.9
     weights: PairWeights = PairWeights()
     seed: int = 0
 

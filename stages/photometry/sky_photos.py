@@ -115,6 +115,10 @@ class Photos:
         """Matt surface then looks the same in all views."""
         return not self.light_of_view.any()
 
+    def search(self, scene: SkyScene, settings: SkySettings) -> Search:
+        """The pixels that light is found from."""
+        return Search.of(scene, self.views, self.matt, self.looks.trusted, self.light_of_view, settings)
+
     def light(
         self,
         scene: SkyScene,
@@ -157,6 +161,13 @@ class Photos:
             strength = mirrored.radiance.sum(axis=0) / np.maximum(light.sum(axis=0), 1e-12)
             everything = np.ones(len(self.seen), bool)
             return Sheen(strength, mirrored.roughness, mirrored.left, everything), differences
+        return self._gloss_of_paints(scene, differences, found)
+
+    def _gloss_of_paints(
+        self, scene: SkyScene, differences: Differences, found: FoundLight
+    ) -> tuple[Sheen, Differences] | None:
+        """The sheen of those paints whose differences the light explains in a mirror; None if of none."""
+        light = found.radiance[0]
         paint = paints_of(self.views, self.matt, self.shading(scene, found), self.looks.trusted)
         of_paint = (paint == number for number in range(int(paint.max()) + 1))
         shown = [own for own in of_paint if _shows(differences.within(own).strength(light))]
@@ -189,7 +200,7 @@ class Photos:
         mirror = own.in_mirror(sheen.roughness)
         for _ in range(TURNS):
             matt, _ = without_sheen(self.seen, sheen.image(self.mirror(scene, found)))
-            search = Search.of(scene, self.views, matt, self.looks.trusted, self.light_of_view, settings)
+            search = replace(self, matt=matt).search(scene, settings)
             light = light_in_gloss(search.objective(found), mirror, sheen.strength, found.radiance)
             left, _ = mirror.left(sheen.strength * light[0])
             settled = search.settled(light, found)
@@ -198,6 +209,16 @@ class Photos:
             step()
         explains = sheen.left < (MOST_EXPLAINED if sheen.glossy.all() else PAINT_GLOSSY)
         return (sheen, found) if explains and _likely(sheen.strength) else None
+
+    def sheen_in(self, scene: SkyScene, found: FoundLight) -> Sheen | None:
+        """The sheen under a light that is known: of all surface, else of some paints; None if of none."""
+        differences = self.differences(scene, found)
+        whole = differences.strength(found.radiance[0])
+        if whole is not None and whole.left < MOST_EXPLAINED and _likely(whole.strength):
+            return Sheen(whole.strength, whole.roughness, whole.left, np.ones(len(self.seen), bool))
+        gloss = self._gloss_of_paints(scene, differences, found)
+        explains = gloss is not None and gloss[0].left < PAINT_GLOSSY and _likely(gloss[0].strength)
+        return gloss[0] if explains else None
 
     def without_sheen(self, sheen: Sheen, mirror: Mirror) -> Photos:
         """The photos without it; what it hides in one view and not in another is no longer trusted."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +16,6 @@ from stages.photometry.fast_alternation import FastDescent, FastSettings, solve
 from stages.photometry.harmonics import real_harmonics
 from stages.photometry.sky import even_directions
 from stages.photometry.stack import StackedViews
-
-if TYPE_CHECKING:  # for its name only: what it takes is half a second to import
-    from stages.photometry.sky_decomposition import SkySolution
 
 SAMPLED = 512  # directions that harmonic light is shown at
 
@@ -35,15 +32,13 @@ class Solved:
         In the unit of the scaled images.
     shading : ndarray, shape (N, 3)
     light : ndarray, shape (n, 3, K), or None
-        Of the basis; None where `sky` holds it.
+        Of the basis; None where the light was given.
     histories : list of dict
         Per channel, for `energy.json`.
     outcomes : list of Outcome
         Per channel.
     albedo_tv : ndarray, shape (N, 3), or None
         Eq. 2's own, where `albedo` is another.
-    sky : SkySolution or None
-        With `light: directions`.
     confidence : ndarray, shape (N,), or None
         In `mode: transfer`.
     """
@@ -55,14 +50,12 @@ class Solved:
     histories: list[dict[str, Any]]
     outcomes: list[Outcome]
     albedo_tv: np.ndarray | None = None
-    sky: SkySolution | None = None
     confidence: np.ndarray | None = None
 
     def judged(
-        self, views: StackedViews, images: list[np.ndarray], incidence: np.ndarray, trusted: np.ndarray
+        self, views: StackedViews, image: np.ndarray, incidence: np.ndarray, trusted: np.ndarray
     ) -> Solved:
         """The same with the confidence of every pixel; see `confidence`."""
-        image = np.stack(images, axis=1) if self.sky is None else self.sky.seen
         return replace(
             self, confidence=confidence(views, image, self.shading, self.albedo, incidence, trusted)
         )

@@ -1,15 +1,17 @@
-"""What the settings of the `decomposition` stage mean to the solvers, at the size of the views."""
+"""What the settings of `lighting` and `decomposition` mean to the solvers, at the size of the views."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from stages.photometry.decomposition_settings import DecompositionSettings, given_or
+from stages.photometry.lighting_settings import LightingSettings
 
 if TYPE_CHECKING:
     from stages.photometry.alternation import AlternationSettings
     from stages.photometry.energy import EnergyWeights
     from stages.photometry.fast_alternation import FastSettings
+    from stages.photometry.illumination import IlluminationSettings
     from stages.photometry.sky_decomposition import SkyDecomposition
     from stages.photometry.transfer_alternation import TransferAlternation
 
@@ -69,26 +71,38 @@ def as_transfer(settings: DecompositionSettings, weights: EnergyWeights) -> Tran
     from stages.photometry.pixel_transfer import Bounces
     from stages.photometry.transfer_alternation import TransferAlternation
 
-    return TransferAlternation(as_fast(settings, weights), Bounces(settings.bounces, settings.brightest))
+    usual = LightingSettings()
+    bounces = Bounces(
+        int(given_or(settings.bounces, usual.bounces)), given_or(settings.brightest, usual.brightest)
+    )
+    return TransferAlternation(as_fast(settings, weights), bounces)
 
 
-def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> SkyDecomposition:
-    """For `light: directions`."""
+def as_illumination(settings: LightingSettings) -> IlluminationSettings:
+    """For the light of `light: directions`."""
+    from stages.photometry.illumination import IlluminationSettings
     from stages.photometry.light_from_pairs import PairWeights
-    from stages.photometry.paint_edges import PaintEdges
-    from stages.photometry.sky_decomposition import SkyDecomposition
     from stages.photometry.sky_light import SkySettings
     from stages.photometry.sky_photos import Lighting
 
-    return SkyDecomposition(
+    return IlluminationSettings(
         light=SkySettings(
             samples=settings.samples,
             bounces=settings.bounces,
             brightest=settings.brightest,
             weights=PairWeights(settings.neutrality, settings.evenness),
         ),
-        lighting=Lighting(settings.lighting, settings.moving_light),
+        lighting=Lighting(settings.lights, settings.moving_light),
         sheen=settings.sheen,
+    )
+
+
+def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> SkyDecomposition:
+    """For the albedo under that light."""
+    from stages.photometry.paint_edges import PaintEdges
+    from stages.photometry.sky_decomposition import SkyDecomposition
+
+    return SkyDecomposition(
         edges=PaintEdges(
             coarse=max(settings.fine_lambda, settings.coarse_lambda * side / OWN_SIDE),
             fine=settings.fine_lambda,

@@ -122,7 +122,10 @@ class StackedViews:
 
 
 def stack_views(
-    masks: Sequence[np.ndarray], normals_in_world: Sequence[np.ndarray], links: Links, each: Callable = map
+    masks: Sequence[np.ndarray],
+    normals_in_world: Sequence[np.ndarray] | None,
+    links: Links,
+    each: Callable = map,
 ) -> StackedViews:
     """Stack the views.
 
@@ -130,8 +133,8 @@ def stack_views(
     ----------
     masks : sequence of ndarray, shape (h_i, w_i), bool
         Ω of every view.
-    normals_in_world : sequence of ndarray, shape (h_i, w_i, 3)
-        Unit inside the mask.
+    normals_in_world : sequence of ndarray, shape (h_i, w_i, 3), or None
+        Unit inside the mask. None for a basis of nothing, where the light is none of harmonics.
     links : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
         C_ij: at most one 1 per row. A pair that is absent has no links.
     each : callable
@@ -144,6 +147,8 @@ def stack_views(
     """
     starts = first_pixels(masks)
     check_links(links, np.diff(starts).tolist())
+    if normals_in_world is None:
+        return StackedViews(starts, np.empty((int(starts[-1]), 0), np.float32), tuple(masks), dict(links))
 
     def basis_of(view: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         normals, mask = view

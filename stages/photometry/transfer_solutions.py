@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from stages.photometry.alternation import Outcome
 from stages.photometry.energy_history import rounds_under_light_as_json
+from stages.photometry.observations import Observations
 from stages.photometry.pixel_transfer import PixelTransfer
-from stages.photometry.sky_decomposition import SkyDecomposition, decompose_by_sky
-from stages.photometry.sky_light import SkyScene
-from stages.photometry.sky_photos import Looks
+from stages.photometry.sky_decomposition import SkyDecomposition, decompose_under_light
 from stages.photometry.solutions import Solved, solution_of
 from stages.photometry.stack import StackedViews
 from stages.photometry.transfer_alternation import TransferAlternation, solve_with_transfer
@@ -32,27 +31,25 @@ def by_transfer(
     return replace(solved, albedo_tv=solved.albedo)
 
 
-def by_sky(
+def under_light(
     views: StackedViews,
-    images: list[np.ndarray],
-    scenes: Sequence[SkyScene],
-    looks: Looks,
+    shading: np.ndarray,
+    observed: Observations,
     settings: SkyDecomposition,
     threads: int,
     step: Callable[[], None],
 ) -> Solved:
-    """With `light: directions`."""
-    sky = decompose_by_sky(views, images, scenes, looks, settings, threads, step)
-    outcome = worse(sky.smooth.outcome, sky.detailed.outcome)
+    """With `light: directions`, which is known."""
+    found = decompose_under_light(views, shading, observed, settings, threads, step)
+    outcome = worse(found.smooth.outcome, found.detailed.outcome)
     return Solved(
         views=views,
-        albedo=sky.albedo,
-        shading=sky.light.shading,
+        albedo=found.albedo,
+        shading=shading,
         light=None,
-        histories=rounds_under_light_as_json(sky.smooth, outcome),
+        histories=rounds_under_light_as_json(found.smooth, outcome),
         outcomes=[outcome] * 3,
-        albedo_tv=np.maximum(sky.smooth.albedo, 0),
-        sky=sky,
+        albedo_tv=np.maximum(found.smooth.albedo, 0),
     )
 
 

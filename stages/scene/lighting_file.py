@@ -28,6 +28,8 @@ BY_DIRECTIONS = (
     "and the light falls with the square of the way and the angle there"
 )
 GAUGE = "in each channel the sum of |albedo| equals the sum of |image| over all masked pixels"
+BY_SHADING = "in each channel the mean of shading over all masked pixels is 1"
+ABSOLUTE = "none: the light is in the unit of the images, as it was given"
 
 
 def write_lighting(
@@ -89,7 +91,9 @@ class LightAround:
     radius: float
 
 
-def write_light_around(path: Path, cameras: list[Camera], light: LightAround, image_scale: float) -> None:
+def write_light_around(
+    path: Path, cameras: list[Camera], light: LightAround, image_scale: float, absolute: bool = False
+) -> None:
     """Write light from all around.
 
     Parameters
@@ -100,12 +104,14 @@ def write_light_around(path: Path, cameras: list[Camera], light: LightAround, im
     light : LightAround
     image_scale : float
         As for `write_lighting`.
+    absolute : bool
+        Whether the light is in the unit of the photos.
     """
     names = [camera.name for camera in cameras]
     views = zip(names, light.light_of_view.tolist(), light.gains.tolist(), strict=True)
     content = {
         "convention": BY_DIRECTIONS,
-        "gauge": "in each channel the mean of shading over all masked pixels is 1",
+        "gauge": ABSOLUTE if absolute else BY_SHADING,
         "image_scale": image_scale,
         "world_up": mean_camera_up(cameras).tolist(),
         "centre": light.centre.tolist(),

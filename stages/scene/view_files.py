@@ -1,4 +1,4 @@
-"""The views as the flow leaves them on disk, opened for the decomposition: masks, normals, linear values."""
+"""The views as the flow leaves them on disk: masks, normals, linear values, maps, arrays of their pixels."""
 
 from __future__ import annotations
 
@@ -53,6 +53,18 @@ def read_views(
         return mask, read_exr(paths["normal"] / f"{camera.name}.exr"), linear
 
     yield from each(read_view, cameras)
+
+
+def read_maps(
+    folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray], each: Callable = map
+) -> np.ndarray:
+    """Open an EXR per view; values of the masked pixels, (N,) or (N, 3), view after view."""
+
+    def read_view(view: tuple[Camera, np.ndarray]) -> np.ndarray:
+        camera, mask = view
+        return read_exr(folder / f"{camera.name}.exr")[mask]
+
+    return np.concatenate(list(each(read_view, zip(cameras, masks, strict=True))))
 
 
 def read_surface_points(
@@ -132,6 +144,39 @@ def write_maps(
 
     for _ in each(write_view, zip(cameras, masks, _by_view(masks, stacked), strict=True)):
         pass
+
+
+def write_arrays(
+    folder: Path,
+    cameras: Sequence[Camera],
+    masks: Sequence[np.ndarray],
+    stacked: Mapping[str, np.ndarray],
+    each: Callable = map,
+) -> None:
+    """Write stacked values of some kinds, (N, …) each, as they are: an NPZ per view."""
+    parts = {kind: _by_view(masks, values) for kind, values in stacked.items()}
+
+    def write_view(view: tuple[int, Camera]) -> None:
+        number, camera = view
+        path = folder / f"{camera.name}.npz"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(path, **{kind: own[number] for kind, own in parts.items()})
+
+    for _ in each(write_view, enumerate(cameras)):
+        pass
+
+
+def read_arrays(
+    folder: Path, cameras: Sequence[Camera], kinds: Sequence[str], each: Callable = map
+) -> dict[str, np.ndarray]:
+    """Read some kinds of what `write_arrays` wrote, stacked again."""
+
+    def read_view(camera: Camera) -> list[np.ndarray]:
+        with np.load(folder / f"{camera.name}.npz", allow_pickle=False) as file:
+            return [file[kind] for kind in kinds]
+
+    of_views = zip(*each(read_view, cameras), strict=True)
+    return {kind: np.concatenate(own) for kind, own in zip(kinds, of_views, strict=True)}
 
 
 def write_previews(

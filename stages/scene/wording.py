@@ -1,4 +1,4 @@
-"""How lists of photos are named in sentences."""
+"""Lists of photos in sentences, and sentences that several stages say."""
 
 from __future__ import annotations
 
@@ -13,3 +13,12 @@ def listed(names: Sequence[str], at_most: int = 12) -> str:
     """
     more = len(names) - at_most
     return ", ".join(names[:at_most]) + (f" and {more} more" if more > 0 else "")
+
+
+def seen_from_behind(opposed: int, pixels: int) -> str:
+    """Say that so many of all pixels see the back of the mesh."""
+    return (
+        f"{opposed} of {pixels} pixels see the back of the mesh; they count as seeing the whole sky. "
+        "Turn the mesh's faces outwards if it is inside out; if the cameras are inside it, its scale or "
+        "frame is not theirs."
+    )

@@ -1,0 +1,243 @@
+"""The light of all views, found before the albedo: whence it comes, and what each pixel is worth under it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from pipeline import Artefact, Job, Stage
+from stages.photometry.lighting_settings import LightingSettings
+from stages.photometry.solver_settings import as_illumination
+from stages.scene.distributions import OPEN3D, PICTURES
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from stages.photometry.illumination import Illumination
+    from stages.photometry.known_light import KnownLight
+    from stages.photometry.sky import Eyes
+    from stages.photometry.sky_light import SkyScene
+    from stages.photometry.stack import StackedViews
+    from stages.scene.cameras import Camera
+    from stages.scene.transfer_file import StoredTransfer
+
+GRAZING = 0.1  # cosine: more than 84° off its normal, surface shows mostly its neighbourhood
+SATURATED = 0.98  # of white, linear: the photo shows less than there was
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """The views, opened: masks, pixels stacked, images scaled by a number.
+
+    Attributes
+    ----------
+    cameras : list of Camera
+    views : StackedViews
+        Without a basis.
+    images : list of 3 ndarray, shape (N,), float32
+    scale : float
+    normals : ndarray, shape (N, 3)
+    unclipped : ndarray, shape (N,), bool
+    """
+
+    cameras: list[Camera]
+    views: StackedViews
+    images: list[np.ndarray]
+    scale: float
+    normals: np.ndarray
+    unclipped: np.ndarray
+
+
+def run(job: Job) -> None:
+    """Open the views, find their light, save it, the shading, and what the pixels are worth.
+
+    Memory: some 400 B per masked pixel. Where sheen is looked for, 0.4 GB more at any size, and 0.2 GB for
+    the light's picture: of 256 directions, and as many times as much of more.
+    """
+    import numpy as np
+
+    from stages.photometry.illumination import find_illumination, illumination_by
+    from stages.photometry.light_search import REFINED
+    from stages.photometry.sky_photos import TURNS, Looks
+    from stages.scene.photos import read_environment
+    from stages.scene.transfer_file import read_transfer
+    from stages.scene.view_files import ways_to_cameras
+
+    known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
+    opened, stored = _open(job), read_transfer(job.inputs["transfer"])
+    towards = ways_to_cameras(opened.cameras, opened.views.masks)
+    trusted = opened.unclipped & (np.einsum("nk,nk->n", opened.normals, towards) > GRAZING)
+    _tell_clipped(job, int(np.count_nonzero(~opened.unclipped)), len(trusted))
+    if known is not None:
+        stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
+    scenes = _scenes(job, opened, stored)
+    seen = opened.views, opened.images
+    how = Looks(trusted, towards), as_illumination(job.settings), job.threads
+    if known is not None:
+        light = _as_known(known, job.settings, opened)
+        with job.progress("steps", light.turns + 1) as step:
+            found = illumination_by(light, *seen, scenes[0], *how, step)
+    else:
+        steps = len(how[1].light.scales) * len(scenes) + TURNS + REFINED
+        with job.progress("steps", steps) as step:
+            found = find_illumination(*seen, scenes, *how, step)
+    _note(job, stored, found, trusted)
+    _write(job, opened, stored, found, bool(trusted.any()))
+
+
+def _open(job: Job) -> Opened:
+    import numpy as np
+
+    from stages.photometry.stack import stack_views
+    from stages.scene.camera_file import read_cameras
+    from stages.scene.link_files import numbered_links
+    from stages.scene.view_files import read_views, scaled_channels
+
+    cameras = read_cameras(job.inputs["cameras"])
+    masks, normals, pixels = [], [], []
+    with job.progress("views", len(cameras)) as step:
+        for mask, normal, linear in read_views(job.inputs, cameras, job.executor.map):
+            masks.append(mask)
+            normals.append(normal[mask])
+            pixels.append(linear)
+            step()
+    views = stack_views(masks, None, numbered_links(job.inputs["correspondences"], cameras))
+    unclipped = np.concatenate([_unclipped(own) for own in pixels])
+    images, scale = scaled_channels(np.concatenate(pixels))
+    return Opened(cameras, views, images, scale, np.concatenate(normals), unclipped)
+
+
+def _scenes(job: Job, opened: Opened, stored: StoredTransfer) -> list[SkyScene]:
+    """What the pixels see, under light from each distance; points and blends on the way there are let go."""
+    from stages.geometry.pixel_blends import pixels_on_proxy
+    from stages.photometry.sky_scenes import sky_scenes
+    from stages.scene.meshes import read_mesh
+    from stages.scene.view_files import read_surface_points
+
+    points = read_surface_points(job.inputs, opened.cameras, opened.views.masks)
+    blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
+    scenes, opposed = sky_scenes(stored, blend, opened.normals, _eyes(job, stored))
+    _tell_opposed(job, opposed, len(opened.normals))
+    return scenes
+
+
+def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -> KnownLight:
+    """The light in this picture, as the photos are scaled."""
+    from stages.photometry.known_light import KnownLight
+    from stages.scene.upright import upright_from_world
+
+    scale = 1 / opened.scale if settings.known_scale == "fixed" else None
+    return KnownLight.of(picture, upright_from_world(opened.cameras), settings.known_turn_deg, scale)
+
+
+def _eyes(job: Job, stored: StoredTransfer) -> Eyes:
+    """Of the proxy's vertices, and the proxy in their way."""
+    from stages.geometry.occluders import Occluders
+    from stages.photometry.sky import Eyes
+    from stages.scene.meshes import Surface
+
+    proxy = Occluders(Surface(stored.vertices, stored.faces), job.threads)
+    return Eyes(stored.eyes - proxy.origin, stored.normals, proxy.blocked, proxy.origin, job.executor)
+
+
+def _unclipped(pixels: np.ndarray) -> np.ndarray:
+    """Pixels of a view that no channel of its photo has clipped; a linear image beyond 1 has no white."""
+    import numpy as np
+
+    if pixels.max(initial=0.0) > 1.0001:
+        return np.ones(len(pixels), bool)
+    return (pixels < SATURATED).all(axis=1)
+
+
+def _tell_clipped(job: Job, clipped: int, pixels: int) -> None:
+    if 2 * clipped > pixels:
+        job.warn(
+            f"{clipped} of {pixels} pixels are white in a channel of their photo (from {SATURATED:.0%} on); "
+            "expected few: their albedo is a guess. Develop the photos darker, or give them as EXR."
+        )
+
+
+def _tell_opposed(job: Job, opposed: int, pixels: int) -> None:
+    from stages.scene.wording import seen_from_behind
+
+    job.note(opposed_pixels=opposed)
+    if 2 * opposed > pixels:
+        job.warn(seen_from_behind(opposed, pixels))
+
+
+def _note(job: Job, stored: StoredTransfer, found: Illumination, trusted: np.ndarray) -> None:
+    """What was found out about the light, and by what."""
+    import numpy as np
+
+    if found.turn_deg is not None:
+        job.note(known_light_turned_by_deg=found.turn_deg)
+    distance = stored.radii[found.scene]
+    job.note(
+        light_distance=float(distance) if np.isfinite(distance) else "infinitely far",
+        disagreement=dict(zip(map(str, stored.radii.tolist()), found.disagreements, strict=True)),
+        directions=len(found.directions),
+        lights=int(found.light_of_view.max()) + 1,
+        spread_between_views=round(found.gains.spread, 4),
+        brightening_between_views=round(found.brightening, 3),
+        sheen=[found.sheen.as_json()] if found.sheen else [],
+        untrusted_pixels=int(np.count_nonzero(~(trusted & found.observations.trusted))),
+    )
+
+
+def _write(job: Job, opened: Opened, stored: StoredTransfer, found: Illumination, trusted: bool) -> None:
+    """The light as numbers and as pictures of all directions, the shading, and what is left of the photos."""
+    import numpy as np
+
+    from stages.photometry.environment import picture_of_light
+    from stages.scene.light_file import StoredLight, write_light
+    from stages.scene.lighting_file import LightAround, write_light_around
+    from stages.scene.upright import upright_from_world
+    from stages.scene.view_files import write_arrays, write_maps, write_pictures_of_light
+
+    views, directions, lights = (opened.cameras, opened.views.masks), found.directions, found.light.radiance
+    write_maps(job.outputs["shading"], *views, found.light.shading, job.executor.map)
+    observed = {kind: getattr(found.observations, kind) for kind in ("seen", "matt", "trusted")}
+    write_arrays(job.outputs["observations"], *views, observed, job.executor.map)
+    sphere = stored.centre, float(stored.radii[found.scene])
+    around = LightAround(directions, found.cells, lights, found.light_of_view, found.gains.gains, *sphere)
+    absolute = found.turn_deg is not None and job.settings.known_scale == "fixed"
+    write_light_around(job.outputs["lighting"], opened.cameras, around, opened.scale, absolute)
+    stored_light = StoredLight(
+        around=around,
+        image_scale=opened.scale,
+        mean_shading=found.light.shading.mean(axis=0, dtype=np.float64) if absolute else np.ones(3),
+        sheen_strength=found.sheen.strength if found.sheen else np.zeros(3),
+        sheen_roughness=found.sheen.roughness if found.sheen else 0.0,
+        glossy=found.observations.glossy,
+        trusted=trusted,
+    )
+    write_light(job.outputs["found_light"], stored_light)
+    names = [camera.name for camera in opened.cameras] if len(lights) > 1 else ["shared"]
+    upright = directions @ upright_from_world(opened.cameras).T
+    pictures = {
+        name: picture_of_light(upright, one, found.cells) for name, one in zip(names, lights, strict=True)
+    }
+    write_pictures_of_light(job.outputs["light_pictures"], pictures)
+
+
+LIGHTING = Stage(
+    name="lighting",
+    version=1,
+    about="The light of all views, its distance, gains and gloss, and what each pixel is worth under it.",
+    settings=LightingSettings,
+    takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),
+    may_take=("known_light",),
+    gives=(
+        Artefact("lighting", "light per view and channel", file="lighting.json", output="lighting.json"),
+        Artefact("light_pictures", "the light from all directions, EXR and PNG", output="environment"),
+        Artefact(
+            "shading",
+            "shading per view, EXR, linear: image = albedo × shading, but for gloss",
+            output="shading",
+        ),
+        Artefact("found_light", "the light, gains and gloss, npz", file="light.npz"),
+        Artefact("observations", "per view what is seen without gloss, and which pixels count, npz"),
+    ),
+    run=run,
+    tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
+)

@@ -1,0 +1,248 @@
+"""The light that the photos were taken in, and what each of their pixels is worth under it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stages.photometry.divided_light import divided
+from stages.photometry.known_light import KnownLight, light_at, turn_of
+from stages.photometry.observations import Observations
+from stages.photometry.sheen import Sheen
+from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
+from stages.photometry.sky_photos import Lighting, Looks, Photos
+from stages.photometry.stack import StackedViews
+from stages.photometry.view_differences import Differences
+from stages.photometry.view_gains import ViewGains, view_gains
+from stages.solvers.threading_layer import use_threads
+
+NEARER = 0.01  # by how much less disagreement light from nearby must leave to be believed in
+UNLIT = 0.02  # of the median shading: a quotient by less says nothing
+
+
+@dataclass(frozen=True)
+class IlluminationSettings:
+    """What is asked for.
+
+    Attributes
+    ----------
+    light : SkySettings
+    lighting : Lighting
+    sheen : bool
+        Whether it is looked for, where there is one light; see `Photos.sheen`.
+    """
+
+    light: SkySettings
+    lighting: Lighting
+    sheen: bool
+
+
+@dataclass(frozen=True, eq=False)
+class SkyLight:
+    """The light, (G, M, 3), at least 0, and the shading of all pixels by it, (N, 3), float32."""
+
+    radiance: np.ndarray
+    shading: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Illumination:
+    """What is found; pixels as in the stack, images scaled.
+
+    Attributes
+    ----------
+    light : SkyLight
+        Its shading with the gains of the views.
+    scene : int
+        Which of the scenes explains the photos best.
+    disagreements : list of float
+        Of all scenes; see `_best_explanation`.
+    gains : ViewGains
+    sheen : Sheen or None
+        That was found and taken off.
+    brightening : float
+        Of the views, gains divided out, sheen and all.
+    light_of_view : ndarray, shape (n,), int64
+    observations : Observations
+    directions : ndarray, shape (M, 3)
+        Of the light.
+    cells : ndarray, shape (M,)
+        Share of all directions that each stands for.
+    turn_deg : float or None
+        By how much a light that is known is turned.
+    """
+
+    light: SkyLight
+    scene: int
+    disagreements: list[float]
+    gains: ViewGains
+    sheen: Sheen | None
+    brightening: float
+    light_of_view: np.ndarray
+    observations: Observations
+    directions: np.ndarray
+    cells: np.ndarray
+    turn_deg: float | None = None
+
+
+def find_illumination(
+    views: StackedViews,
+    images: list[np.ndarray],
+    scenes: Sequence[SkyScene],
+    looks: Looks,
+    settings: IlluminationSettings,
+    threads: int,
+    step: Callable[[], None],
+) -> Illumination:
+    """Find the light, its distance, the gains of the views, their gloss, and what their pixels are worth.
+
+    Parameters
+    ----------
+    views : StackedViews
+        Their basis is not looked at.
+    images : list of 3 ndarray, shape (N,)
+        Scaled.
+    scenes : sequence of SkyScene
+        The same under light from other distances: that whose light leaves the least disagreement is taken.
+    looks : Looks
+        If none is trusted, all are.
+    settings : IlluminationSettings
+    threads : int
+        Never changes the result.
+    step : callable
+        Called after every step of the search.
+    """
+    use_threads(threads)
+    photos, gains, of_pixel = _photos(views, images, looks, settings.lighting)
+    best, left, found, differences = _best_explanation(photos, scenes, settings, step)
+    scene = scenes[best]
+    sheen = None
+    if differences is not None:
+        sheen, found = photos.sheen(scene, found, differences, settings.light, step) or (None, found)
+    glossy = differences is None if sheen is None else not sheen.glossy.all()
+    del differences  # many lobes
+    if sheen is not None:
+        photos = photos.without_sheen(sheen, photos.mirror(scene, found))
+    finer, near = divided(scene, found)
+    if sheen is not None or finer is not scene:
+        scene, found = finer, photos.light(finer, settings.light, step, near=near)
+    shading = photos.shading(scene, found)
+    light = _scaled(found.radiance, shading * of_pixel)
+    return Illumination(
+        light=light,
+        scene=best,
+        disagreements=left,
+        gains=gains,
+        sheen=sheen,
+        brightening=photos.brightening,
+        light_of_view=photos.light_of_view,
+        observations=_observations(photos, light.shading, of_pixel, glossy),
+        directions=scene.pixels.directions,
+        cells=scene.pixels.cells,
+    )
+
+
+def illumination_by(
+    known: KnownLight,
+    views: StackedViews,
+    images: list[np.ndarray],
+    scene: SkyScene,
+    looks: Looks,
+    settings: IlluminationSettings,
+    threads: int,
+    step: Callable[[], None],
+) -> Illumination:
+    """Find all but the light, which is known: its turn, gains of the views, their gloss, the pixels' worth.
+
+    Parameters as of `find_illumination`; the light comes from infinitely far away, one for all views.
+    """
+    use_threads(threads)
+    photos, gains, of_pixel = _photos(views, images, looks, replace(settings.lighting, asked="shared"))
+    how = settings.light if known.scale is None else replace(settings.light, brightest=None)
+    search = photos.search(scene, how)
+    turn_deg = turn_of(search, known, step)
+    found = light_at(search, known, turn_deg)
+    sheen = photos.sheen_in(scene, found) if settings.sheen else None
+    if sheen is not None:
+        photos = photos.without_sheen(sheen, photos.mirror(scene, found))
+    finer, _ = divided(scene, found)
+    if sheen is not None or finer is not scene:
+        scene, found = finer, light_at(photos.search(finer, how), known, turn_deg)
+    step()
+    shading = photos.shading(scene, found)
+    if known.scale is None:
+        light = _scaled(found.radiance, shading * of_pixel)
+    else:
+        unit = np.float32(known.scale)
+        light = SkyLight(found.radiance / unit, shading * of_pixel / unit)
+    glossy = not settings.sheen if sheen is None else not sheen.glossy.all()
+    return Illumination(
+        light=light,
+        scene=0,
+        disagreements=photos.disagreements([scene], [found], how),
+        gains=gains,
+        sheen=sheen,
+        brightening=photos.brightening,
+        light_of_view=photos.light_of_view,
+        observations=_observations(photos, light.shading, of_pixel, glossy),
+        directions=scene.pixels.directions,
+        cells=scene.pixels.cells,
+        turn_deg=turn_deg,
+    )
+
+
+def _photos(
+    views: StackedViews, images: list[np.ndarray], looks: Looks, lighting: Lighting
+) -> tuple[Photos, ViewGains, np.ndarray]:
+    """The photos as light is sought from them, the gains of their views, and those of all pixels, (N, 3)."""
+    image = np.stack(images, axis=1)
+    if not looks.trusted.any():
+        looks = replace(looks, trusted=np.ones_like(looks.trusted))
+    gains = view_gains(views, image, looks.trusted)
+    of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
+    return Photos.of(views, looks, image / of_pixel, gains.spread, lighting), gains, of_pixel
+
+
+def _best_explanation(
+    photos: Photos, scenes: Sequence[SkyScene], settings: IlluminationSettings, step: Callable[[], None]
+) -> tuple[int, list[float], FoundLight, Differences | None]:
+    """Which scene it is, what each leaves unexplained, and of that one the light and how views then differ.
+
+    None where no sheen is sought.
+
+    What pairs of like paint disagree by is told by the shading; how views differ, by highlights, which are a
+    sharper witness of where light comes from, where there are some, and enough in every scene to tell. The
+    two are multiplied.
+    """
+    lights = [photos.light(scene, settings.light, step) for scene in scenes]
+    left = photos.disagreements(scenes, lights, settings.light)
+    if not (settings.sheen and photos.in_one_light):
+        best = explained_best(left)
+        return best, left, lights[best], None
+    differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
+    mirrored = [each.mirrored for each in differences]
+    if all(mirrored) and any(light.explains_most for light in mirrored):
+        left = [one * min(light.left, 1.0) for one, light in zip(left, mirrored, strict=True)]
+    best = explained_best(left)
+    return best, left, lights[best], differences[best]
+
+
+def _observations(photos: Photos, shading: np.ndarray, of_pixel: np.ndarray, glossy: bool) -> Observations:
+    """What is seen, and counts, under this light, with the gains of the pixels' views."""
+    lit = photos.looks.without(shading.mean(axis=1) <= UNLIT * np.median(shading))
+    return Observations(photos.seen * of_pixel, photos.matt * of_pixel, lit.trusted, glossy)
+
+
+def explained_best(left: Sequence[float]) -> int:
+    """Index of the least; the first, light from far away, unless another is clearly better."""
+    best = int(np.argmin(left))
+    return best if left[best] < (1 - NEARER) * left[0] else 0
+
+
+def _scaled(radiance: np.ndarray, shading: np.ndarray) -> SkyLight:
+    """Scale the light so that the mean shading, (N, 3), with the gains of the views, is 1 in each channel."""
+    mean = shading.mean(axis=0, dtype=np.float64).astype(np.float32)
+    mean = np.where(mean > 0, mean, np.float32(1))
+    return SkyLight(radiance / mean, shading / mean)

@@ -1,0 +1,95 @@
+"""Settings of the `lighting` stage."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pipeline import Settings, UserError, setting
+
+
+class LightingSettings(Settings):
+    """Settings of the `lighting` stage: light of at least 0 from all around, found before the albedo."""
+
+    lights: Literal["auto", "shared", "per-view"] = setting(
+        "auto",
+        "shared: one light for all views, with a gain per view and channel. per-view: a light each, as when "
+        "lamps are carried about or clouds pass. auto: by `moving_light`; light that is brighter in only a "
+        "few of many views passes for gloss there.",
+    )
+    moving_light: float = setting(
+        0.15,
+        "`lights: auto`: where the same surface point differs more than this from view to view, after "
+        "gains, each view has its own light, unless views rise further above one another than they fall "
+        "below: that is gloss, which only adds. Noise stays below.",
+        unit="typical difference of the logarithms",
+        gt=0,
+    )
+    sheen: bool = setting(
+        True,
+        "One light for all views: whether the light's image in the surface, which is taken for a rough "
+        "mirror, is taken off where it explains how views differ: on all of it, or else on the paints where "
+        "it does. How views differ there then has a say in the light, too.",
+    )
+    samples: int = setting(
+        20_000,
+        "Pixels that the light is found from; a quarter as many more for every further light. More changes "
+        "little.",
+        unit="pixels",
+        ge=1000,
+        le=300_000,
+    )
+    neutrality: float = setting(
+        0.005,
+        "The price of channels that disagree about where the light comes from. More keeps the colour of "
+        "paint out of the light where all that faces one way is of one colour (moss on the ground); less is "
+        "for coloured lamps.",
+        ge=0,
+    )
+    evenness: float = setting(
+        1e-3,
+        "The price of light that differs from direction to direction; settles what the surface does not "
+        "see. A sun costs what it is bright, not the square.",
+        ge=0,
+    )
+    bounces: int = setting(4, "How often light is passed on between surfaces; 0: not at all.", ge=0, le=100)
+    brightest: float = setting(
+        0.9,
+        "What the brightest material is taken to reflect, since images do not tell; it says how much light "
+        "bounces.",
+        ge=0.01,
+        le=0.95,
+    )
+    known_turn_deg: float | None = setting(
+        None,
+        "`--known-light`: by how much its picture is turned about the vertical, counter-clockwise seen from "
+        "above; none: found, to a degree.",
+        unit="°",
+    )
+    known_scale: Literal["fitted", "fixed"] = setting(
+        "fitted",
+        "`--known-light`. fitted: every channel of its picture has a factor of its own, such that shading is "
+        "1 on average, as under light that is found; `brightest` says how much bounces. fixed: its values "
+        "are in the photos' unit (what is white, in light of 1 all around, has the value 1), so that the "
+        "albedo is absolute.",
+    )
+
+
+def check_known_light(settings: LightingSettings, kind: str) -> None:
+    """Refuse a known light that is not asked for: another kind of light, or one for each view.
+
+    Raises
+    ------
+    UserError
+        It is not.
+    """
+    if kind != "directions":
+        raise UserError(
+            f"A known light was given, but the light is of the kind {kind!r}, which is found with the "
+            "albedo; expected decomposition.mode=transfer and decomposition.light=directions. Leave the "
+            "light out, or change these."
+        )
+    if settings.lights == "per-view":
+        raise UserError(
+            "A known light was given, but lighting.lights is per-view; one picture is one light for all "
+            "views. Leave one of them out."
+        )

@@ -1,0 +1,29 @@
+"""What the photos say about the albedo under a known light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Of all pixels, view after view; scaled, gains of the views included.
+
+    Attributes
+    ----------
+    seen : ndarray, shape (N, 3), float32
+        The photos without their sheen: what albedo and shading are to explain.
+    matt : ndarray, shape (N, 3), float32
+        Without highlights as well, where one light serves all views.
+    trusted : ndarray, shape (N,), bool
+        Pixels whose data count.
+    glossy : bool
+        Whether there may be gloss of some paints: they were found, or not looked for.
+    """
+
+    seen: np.ndarray
+    matt: np.ndarray
+    trusted: np.ndarray
+    glossy: bool

@@ -1,0 +1,55 @@
+"""Light and albedo one after the other, as the stages `lighting` and `decomposition` find them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.photometry.fast_alternation import FastSettings
+from stages.photometry.illumination import Illumination, IlluminationSettings, find_illumination
+from stages.photometry.paint_edges import PaintEdges
+from stages.photometry.sky_decomposition import SkyDecomposition, SkySolution, decompose_under_light
+from stages.photometry.sky_light import SkyScene, SkySettings
+from stages.photometry.sky_photos import Lighting, Looks
+from stages.photometry.stack import StackedViews
+
+
+@dataclass(frozen=True)
+class BySky:
+    """What is asked for: of the light, then of the albedo."""
+
+    light: SkySettings
+    lighting: Lighting
+    sheen: bool
+    edges: PaintEdges
+    descent: FastSettings
+
+
+@dataclass(frozen=True, eq=False)
+class FoundBySky:
+    """The light, and the albedo under it."""
+
+    light: Illumination
+    solution: SkySolution
+
+    @property
+    def albedo(self) -> np.ndarray:
+        """With the photos' detail."""
+        return self.solution.albedo
+
+
+def decompose_by_sky(
+    views: StackedViews,
+    images: list[np.ndarray],
+    scenes: Sequence[SkyScene],
+    looks: Looks,
+    how: BySky,
+    threads: int = 1,
+) -> FoundBySky:
+    """Find the light, then the albedo under it."""
+    of_light = IlluminationSettings(how.light, how.lighting, how.sheen)
+    found = find_illumination(views, images, scenes, looks, of_light, threads, lambda: None)
+    under = (views, found.light.shading, found.observations, SkyDecomposition(how.edges, how.descent))
+    return FoundBySky(found, decompose_under_light(*under, threads, lambda: None))
