@@ -135,8 +135,9 @@ class Laboratory:
         """Decompose a row with settings as they are."""
         return self._run(row, settings, last="decomposition")
 
-    def _run(self, row: Row, decomposition: dict[str, Any], last: str) -> Results:
-        given = {
+    def given(self, row: Row, decomposition: dict[str, Any]) -> dict[str, dict[str, Any]]:
+        """Settings of all stages for a row."""
+        return {
             "render": {
                 "views": self.size.views,
                 "width_px": self.size.width_px,
@@ -149,5 +150,8 @@ class Laboratory:
             "known_geometry": dict(row.known_geometry),
             "decomposition": decomposition,
         }
+
+    def _run(self, row: Row, decomposition: dict[str, Any], last: str) -> Results:
+        given = self.given(row, decomposition)
         flow = stages.experiment(row.sources, decomposition.get("mode", "paper"))
         return results_of(flow, row.sources, given, self.workspace, last, self.threads, self.listener)
