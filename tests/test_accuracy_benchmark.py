@@ -8,22 +8,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import touched
+from benchmarks.accuracy import from_photos, touched
 from benchmarks.accuracy.__main__ import arguments, main, scenes_of
 from benchmarks.accuracy.from_photos import develop
 from benchmarks.accuracy.natural import natural_rows, unseen_rows
 from benchmarks.accuracy.on_a_floor import write_on_a_floor
 from benchmarks.accuracy.relighting import in_another_light
 from benchmarks.accuracy.report import light_distance, worst_variance
-from benchmarks.accuracy.scenes import paper_rows
-from benchmarks.paper.laboratory import TINY
+from benchmarks.accuracy.scenes import laboratory_of, paper_rows
+from benchmarks.paper.laboratory import TINY, Results
 from stages.evaluation.part_variance import part_variances
+from stages.motion.sfm_settings import SfmSettings
 from stages.photometry.environment import directions_of_picture
+from stages.scene.colmap_model import pinhole_model
 from stages.scene.exr import write_exr
 from stages.scene.meshes import read_mesh, read_vertex_colours, write_mesh
 from stages.scene.photos import read_photo, write_mask
 from stages.synthetic.natural_paint import NATURAL_PAINTS
 from stages.synthetic.render_settings import RenderSettings
+from stages.synthetic.views import arc_of_views
 from tests.bowls import bowl
 from tests.judged_scene import PARTS, predicted, truth_views
 
@@ -167,3 +170,30 @@ def test_photos_are_developed_from_a_render_in_8_bits_and_exposed_alike(tmp_path
     assert sorted(path.name for path in folder.iterdir()) == ["000.png", "001.png"]
     np.testing.assert_allclose(bright, 1.0, atol=1e-6)
     np.testing.assert_allclose(dark, 0.25, atol=0.003)
+
+
+def test_a_photographed_row_starts_from_photos_with_its_lens_held(tmp_path, monkeypatch):
+    """Two dataflows: the render alone, then the photos' own, of which nothing but lens and masks is known."""
+    row = natural_rows(None)[-1][0]
+    assert row.photographed
+    camera = arc_of_views([0.0], [0.0], 3.0, np.zeros(3), (20, 16), 50.0)[0]
+    (tmp_path / "model").mkdir()
+    pinhole_model([camera], extension=".exr").write(tmp_path / "model")
+    write_exr(tmp_path / "images/000.exr", np.full((16, 20, 3), 0.3, np.float32))
+    write_mask(tmp_path / "masks/000.png", np.ones((16, 20), bool))
+    given = {}
+
+    def record(flow, sources, settings, workspace, last, threads, listener):
+        given[last] = ([stage.name for stage in flow], dict(sources), settings)
+        return Results({name: tmp_path / name for name in ("images", "masks", "model", "truth")}, {last: {}})
+
+    monkeypatch.setattr(from_photos, "results_of", record)
+    results = laboratory_of(row, TINY, tmp_path / "w").run_with(row, {"mode": "transfer"})
+    assert list(given) == ["render", "decomposition"]
+    flow, sources, settings = given["decomposition"]
+    assert flow[:4] == ["sfm", "undistort", "mvs", "mesh"]
+    assert set(sources) == {"images", "masks"}
+    assert [path.name for path in sources["images"].iterdir()] == ["000.png"]
+    assert settings["sfm"]["camera_params"] == [50.0, 50.0, 10.0, 8.0]
+    assert SfmSettings(**settings["sfm"]).holds_cameras
+    assert results.paths["truth"] == tmp_path / "truth"
