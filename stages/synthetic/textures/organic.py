@@ -10,7 +10,7 @@ from stages.synthetic.textures.pattern import Pattern, Scale, smooth_step, stand
 BOARD = 0.30  # width of a board, in units of the largest wavelength
 RING = 0.055  # distance of year rings
 FIBRE = (1.0, 1.0, 14.0)  # fibres run along z
-RUST, MOSS = np.array([2.4, -0.5]), np.array([0.3, 1.8])  # chroma, see `Pattern`
+RUST, MOSS = np.array([2.6, -0.15]), np.array([1.3, 1.5])  # chroma, see `Pattern`
 STAIN = np.array([0.5, 0.1])
 
 
