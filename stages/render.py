@@ -25,18 +25,31 @@ def run(job: Job) -> None:
     from stages.scene.meshes import write_mesh
     from stages.synthetic.photograph import NoiseTarget, mean_level, photograph
     from stages.synthetic.render import Quality, Scene, use_threads
-    from stages.synthetic.staging import cameras_of, gloss_of, light_of, paint_of, through_lens
+    from stages.synthetic.staging import (
+        cameras_of,
+        footprint_of,
+        gloss_of,
+        light_of,
+        metal_of,
+        paint_of,
+        through_lens,
+        with_room_for_paint,
+    )
     from stages.synthetic.truth import PaintedSurface
 
     settings: RenderSettings = job.settings
     _require_mitsuba()
     use_threads(job.threads)
-    subject = _subject(job)
-    paint, uniform = paint_of(settings, subject, _own_colours(job))
-    gloss = gloss_of(settings, subject)
+    whole = _subject(job)
+    cameras = cameras_of(settings, whole)
+    footprint = footprint_of(cameras, whole.centre)
+    subject = with_room_for_paint(settings, whole, footprint)
+    paint, uniform = paint_of(settings, subject, _own_colours(job), footprint)
+    gloss = gloss_of(settings, subject, paint, footprint)
     albedo = paint if gloss is None else paint * (1 - gloss.share[:, None]).astype(np.float32)
-    cameras = cameras_of(settings, subject)
-    truths = _write_truths(job, PaintedSurface(subject.surface, albedo, uniform), cameras)
+    metal = np.tile(metal_of(settings, subject)[:, None], 3).astype(np.float32)
+    bare = PaintedSurface(subject.surface, metal) if metal.any() else None
+    truths = _write_truths(job, PaintedSurface(subject.surface, albedo, uniform), bare, cameras)
     if not any(truth.mask.any() for truth in truths):
         raise UserError(
             f"The subject covers no whole pixel at {settings.width_px} × {settings.height_px}; render larger."
@@ -52,11 +65,11 @@ def run(job: Job) -> None:
             _write_image(job, camera, truth, through_lens(settings, image, truth.mask, index))
             step()
     write_model(pinhole_model(cameras, extension=".exr"), job.outputs["model"])
-    write_mesh(job.outputs["true_mesh"], subject.surface)
+    write_mesh(job.outputs["true_mesh"], whole.surface)
     (job.outputs["truth"] / "parts.json").write_text(
         json_text({"parts": list(subject.part_names)}) + "\n", encoding="utf-8"
     )
-    _note(job, subject, noises)
+    _note(job, whole, noises)
 
 
 def _require_mitsuba() -> None:
@@ -70,13 +83,13 @@ def _require_mitsuba() -> None:
 
 
 def _subject(job: Job) -> Subject:
-    """What is rendered: the object that was given, or the bust."""
+    """What is rendered: the object that was given, or one of our own."""
     from stages.scene.mesh_files import read_mesh_file
-    from stages.synthetic.subject import bust_subject, mesh_subject
+    from stages.synthetic.subject import built_subject, mesh_subject
 
     settings: RenderSettings = job.settings
     if "object" not in job.inputs:
-        return bust_subject(settings.spacing)
+        return built_subject(settings.subject, settings.spacing)
     return mesh_subject(read_mesh_file(job.inputs["object"]), settings.object_parts, settings.y_up)
 
 
@@ -111,8 +124,13 @@ def _surroundings(job: Job) -> np.ndarray | None:
     return radiance
 
 
-def _write_truths(job: Job, surface: PaintedSurface, cameras: list[Camera]) -> list[Truth]:
-    """Save albedo, mask and parts of every view, and keep what the images will be held against."""
+def _write_truths(
+    job: Job, surface: PaintedSurface, metal: PaintedSurface | None, cameras: list[Camera]
+) -> list[Truth]:
+    """Save albedo, mask and parts of every view, and keep what the images will be held against.
+
+    Pixels that touch `metal` are kept out of the mask of what is judged, not out of the photos'.
+    """
     from stages.scene.exr import write_exr
     from stages.scene.photos import write_mask, write_png8
 
@@ -122,7 +140,8 @@ def _write_truths(job: Job, surface: PaintedSurface, cameras: list[Camera]) -> l
             truth = surface.truth(camera)
             truths.append(truth)
             write_exr(folder / "albedo" / f"{camera.name}.exr", truth.albedo)
-            write_mask(folder / "mask" / f"{camera.name}.png", truth.mask)
+            judged = truth.mask if metal is None else truth.mask & (metal.truth(camera).albedo[..., 0] == 0)
+            write_mask(folder / "mask" / f"{camera.name}.png", judged)
             write_mask(job.outputs["masks"] / f"{camera.name}.png", truth.mask)
             write_png8(folder / "parts" / f"{camera.name}.png", truth.parts)
             step()

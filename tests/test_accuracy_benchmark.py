@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import touched
-from benchmarks.accuracy.__main__ import main
+from benchmarks.accuracy import from_photos, touched
+from benchmarks.accuracy.__main__ import arguments, main, scenes_of
+from benchmarks.accuracy.from_photos import develop
+from benchmarks.accuracy.natural import natural_rows, unseen_rows
 from benchmarks.accuracy.on_a_floor import write_on_a_floor
 from benchmarks.accuracy.relighting import in_another_light
 from benchmarks.accuracy.report import light_distance, worst_variance
-from benchmarks.accuracy.scenes import paper_rows
-from benchmarks.paper.laboratory import TINY
+from benchmarks.accuracy.scenes import laboratory_of, paper_rows
+from benchmarks.paper.laboratory import TINY, Results
 from stages.evaluation.part_variance import part_variances
+from stages.motion.sfm_settings import SfmSettings
 from stages.photometry.environment import directions_of_picture
+from stages.scene.colmap_model import pinhole_model
 from stages.scene.exr import write_exr
 from stages.scene.meshes import read_mesh, read_vertex_colours, write_mesh
+from stages.scene.photos import read_photo, write_mask
+from stages.synthetic.natural_paint import NATURAL_PAINTS
+from stages.synthetic.render_settings import RenderSettings
+from stages.synthetic.views import arc_of_views
 from tests.bowls import bowl
 from tests.judged_scene import PARTS, predicted, truth_views
 
@@ -128,3 +137,77 @@ def test_a_scan_on_a_floor_has_one_colour_per_square_and_looks_outwards(tmp_path
     box = np.delete(np.arange(12), [0, 6])
     centre = surface.vertices[halves[box]].reshape(-1, 3).mean(axis=0)
     assert (np.einsum("fk,fk->f", outwards[box], a[box] - centre) > 0).all()
+
+
+def test_scenes_like_the_world_differ_and_need_no_data_where_they_are_our_own():
+    rows = [row for row, _ in natural_rows(Path("data"))]
+    assert len({row.name for row in rows}) == len(rows) >= 10
+    kinds = {row.render["paint"] for row in rows}
+    assert kinds == set(NATURAL_PAINTS)
+    assert {row.render["contrast"] for row in rows} >= {0.05, 0.6}
+    assert sum(row.photographed for row in rows) == 3
+    assert any(row.known_geometry for row in rows)
+    own = natural_rows(None)
+    assert 0 < len(own) < len(rows)
+    assert not any(row.sources for row, _ in own)
+
+
+def test_unseen_scenes_are_drawn_by_seed_and_share_no_paint_with_those_developed_on():
+    drawn = [unseen_rows(Path("data"), seed) for seed in (0, 0, 1)]
+    assert drawn[0] == drawn[1] != drawn[2]
+    known = {row.render["paint_seed"] for row, _ in natural_rows(Path("data"))}
+    for rows in drawn:
+        assert len({row.name for row, _ in rows}) == len(rows) == 8
+        assert not known & {row.render["paint_seed"] for row, _ in rows}
+        assert all(0.05 <= row.render["contrast"] <= 0.6 for row, _ in rows)
+        assert len({row.render["paint"] for row, _ in rows}) == 8
+        for row, _ in rows:
+            RenderSettings(**row.render)
+    assert not any(row.sources for row, _ in unseen_rows(None, 0))
+
+
+def test_rows_of_the_world_are_chosen_by_a_word_and_refused_by_name():
+    given = arguments(["--natural", "--rows", "relief-sun_and_sky-masonry-30"])
+    ((row, _),) = scenes_of(given)
+    assert row.render["paint"] == "masonry"
+    with pytest.raises(SystemExit, match="fig3"):
+        scenes_of(arguments(["--unseen", "3", "--rows", "fig3"]))
+
+
+def test_photos_are_developed_from_a_render_in_8_bits_and_exposed_alike(tmp_path):
+    images = {"000": np.full((6, 5, 3), 0.5, np.float32), "001": np.full((6, 5, 3), 2.0, np.float32)}
+    for name, image in images.items():
+        write_exr(tmp_path / f"images/{name}.exr", image)
+        write_mask(tmp_path / f"masks/{name}.png", np.ones((6, 5), bool))
+    folder = develop({"images": tmp_path / "images", "masks": tmp_path / "masks"}, tmp_path / "photos")
+    dark, bright = (read_photo(folder / f"{name}.png") for name in images)
+    assert sorted(path.name for path in folder.iterdir()) == ["000.png", "001.png"]
+    np.testing.assert_allclose(bright, 1.0, atol=1e-6)
+    np.testing.assert_allclose(dark, 0.25, atol=0.003)
+
+
+def test_a_photographed_row_starts_from_photos_with_its_lens_held(tmp_path, monkeypatch):
+    """Two dataflows: the render alone, then the photos' own, of which nothing but lens and masks is known."""
+    row = natural_rows(None)[-1][0]
+    assert row.photographed
+    camera = arc_of_views([0.0], [0.0], 3.0, np.zeros(3), (20, 16), 50.0)[0]
+    (tmp_path / "model").mkdir()
+    pinhole_model([camera], extension=".exr").write(tmp_path / "model")
+    write_exr(tmp_path / "images/000.exr", np.full((16, 20, 3), 0.3, np.float32))
+    write_mask(tmp_path / "masks/000.png", np.ones((16, 20), bool))
+    given = {}
+
+    def record(flow, sources, settings, workspace, last, threads, listener):
+        given[last] = ([stage.name for stage in flow], dict(sources), settings)
+        return Results({name: tmp_path / name for name in ("images", "masks", "model", "truth")}, {last: {}})
+
+    monkeypatch.setattr(from_photos, "results_of", record)
+    results = laboratory_of(row, TINY, tmp_path / "w").run_with(row, {"mode": "transfer"})
+    assert list(given) == ["render", "decomposition"]
+    flow, sources, settings = given["decomposition"]
+    assert flow[:4] == ["sfm", "undistort", "mvs", "mesh"]
+    assert set(sources) == {"images", "masks"}
+    assert [path.name for path in sources["images"].iterdir()] == ["000.png"]
+    assert settings["sfm"]["camera_params"] == [50.0, 50.0, 10.0, 8.0]
+    assert SfmSettings(**settings["sfm"]).holds_cameras
+    assert results.paths["truth"] == tmp_path / "truth"

@@ -323,6 +323,37 @@ def test_gloss_takes_its_share_from_the_albedo_of_the_glossy_parts(make_job, tmp
     np.testing.assert_allclose(view(everywhere, "albedo"), 0.75 * view(plain, "albedo"), rtol=1e-5)
 
 
+def test_paint_as_in_the_world_is_written_at_its_contrast(make_job, tmp_path):
+    job = rendered(make_job, tmp_path, paint="masonry", contrast=0.3, subject="relief", width_px=64)
+    mask, albedo = view(job, "mask"), view(job, "albedo")
+    assert np.log(albedo[mask]).mean(axis=-1).std() == pytest.approx(0.3, rel=0.25)
+    assert not read_part_map(job.outputs["truth"] / "parts/000.png", 4).any()
+    assert job.facts["parts"] == ["wall", "niches", "mouldings", "steps"]
+    assert len(read_mesh(job.outputs["true_mesh"]).faces) == job.facts["faces"]
+
+
+def test_plaster_in_a_quilt_is_a_part_of_uniform_albedo(make_job, tmp_path):
+    job = rendered(make_job, tmp_path, paint="quilt", paint_seed=8, width_px=48, height_px=64)
+    parts = read_part_map(job.outputs["truth"] / "parts/000.png", 4)
+    assert (parts > 0).sum() > 50
+    for part in set(parts[parts > 0].tolist()):
+        assert view(job, "albedo")[parts == part].std(axis=0).max() < 1e-5
+    assert (parts > 0).sum() < 0.9 * view(job, "mask").sum()
+
+
+def test_bare_metal_is_photographed_but_not_judged(make_job, tmp_path):
+    metal = {"metal_part": "shirt", "roughness_contrast": 0.5, "light": "sun_and_sky"}
+    job = rendered(make_job, tmp_path, **metal)
+    plain = rendered(make_job, tmp_path / "plain", light="sun_and_sky")
+    np.testing.assert_array_equal(view(job, "masks"), view(plain, "masks"))
+    shirt = read_part_map(plain.outputs["truth"] / "parts/000.png", 4) == PARTS.index("shirt") + 1
+    assert shirt.sum() > 20
+    assert not view(job, "mask")[shirt].any()
+    face = read_part_map(job.outputs["truth"] / "parts/000.png", 4) == PARTS.index("face") + 1
+    assert view(job, "mask")[face].all()
+    assert view(job, "images")[shirt].mean() > 0.05
+
+
 def test_colours_of_an_object_are_its_albedo_in_linear_values(make_job, tmp_path):
     mesh = to_open3d(ball(0.1))
     mesh.paint_uniform_color(np.array([128, 255, 10]) / 255)
@@ -399,6 +430,7 @@ def test_one_thread_and_many_write_the_same_files(make_job, renderer_threads, tm
             [],
             "render.striped_part names the part 'tie'; this subject has hair, face, shirt, plinth.",
         ),
+        ({"metal_part": "tie"}, [], "render.metal_part names the part 'tie'"),
         ({"gloss": 0.1, "glossy_parts": ["hair", "hat"]}, [], "render.glossy_parts names the part 'hat'"),
         ({"light": "environment"}, [], "render.light is environment, but none was given; give --environment"),
         ({"paint": "vertex"}, [], "render.paint is vertex, but no object was given; give --object FILE"),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import open3d as o3d
 import pytest
 
 from pipeline import UserError
+from stages.photometry.environment import directions_of_picture
 from stages.scene.cameras import project
 from stages.scene.meshes import Surface, read_vertex_colours, to_open3d, write_mesh
 from stages.synthetic.bust import PARTS
@@ -14,10 +17,12 @@ from stages.synthetic.lights import (
     FOUR_LAMPS,
     ONE_LAMP,
     SKY_DOME,
+    ClearSky,
     Dome,
     Environment,
     Light,
     Placed,
+    clear_sky_picture,
     dome_picture,
     lamps_around,
 )
@@ -89,6 +94,39 @@ def test_a_dome_as_a_picture_is_bright_above():
     np.testing.assert_allclose(picture[0], np.tile([1.0, 2.0, 3.0], (40, 1)), rtol=1e-6)
     np.testing.assert_allclose(picture[-1], np.tile([0.1, 0.2, 0.3], (40, 1)), rtol=1e-6)
     np.testing.assert_allclose(picture[9:11].mean(axis=0)[0], [0.55, 1.1, 1.65], rtol=1e-5)
+
+
+def test_a_clear_sky_has_its_sun_where_and_as_strong_as_stated():
+    sky = ClearSky(sun_azimuth_deg=-30.0, sun_elevation_deg=50.0, sun=(0.9, 0.8, 0.6))
+    radiance = clear_sky_picture(sky, rows=256).radiance
+    assert radiance.dtype == np.float32
+    black = (0.0, 0.0, 0.0)
+    alone = replace(sky, zenith=black, horizon=black, ground=black)
+    sun = clear_sky_picture(alone, rows=256).radiance.astype(float)
+    elevation = np.linspace(np.pi / 2, -np.pi / 2, 256)
+    weight = np.cos(elevation)[:, None, None] * (np.pi / 256) ** 2
+    np.testing.assert_allclose((sun * weight).sum(axis=(0, 1)) / np.pi, sky.sun, rtol=1e-4)
+    towards = ((sun * weight)[..., :1] * directions_of_picture(256)).sum(axis=(0, 1))
+    towards /= np.linalg.norm(towards)
+    a, e = np.deg2rad([-30, 50])
+    expected = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
+    assert np.rad2deg(np.arccos(towards @ expected)) < 0.5
+    np.testing.assert_allclose(radiance[-1], np.tile(sky.ground, (512, 1)), rtol=1e-6)
+    top = radiance[0, 0]
+    assert top[2] > 1.5 * top[0]
+
+
+def test_a_metal_reflects_in_its_own_colour_and_shows_no_albedo_of_its_own():
+    """Under an even dome without bounces a smooth conductor shows its reflectance, nearly everywhere."""
+    surface = ball(0.03)
+    count = len(surface.vertices)
+    copper = np.tile([0.8, 0.5, 0.3], (count, 1))
+    gloss = Gloss(np.ones(count), np.full(count, 0.05), copper)
+    even = Light(Dome((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)))
+    camera = towards_origin(0.0, 0.0)
+    image = Scene(surface, np.zeros((count, 3)), even, gloss).photograph(camera, DIRECT, seed=0)
+    inside = PaintedSurface(surface, copper).truth(camera).mask
+    np.testing.assert_allclose(np.median(image[inside], axis=0), [0.8, 0.5, 0.3], rtol=0.02)
 
 
 def card(centre: np.ndarray, facing: np.ndarray, side: float) -> Surface:
@@ -204,7 +242,7 @@ def test_gloss_adds_a_highlight_and_takes_its_share_elsewhere():
     lamp = Light(None, lamps_around((Placed(0, 30, 1, 1.0),), np.zeros(3), 0.5))
     camera = towards_origin(0.0, -10.0, 24, 60.0)
     matt = Scene(surface, paint, lamp).photograph(camera, DIRECT, seed=1)
-    glossy = Scene(surface, paint, lamp, Gloss(np.full(count, share), 0.05)).photograph(
+    glossy = Scene(surface, paint, lamp, Gloss.white(np.full(count, share), 0.05)).photograph(
         camera, DIRECT, seed=2
     )
     truth = PaintedSurface(surface, paint).truth(camera)
@@ -228,7 +266,7 @@ def test_no_gloss_is_gloss_with_no_share():
     paint, camera = np.full((count, 3), 0.5), towards_origin(0.0, 0.0)
     matt, glossy = (
         Scene(surface, paint, SKY_DOME, gloss).photograph(camera, Quality(256, 1), seed=0)
-        for gloss in (None, Gloss(np.zeros(count), 0.2))
+        for gloss in (None, Gloss.white(np.zeros(count), 0.2))
     )
     np.testing.assert_allclose(glossy.mean(axis=(0, 1)), matt.mean(axis=(0, 1)), rtol=0.005)
 

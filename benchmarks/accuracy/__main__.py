@@ -3,7 +3,9 @@
 Renders the scenes (kept in ``workspaces/accuracy``), decomposes them by every method with its defaults, and
 writes ``accuracy.md`` with a picture of each, and ``accuracy.json``. `--quick` takes the five rows of the
 paper only, at a tenth of its size; scans need ``UNSHADE_DATA``. `--ablations` adds `mode: transfer` with one
-of its parts left out at a time. `--tiny` only shows that everything works.
+of its parts left out at a time. `--natural` takes scenes like the world instead, on which methods are
+developed; `--unseen SEED` scenes like them, drawn by a seed that nobody has looked at. `--tiny` only shows
+that everything works.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from pathlib import Path
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in another order
 
 from benchmarks.accuracy.methods import ABLATIONS, METHODS, judge_row  # noqa: E402
+from benchmarks.accuracy.natural import natural_rows, unseen_rows  # noqa: E402
 from benchmarks.accuracy.report import write_report  # noqa: E402
 from benchmarks.accuracy.scenes import laboratory_of, paper_rows, scan_rows  # noqa: E402
 from benchmarks.paper.laboratory import QUARTER, TENTH, TINY, Size  # noqa: E402
@@ -37,9 +40,17 @@ def main(argv: Sequence[str] | None = None) -> Path:
 
 def scenes_of(given: argparse.Namespace) -> list[tuple[Row, Size]]:
     """What is to be judged; refuses rows that are not there."""
-    scenes = list(paper_rows(TINY if given.tiny else TENTH if given.quick else QUARTER))
-    if not (given.quick or given.tiny) and "UNSHADE_DATA" in os.environ:
-        scenes += scan_rows(Path(os.environ["UNSHADE_DATA"]))
+    data = Path(os.environ["UNSHADE_DATA"]) if "UNSHADE_DATA" in os.environ else None
+    if given.natural:
+        scenes = list(natural_rows(data))
+    elif given.unseen is not None:
+        scenes = list(unseen_rows(data, given.unseen))
+    else:
+        scenes = list(paper_rows(TINY if given.tiny else TENTH if given.quick else QUARTER))
+        if not (given.quick or given.tiny) and data is not None:
+            scenes += scan_rows(data)
+    if given.tiny:
+        scenes = [(row, TINY) for row, _ in scenes]
     if given.rows is None:
         return scenes
     known = {row.name: (row, size) for row, size in scenes}
@@ -54,6 +65,8 @@ def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--quick", action="store_true", help="the paper's rows only, at a tenth of its size")
     parser.add_argument("--tiny", action="store_true", help="and smaller still, to show that it works")
+    parser.add_argument("--natural", action="store_true", help="scenes like the world, to develop on")
+    parser.add_argument("--unseen", type=int, metavar="SEED", help="scenes like the world, drawn by seed")
     parser.add_argument("--rows", help="comma-separated names; all by default")
     parser.add_argument("--ablations", action="store_true", help="`mode: transfer` with a part left out, too")
     parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "accuracy")

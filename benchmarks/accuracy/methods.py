@@ -94,7 +94,9 @@ class JudgedRow:
 
 def judge_row(laboratory: Laboratory, row: Row, methods: Sequence[Method]) -> JudgedRow:
     """Decompose a row by every method, and judge."""
-    judge = Judge.of(laboratory.prepare(row))
+    prepared = laboratory.prepare(row)
+    judge = Judge.of(prepared)
+    about = f"{row.about} (noise of the render {prepared.facts['render']['noise']:.1%})"
     judged, estimates = [], []
     for method in methods:
         begun = time.monotonic()
@@ -103,7 +105,7 @@ def judge_row(laboratory: Laboratory, row: Row, methods: Sequence[Method]) -> Ju
         judged.append(Judged(method.name, scores, seconds, facts))
         if method != IMAGE:
             estimates.append(Estimate(method.name, "", albedo, scores))
-    return JudgedRow(row.name, row.about, tuple(judged), figure(judge, estimates, shown=(0.5,)))
+    return JudgedRow(row.name, about, tuple(judged), figure(judge, estimates, shown=(0.5,)))
 
 
 def _albedo(laboratory: Laboratory, row: Row, judge: Judge, method: Method):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from benchmarks.accuracy.from_photos import PhotoLaboratory
 from benchmarks.accuracy.on_a_floor import write_on_a_floor
 from benchmarks.paper.laboratory import QUARTER, TINY, Laboratory, Size
 from benchmarks.paper.rows import ROWS, Row
@@ -59,7 +60,8 @@ LIGHTS_OF_OUR_OWN = ("dome", "four_lamps", "one_lamp")
 def laboratory_of(row: Row, size: Size, workspace: Path) -> Laboratory:
     """Where a row is rendered and decomposed: the paper's where `benchmarks.paper` has done so already."""
     shared = row in ROWS and size is not TINY
-    return Laboratory(PAPERS_OWN / size.name if shared else workspace / row.name, size, Terminal())
+    kind = PhotoLaboratory if row.photographed else Laboratory
+    return kind(PAPERS_OWN / size.name if shared else workspace / row.name, size, Terminal())
 
 
 def paper_rows(size: Size = QUARTER) -> tuple[tuple[Row, Size], ...]:

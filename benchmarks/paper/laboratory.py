@@ -136,8 +136,11 @@ class Laboratory:
         """Decompose a row with settings as they are: the decomposition's, and the lighting's before it."""
         return self._run(row, settings, lighting or {}, last="decomposition")
 
-    def _run(self, row: Row, decomposition: dict[str, Any], lighting: dict[str, Any], last: str) -> Results:
-        given = {
+    def given(
+        self, row: Row, decomposition: dict[str, Any], lighting: dict[str, Any] | None = None
+    ) -> dict[str, dict[str, Any]]:
+        """Settings of all stages for a row."""
+        return {
             "render": {
                 "views": self.size.views,
                 "width_px": self.size.width_px,
@@ -148,8 +151,11 @@ class Laboratory:
             },
             "undistort": {"max_size_px": None},
             "known_geometry": dict(row.known_geometry),
-            "lighting": lighting,
+            "lighting": lighting or {},
             "decomposition": decomposition,
         }
+
+    def _run(self, row: Row, decomposition: dict[str, Any], lighting: dict[str, Any], last: str) -> Results:
+        given = self.given(row, decomposition, lighting)
         flow = stages.experiment(row.sources, DecompositionSettings(**decomposition).kind_of_light)
         return results_of(flow, row.sources, given, self.workspace, last, self.threads, self.listener)

@@ -28,6 +28,8 @@ class Row:
         The paper's variance in the part hair, red (Table 2), on its own bust.
     sources : mapping of str to Path
         An object instead of the bust, an environment.
+    photographed : bool
+        Whether poses and shape are estimated from 8-bit photos of the render (benchmarks.accuracy).
     """
 
     name: str
@@ -37,6 +39,7 @@ class Row:
     lambda_factor: float = 1.0
     hair_red: float | None = None
     sources: Mapping[str, Path] = field(default_factory=dict)
+    photographed: bool = False
 
 
 STRIPED = {"paint": "stripes", "stripe_period": 0.1, "light": "one_lamp"}

@@ -1,1 +1,1 @@
-"""Scenes whose truth is known: a procedural bust, its paint, its light; sensor noise apart."""
+"""Scenes whose truth is known: our own subjects or any mesh, their paint, their light; sensor noise apart."""

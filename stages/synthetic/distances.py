@@ -58,3 +58,25 @@ def smooth_union(a: np.ndarray, b: np.ndarray, blend: float) -> np.ndarray:
 def smooth_subtraction(solid: np.ndarray, hole: np.ndarray, blend: float) -> np.ndarray:
     """`solid` without `hole`, the rim rounded over the length `blend`."""
     return -smooth_union(-solid, hole, blend)
+
+
+def box(x: np.ndarray, low: tuple, high: tuple, rounding: float = 0.0) -> np.ndarray:
+    """Distance to an axis-aligned box whose edges are rounded by `rounding`."""
+    low, high = np.array(low, x.dtype), np.array(high, x.dtype)
+    beyond = np.abs(x - (low + high) / 2) - ((high - low) / 2 - x.dtype.type(rounding))
+    outside = np.linalg.norm(np.maximum(beyond, 0), axis=-1)
+    return outside + np.minimum(beyond.max(axis=-1), 0) - x.dtype.type(rounding)
+
+
+def arch_outline(across: np.ndarray, up: np.ndarray, half_width: float, springing: float) -> np.ndarray:
+    """Distance in a plane to an arch: a strip from below up to `springing`, closed by a half circle."""
+    above = np.maximum(up - up.dtype.type(springing), 0)
+    return np.hypot(across, above) - across.dtype.type(half_width)
+
+
+def extruded(outline: np.ndarray, along: np.ndarray, start: float, end: float) -> np.ndarray:
+    """Distance to a plane outline drawn out from `start` to `end` along its normal."""
+    middle, half = along.dtype.type((start + end) / 2), along.dtype.type((end - start) / 2)
+    beyond = np.abs(along - middle) - half
+    outside = np.hypot(np.maximum(outline, 0), np.maximum(beyond, 0))
+    return outside + np.minimum(np.maximum(outline, beyond), 0)

@@ -1,4 +1,4 @@
-"""What shines on a synthetic scene: a sky dome, extended lamps, an environment map."""
+"""What shines on a synthetic scene: a sky dome, a sky with its sun, extended lamps, an environment map."""
 
 from __future__ import annotations
 
@@ -31,6 +31,34 @@ class Environment:
 
     radiance: np.ndarray
     turn_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class ClearSky:
+    """A blue sky with a warm sun, above sunlit ground; a card facing the sun shows about 1.
+
+    Attributes
+    ----------
+    sun_azimuth_deg, sun_elevation_deg : float
+        Azimuth 0 is where the figure looks, positive towards its left.
+    sun_radius_deg : float
+        Of the disc; the real one has 0.27. Larger ones soften the borders of shadows.
+    sun : tuple of float
+        Irradiance / π on a card that faces the sun alone.
+    zenith, horizon, ground : tuple of float
+        Radiance straight up, just above and all below the horizon.
+    glow : float
+        How much brighter than the sky around is the sky beside the sun.
+    """
+
+    sun_azimuth_deg: float = -40.0
+    sun_elevation_deg: float = 40.0
+    sun_radius_deg: float = 0.8
+    sun: tuple[float, float, float] = (0.80, 0.70, 0.55)
+    zenith: tuple[float, float, float] = (0.10, 0.19, 0.38)
+    horizon: tuple[float, float, float] = (0.30, 0.36, 0.42)
+    ground: tuple[float, float, float] = (0.16, 0.14, 0.11)
+    glow: float = 3.0
 
 
 @dataclass(frozen=True)
@@ -127,3 +155,29 @@ def dome_picture(dome: Dome, rows: int = 128) -> Environment:
     elevation = np.linspace(np.pi / 2, -np.pi / 2, rows)
     radiance = dome_radiance(dome, elevation).astype(np.float32)
     return Environment(np.ascontiguousarray(np.broadcast_to(radiance[:, None], (rows, 2 * rows, 3))))
+
+
+def clear_sky_picture(sky: ClearSky, rows: int = 512) -> Environment:
+    """Make an environment map of a clear sky.
+
+    The sky's radiance runs from `horizon` to `zenith` with the sine of the elevation, ``1 − √sin e``, and
+    grows beside the sun with ``1 + glow · exp(−γ / 12°)``, γ the angle to it. The disc's edge is two rows
+    soft. Its radiance is set so that the map's own sum over the disc gives the irradiance `sun`.
+    """
+    elevation = np.linspace(np.pi / 2, -np.pi / 2, rows)[:, None]
+    azimuth = (np.arange(2 * rows) + 0.5 - rows) * (-np.pi / rows)  # the middle looks along −y, right is −x
+    level = np.cos(elevation)
+    directions = np.stack(
+        [level * np.sin(azimuth), -level * np.cos(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1
+    )
+    a, e = np.deg2rad([sky.sun_azimuth_deg, sky.sun_elevation_deg])
+    towards_sun = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
+    from_sun_deg = np.rad2deg(np.arccos(np.clip(directions @ towards_sun, -1, 1)))
+    height = np.sqrt(np.clip(np.sin(elevation), 0, 1))[..., None]
+    radiance = (1 - height) * np.array(sky.horizon) + height * np.array(sky.zenith)
+    radiance = radiance * (1 + sky.glow * np.exp(-from_sun_deg / 12))[..., None]
+    radiance = np.where((elevation > 0)[..., None], radiance, np.array(sky.ground))
+    disc = np.clip((sky.sun_radius_deg - from_sun_deg) / (360 / rows) + 0.5, 0, 1)
+    solid_angle = level * (np.pi / rows) ** 2
+    radiance += disc[..., None] * np.array(sky.sun) * np.pi / (disc * solid_angle).sum()
+    return Environment(radiance.astype(np.float32))

@@ -41,12 +41,20 @@ class Gloss:
     ----------
     share : ndarray, shape (V,), float
         How much of the reflection is the mirror's, 0 to 1; the diffuse albedo becomes (1 − share) · paint.
-    roughness : float
-        α of the GGX distribution of its facets.
+    roughness : ndarray, shape (V,), float
+        α of the GGX distribution of its facets, 0.02 to 1.
+    colour : ndarray, shape (V, 3)
+        Reflectance of the mirror: white, or a metal's.
     """
 
     share: np.ndarray
-    roughness: float
+    roughness: np.ndarray
+    colour: np.ndarray
+
+    @classmethod
+    def white(cls, share: np.ndarray, roughness: float) -> Gloss:
+        """Gloss of one roughness and no colour, as of varnish."""
+        return cls(share, np.full(len(share), roughness), np.ones((len(share), 3)))
 
 
 @dataclass(frozen=True)
@@ -144,7 +152,9 @@ def _painted_mesh(mi, surface: Surface, paint: np.ndarray, gloss: Gloss | None):
     mesh = mi.Mesh("figure", len(surface.vertices), len(surface.faces), props=properties)
     mesh.add_attribute("vertex_color", 3, np.ascontiguousarray(paint, np.float32).ravel())
     if gloss is not None:
-        mesh.add_attribute("vertex_gloss", 1, np.ascontiguousarray(gloss.share, np.float32).ravel())
+        for name, values in (("gloss", gloss.share), ("rough", gloss.roughness), ("mirror", gloss.colour)):
+            values = np.ascontiguousarray(values, np.float32)
+            mesh.add_attribute(f"vertex_{name}", values.size // len(values), values.ravel())
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = np.ascontiguousarray(surface.vertices, np.float32).ravel()
     parameters["faces"] = np.ascontiguousarray(surface.faces, np.uint32).ravel()
@@ -156,7 +166,13 @@ def _material(gloss: Gloss | None) -> dict:
     diffuse = {"type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": "vertex_color"}}
     if gloss is None:
         return diffuse
-    mirror = {"type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": gloss.roughness}
+    mirror = {
+        "type": "roughconductor",
+        "material": "none",
+        "distribution": "ggx",
+        "alpha": {"type": "mesh_attribute", "name": "vertex_rough"},
+        "specular_reflectance": {"type": "mesh_attribute", "name": "vertex_mirror"},
+    }
     share = {"type": "mesh_attribute", "name": "vertex_gloss"}
     return {"type": "blendbsdf", "weight": share, "first": diffuse, "second": mirror}
 

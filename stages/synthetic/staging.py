@@ -2,31 +2,64 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
 from pipeline import UserError
 from stages.scene.cameras import Camera
 from stages.scene.wording import listed
-from stages.synthetic.lights import FOUR_LAMPS, ONE_LAMP, SKY_DOME, Environment, Light, lamps_around
+from stages.synthetic.lights import (
+    FOUR_LAMPS,
+    ONE_LAMP,
+    SKY_DOME,
+    ClearSky,
+    Environment,
+    Light,
+    clear_sky_picture,
+    lamps_around,
+)
+from stages.synthetic.natural_paint import NATURAL_PAINTS, natural_paint, quilt
 from stages.synthetic.paint import paint_by_part, paint_for_matching, with_stripes
 from stages.synthetic.render import Gloss
 from stages.synthetic.render_settings import RenderSettings
 from stages.synthetic.sensor_noise import with_sensor_noise
+from stages.synthetic.solid_noise import fractal_noise
+from stages.synthetic.subdivision import subdivided
 from stages.synthetic.subject import Subject
+from stages.synthetic.textures.pattern import Scale
 from stages.synthetic.views import arc_of_views, framed
 
 STEEPEST_DEG = 85.0
+SMOOTHEST, ROUGHEST = 0.02, 1.0  # α: a smoother mirror reflects the sun's disc into single pixels
+UNEVENNESS_SEED = 7_000_000_000  # apart from the paints'
+FINEST_PX = 2.0  # wavelength of the finest detail of a paint: blobs of a deviation of about a pixel
+LONGEST_EDGE_PX = 0.75  # of the faces that carry it: most edges are then half a pixel or shorter
+
+
+def with_room_for_paint(settings: RenderSettings, subject: Subject, footprint: float) -> Subject:
+    """Split the faces until vertices are half a pixel apart, where the paint has detail of two pixels.
+
+    `footprint` is the side of a pixel at the subject's centre, model units. The surface stays as it is.
+    """
+    if settings.paint not in NATURAL_PAINTS or settings.paint == "plaster":
+        return subject
+    surface, origin = subdivided(subject.surface, LONGEST_EDGE_PX * footprint)
+    return Subject(surface, subject.parts[origin], subject.part_names)
 
 
 def paint_of(
-    settings: RenderSettings, subject: Subject, own_colours: np.ndarray | None
+    settings: RenderSettings, subject: Subject, own_colours: np.ndarray | None, footprint: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The paint of every vertex, (V, 3), and 1 + the index of its part where that is uniform, (V,), else 0.
 
-    `own_colours`, (V, 3), are those that the object brings, where the paint is those.
+    `own_colours`, (V, 3), are those that the object brings, where the paint is those. `footprint` is the side
+    of a pixel at the subject's centre, model units.
     """
     x = subject.surface.vertices
+    if settings.paint in NATURAL_PAINTS:
+        return _natural_paint_of(settings, subject, Scale(FINEST_PX * footprint, subject.radius))
     if settings.paint == "vertex":
         return own_colours, np.zeros(len(x), np.uint8)
     if settings.paint == "texture":
@@ -39,6 +72,25 @@ def paint_of(
         paint = with_stripes(paint, x, striped, settings.stripe_period * subject.radius)
         uniform = np.where(striped, 0, uniform).astype(np.uint8)
     return paint, uniform
+
+
+def _natural_paint_of(
+    settings: RenderSettings, subject: Subject, scale: Scale
+) -> tuple[np.ndarray, np.ndarray]:
+    x, parts = subject.surface.vertices, subject.parts
+    if settings.paint == "quilt":
+        paint, plain = quilt(x, parts, scale, settings.contrast, settings.paint_seed)
+    else:
+        paint = natural_paint(settings.paint, x, scale, settings.contrast, settings.paint_seed)
+        plain = np.full(len(x), settings.paint == "plaster")
+    return paint, np.where(plain, parts + np.uint8(1), 0).astype(np.uint8)
+
+
+def footprint_of(cameras: list[Camera], centre: np.ndarray) -> float:
+    """Side of a pixel at the subject's centre in the nearest view, model units."""
+    return min(
+        float(np.linalg.norm(camera.centre_in_world - centre)) / camera.intrinsics[0, 0] for camera in cameras
+    )
 
 
 def part_index(subject: Subject, setting_name: str, part: str) -> int:
@@ -56,13 +108,37 @@ def part_index(subject: Subject, setting_name: str, part: str) -> int:
     return subject.part_names.index(part)
 
 
-def gloss_of(settings: RenderSettings, subject: Subject) -> Gloss | None:
-    """The mirror's share at every vertex; None where nothing is glossy."""
-    if settings.gloss == 0:
+def metal_of(settings: RenderSettings, subject: Subject) -> np.ndarray:
+    """Which vertices are bare metal, shape (V,), bool."""
+    if settings.metal_part is None:
+        return np.zeros(len(subject.parts), bool)
+    return subject.parts == part_index(subject, "metal_part", settings.metal_part)
+
+
+def gloss_of(settings: RenderSettings, subject: Subject, paint: np.ndarray, footprint: float) -> Gloss | None:
+    """Share, roughness and colour of the mirror at every vertex; None where nothing is glossy or metal."""
+    metal = metal_of(settings, subject)
+    if settings.gloss == 0 and not metal.any():
         return None
-    names = settings.glossy_parts or subject.part_names
-    chosen = [part_index(subject, "glossy_parts", name) for name in names]
-    return Gloss(settings.gloss * np.isin(subject.parts, chosen), settings.roughness)
+    share = np.zeros(len(subject.parts))
+    if settings.gloss > 0:
+        names = settings.glossy_parts or subject.part_names
+        chosen = [part_index(subject, "glossy_parts", name) for name in names]
+        share = settings.gloss * np.isin(subject.parts, chosen)
+    gloss = Gloss.white(np.where(metal, 1.0, share), settings.roughness)
+    roughness = gloss.roughness * _unevenness(settings, subject, footprint)
+    colour = np.where(metal[:, None], paint, gloss.colour)
+    return Gloss(gloss.share, np.clip(roughness, SMOOTHEST, ROUGHEST), colour)
+
+
+def _unevenness(settings: RenderSettings, subject: Subject, footprint: float) -> np.ndarray:
+    """Factor on the roughness, (V,): log-normal, with a 1/f spectrum, apart from the paint's."""
+    if settings.roughness_contrast == 0:
+        return np.ones(len(subject.parts))
+    noise = fractal_noise(
+        subject.surface.vertices, subject.radius, FINEST_PX * footprint, UNEVENNESS_SEED + settings.paint_seed
+    )
+    return np.exp(settings.roughness_contrast * noise)
 
 
 def light_of(settings: RenderSettings, subject: Subject, surroundings: np.ndarray | None) -> Light:
@@ -71,6 +147,9 @@ def light_of(settings: RenderSettings, subject: Subject, surroundings: np.ndarra
         return SKY_DOME
     if settings.light == "environment":
         return Light(Environment(surroundings, settings.turn_deg))
+    if settings.light == "sun_and_sky":
+        sky = ClearSky(sun_elevation_deg=settings.sun_elevation_deg)
+        return Light(replace(clear_sky_picture(sky), turn_deg=settings.turn_deg))
     places = FOUR_LAMPS if settings.light == "four_lamps" else ONE_LAMP
     return Light(None, lamps_around(places, subject.centre, subject.radius))
 

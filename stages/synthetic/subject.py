@@ -1,4 +1,4 @@
-"""What stands before the cameras: the bust, or any mesh, with its parts and its size."""
+"""What stands before the cameras: bust, relief, courtyard, or any mesh, with its parts and its size."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.scene.meshes import Surface
+from stages.synthetic.architecture import build_courtyard, build_relief
 from stages.synthetic.bust import NARROW, PARTS, build_bust
 
 Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # rows: the world's x, y, z from the mesh's x, y, z
@@ -43,6 +44,14 @@ def bust_subject(spacing: float) -> Subject:
     """The bust in its four parts; see `build_bust` for `spacing`."""
     bust = build_bust(spacing, slab=NARROW)
     return Subject(bust.surface, bust.parts, PARTS)
+
+
+def built_subject(name: str, spacing: float) -> Subject:
+    """Build one of our own subjects by its name: bust, relief, courtyard."""
+    if name == "bust":
+        return bust_subject(spacing)
+    built = {"relief": build_relief, "courtyard": build_courtyard}[name](spacing)
+    return Subject(built.surface, built.parts, built.part_names)
 
 
 def mesh_subject(surface: Surface, parts: int = 4, y_up: bool = False) -> Subject:
