@@ -18,7 +18,6 @@ from stages.photometry.highlights import Linked, brightening, darkened, without_
 from stages.photometry.illumination import explained_best
 from stages.photometry.light_from_pairs import ENOUGH, PairObjective, PairWeights, Sample, believed
 from stages.photometry.light_search import Search, disagreements, sky_light
-from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
     PaintEdges,
     agreement_of_links,
@@ -572,16 +571,6 @@ def test_texture_is_told_from_relief_and_its_detail_comes_back():
     plain = appearance_of(views, 0.4 * shading, shading, trusted, edges, True).textured
     assert np.mean(textured) > 0.9
     assert np.max(plain) == 0
-    smooth = np.tile(np.median(grain, axis=0), (count, 1))
-    detailed = with_detail(smooth, grain * shading, shading, trusted, textured)
-    assert error(detailed, grain) < 0.25 * error(smooth, grain)
-    assert np.array_equal(
-        with_detail(smooth, grain * shading, shading, trusted, plain), smooth.astype(np.float32)
-    )
-    nowhere = np.zeros(count, bool)
-    assert np.array_equal(
-        with_detail(smooth, grain * shading, shading, nowhere, textured), smooth.astype(np.float32)
-    )
 
 
 def test_what_views_contradict_each_other_about_is_disputed_and_nothing_else(lit):

@@ -8,10 +8,10 @@ import numpy as np
 
 from stages.photometry.highlights import Linked
 from stages.photometry.neighbourhoods import add_at, patch_means
-from stages.photometry.paint_detail import DIM
 from stages.photometry.paint_edges import DARK, NO_SHADING, PaintEdges, colour_change
 from stages.photometry.stack import StackedViews
 
+DIM = 0.1  # of the median shading: quotients by less are noise
 UNEXPLAINED = 0.06  # of the logarithm: a change that the shading leaves over, beyond as much as it explains
 TEXTURED = (0.44, 0.56)  # share of the edges that are paint: from no texture to nothing else
 DISPUTED = 0.05  # of the logarithm: views that disagree by more see gloss, or are wrong about the light

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from pipeline import Settings, UserError, setting
+
+Share = Annotated[float, Field(ge=0, le=4)]
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,38 @@ class DecompositionSettings(Settings):
         "paint.",
         unit="of the logarithms of red and blue over green",
         ge=1e-4,
+    )
+    shading_doubt: tuple[Share, ...] = setting(
+        (0.4, 0.3, 0.2, 0.15, 0.1, 0.06, 0.03),
+        "`light: directions`: what the shading may be wrong by at most, in each octave from below σ = 0.5 px "
+        "to 32 px, as a share of its own local change there; how much it is, is told from the scene, and "
+        "recorded. What the photo shows beyond that and beyond noise is albedo. On renders of known truth it "
+        "is 0.4 to 0.02. More takes more shading out of the albedo, then fine texture where there is relief.",
+        unit="of the local change of log shading",
+        min_length=7,
+        max_length=7,
+    )
+    chroma_doubt: float = setting(
+        0.3,
+        "`light: directions`: what the shading's colour may be wrong by, of what its brightness may: light "
+        "is nearly of one colour.",
+        ge=0,
+        le=1,
+    )
+    level_doubt: float = setting(
+        0.03,
+        "`light: directions`: what the shading may be wrong by over more than 32 px.",
+        unit="of its logarithm",
+        ge=0,
+        le=1,
+    )
+    doubt_window: float = setting(
+        2.0,
+        "`light: directions`: σ of the surroundings that detail is judged by. Between 1.5 and 3 hardly "
+        "anything changes.",
+        unit="σ of the octave",
+        ge=1,
+        le=8,
     )
     delta: float = setting(
         1e-4,

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stages.photometry.albedo_detail import DetailSettings, with_detail
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.appearance import appearance_of
 from stages.photometry.fast_alternation import FastDescent, FastSettings
 from stages.photometry.observations import Observations
-from stages.photometry.paint_detail import with_detail
 from stages.photometry.paint_edges import (
     PaintEdges,
     agreement_of_links,
@@ -19,6 +19,7 @@ from stages.photometry.paint_edges import (
     smoothness_of_edges,
 )
 from stages.photometry.saddle import ALIKE, EdgeWeights
+from stages.photometry.shading_doubt import ShadingDoubt
 from stages.photometry.soft_paint import soft_paint
 from stages.photometry.stack import StackedViews
 from stages.solvers.threading_layer import use_threads
@@ -31,12 +32,14 @@ class SkyDecomposition:
     Attributes
     ----------
     edges : PaintEdges
-        Of `albedo`.
+        Of the smooth albedo that `albedo` begins with.
+    detail : DetailSettings
     descent : FastSettings
         Of the albedo; λ and μ are those of `albedo_tv`, μ is the least that links have in `albedo`.
     """
 
     edges: PaintEdges
+    detail: DetailSettings
     descent: FastSettings
 
 
@@ -52,11 +55,14 @@ class SkySolution:
         Before the detail came back that the photos have.
     albedo : ndarray, shape (N, 3), float32
         With it.
+    doubt : ShadingDoubt
+        By which detail was told from the shading's errors and noise.
     """
 
     smooth: FastDescent
     detailed: FastDescent
     albedo: np.ndarray
+    doubt: ShadingDoubt
 
 
 def decompose_under_light(
@@ -96,5 +102,5 @@ def decompose_under_light(
         albedo_under_light(views, channels, shading, trusted, each, settings.descent, threads, step)
         for each in (ALIKE, by_edge)
     )
-    albedo = with_detail(detailed.albedo, matt, shading, trusted, surface.textured)
-    return SkySolution(smooth, detailed, albedo)
+    albedo, doubt = with_detail(views, detailed.albedo, matt, shading, trusted, settings.detail)
+    return SkySolution(smooth, detailed, albedo, doubt)

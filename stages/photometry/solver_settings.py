@@ -99,6 +99,7 @@ def as_illumination(settings: LightingSettings) -> IlluminationSettings:
 
 def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> SkyDecomposition:
     """For the albedo under that light."""
+    from stages.photometry.albedo_detail import DetailSettings
     from stages.photometry.paint_edges import PaintEdges
     from stages.photometry.sky_decomposition import SkyDecomposition
 
@@ -108,6 +109,12 @@ def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float)
             fine=settings.fine_lambda,
             shading_step=settings.shading_step,
             chroma_step=settings.chroma_step,
+        ),
+        detail=DetailSettings(
+            most_doubt=settings.shading_doubt,
+            chroma=settings.chroma_doubt,
+            level=settings.level_doubt,
+            window=settings.doubt_window,
         ),
         descent=as_fast(settings, weights),
     )

@@ -50,6 +50,7 @@ def under_light(
         histories=rounds_under_light_as_json(found.smooth, outcome),
         outcomes=[outcome] * 3,
         albedo_tv=np.maximum(found.smooth.albedo, 0),
+        doubt=found.doubt,
     )
 
 

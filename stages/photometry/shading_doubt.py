@@ -1,0 +1,151 @@
+"""How far the shading may be wrong, octave by octave, told from the photos divided by it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import nnls
+
+from stages.photometry.octaves import SIGMAS_PX, gaussian_mean, octaves, response_to_noise
+from stages.photometry.stack import StackedViews
+
+DARK = 0.01  # of the scaled image, under the logarithms: as dark as that, hardly anything is told
+VIEWS = 6  # that it is told from, evenly chosen
+CLASSES = 16  # of pixels, by how much the shading changes around them
+LEAST = (
+    0.6  # of what is doubted at most: smooth surface beside texture, and texture hides what it is wrong by
+)
+MAD = 0.6745  # of a normal deviate: what half of all stay below
+FEWEST = 100  # pixels of a class that are worth a word
+TEXTURE = (0.6, 1.0, 1.0, 1.0, 1.0)  # of 1/f brightness, a little blurred: deviations of the finest octaves
+
+
+@dataclass(frozen=True)
+class ShadingDoubt:
+    """What the logarithm of an observation may be wrong by, besides what it says of the albedo.
+
+    Attributes
+    ----------
+    of_change : tuple of float
+        Per octave, finest first: standard deviation of the error over the shading's own local change.
+    noise : float
+        Standard deviation of the camera's noise in a working pixel.
+    """
+
+    of_change: tuple[float, ...]
+    noise: float
+
+    def variance(self, octave: int, change_squared: np.ndarray) -> np.ndarray:
+        """``(ν r_k)² + κ_k² L²`` of an octave k, where the shading's band has a local mean square L²."""
+        return (self.noise * response_to_noise()[octave]) ** 2 + self.of_change[octave] ** 2 * change_squared
+
+    def as_json(self) -> dict[str, Any]:
+        """For records."""
+        return {
+            "of_shading_change": [round(value, 3) for value in self.of_change],
+            "noise": round(self.noise, 4),
+        }
+
+
+def log_quotient(image: np.ndarray, explained: np.ndarray) -> np.ndarray:
+    """``log((I + d) / (E + d))``, elementwise, float32; of what is dark in both, next to nothing."""
+    return np.log((np.maximum(image, 0) + DARK) / (np.maximum(explained, 0) + DARK)).astype(np.float32)
+
+
+def log_shading(shading: np.ndarray, unlit: float) -> np.ndarray:
+    """Mean logarithm of the channels, (N,), float32; no channel counts as less than `unlit` of the median."""
+    floor = max(unlit * float(np.median(shading)), 1e-6)
+    return np.log(np.maximum(shading, floor)).mean(axis=1).astype(np.float32)
+
+
+def shading_doubt(
+    views: StackedViews,
+    image: np.ndarray,
+    shading: np.ndarray,
+    lit: np.ndarray,
+    trusted: np.ndarray,
+    most: tuple[float, ...],
+) -> ShadingDoubt:
+    """Estimate the shading's error and the camera's noise from the scene itself.
+
+    Parameters
+    ----------
+    views : StackedViews
+    image, shading : ndarray, shape (N, 3)
+        Scaled, without gloss.
+    lit : ndarray, shape (N,)
+        `log_shading`.
+    trusted : ndarray, shape (N,), bool
+    most : tuple of float
+        Per octave, what `of_change` is at most: paint that changes where relief does is no error. At least
+        it is `LEAST` of that.
+
+    Notes
+    -----
+    In each octave, pixels are put into classes of equal number by the local mean square L² of the band of
+    log S; of each, e² is the variance of the band of log I/S, by the median so that borders of paint do not
+    count. ``e² ≈ τ² + κ² L²``, by non-negative least squares over relative errors: κ is the shading's error,
+    τ texture and noise; of κ², what is sure: less its standard error. Where the shading is most even, what is
+    left is told by its octaves: noise is white and halves from one to the next, texture is as strong in all.
+    """
+    quotient = log_quotient(image, shading).mean(axis=1)
+    pooled: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in SIGMAS_PX]
+    for view in np.unique(np.linspace(0, views.view_count - 1, VIEWS).round().astype(int)):
+        mask, own = views.masks[view], views.view(view)
+        weight = _image_of(mask, trusted[own].astype(np.float32))
+        inside = weight[mask] > 0
+        bands = zip(
+            octaves(_image_of(mask, quotient[own]) * weight, weight),
+            octaves(_image_of(mask, lit[own]) * weight, weight),
+            strict=True,
+        )
+        for octave, ((band, sigma_px), (change, _)) in enumerate(bands):
+            if np.isfinite(sigma_px):
+                local = gaussian_mean(change**2, weight, max(sigma_px, 1.0))
+                pooled[octave].append((local[mask][inside], band[mask][inside]))
+    fits = [_fit(*map(np.concatenate, zip(*each, strict=True))) for each in pooled]
+    return ShadingDoubt(
+        of_change=tuple(
+            float(np.clip(slope, LEAST * bound, bound)) for (slope, _), bound in zip(fits, most, strict=True)
+        ),
+        noise=_noise_in([least for _, least in fits]),
+    )
+
+
+def _noise_in(deviations: list[float]) -> float:
+    """White noise, per pixel, in deviations of the octaves that are of noise and texture: least squares."""
+    count = len(TEXTURE)
+    variances = np.square(deviations[:count])
+    relative = 1 / (variances + 1e-8)
+    design = np.square([TEXTURE, response_to_noise()[:count]]).T * relative[:, None]
+    (_, noise), _ = nnls(design, variances * relative)
+    return float(np.sqrt(noise))
+
+
+def _fit(change_squared: np.ndarray, band: np.ndarray) -> tuple[float, float]:
+    """κ, and the least deviation of a class."""
+    count = min(CLASSES, len(band) // FEWEST)
+    if count < 2:
+        return 0.0, float(np.median(np.abs(band))) / MAD if len(band) else 0.0
+    order = np.array_split(np.argsort(change_squared, kind="stable"), count)
+    change = np.array([change_squared[own].mean() for own in order], np.float64)
+    variance = np.array([(np.median(np.abs(band[own])) / MAD) ** 2 for own in order], np.float64)
+    relative = 1 / (variance + 1e-6)
+    design = np.stack([np.ones(count), change], axis=1) * relative[:, None]
+    (_, slope), left = nnls(design, variance * relative)
+    sure = max(slope - _standard_error(design, left), 0.0)
+    return float(np.sqrt(sure)), float(np.sqrt(variance[: max(1, count // 8)].min()))
+
+
+def _standard_error(design: np.ndarray, left: float) -> float:
+    """Of the second coefficient of a least squares fit that leaves a residual of this norm."""
+    scatter = left**2 / max(len(design) - 2, 1)
+    return float(np.sqrt(np.linalg.pinv(design.T @ design)[1, 1] * scatter))
+
+
+def _image_of(mask: np.ndarray, own: np.ndarray) -> np.ndarray:
+    image = np.zeros((*mask.shape, *own.shape[1:]), np.float32)
+    image[mask] = own
+    return image

@@ -1,0 +1,200 @@
+"""What the light cannot have made is albedo: octaves, how far the shading is doubted, and what comes back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stages.photometry.albedo_detail import DetailSettings, with_detail
+from stages.photometry.decomposition_settings import DecompositionSettings
+from stages.photometry.octaves import SIGMAS_PX, gaussian_mean, octaves, response_to_noise
+from stages.photometry.shading_doubt import log_shading, shading_doubt
+from stages.photometry.stack import StackedViews
+
+SHAPE = (160, 200)
+DEFAULTS = DecompositionSettings()
+SETTINGS = DetailSettings(
+    DEFAULTS.shading_doubt, DEFAULTS.chroma_doubt, DEFAULTS.level_doubt, DEFAULTS.doubt_window
+)
+PAINT = np.array([0.5, 0.35, 0.25])
+
+
+def fractal(seed: int, deviation: float, finest_px: float = 1.5) -> np.ndarray:
+    """1/f noise, (h, w), of this standard deviation."""
+    rng = np.random.default_rng(seed)
+    frequency = np.hypot(np.fft.fftfreq(SHAPE[0])[:, None], np.fft.fftfreq(SHAPE[1]))
+    amplitude = np.where(frequency > 0, 1 / np.maximum(frequency, 1e-9), 0) * (frequency < 0.5 / finest_px)
+    field = np.fft.ifft2(np.fft.fft2(rng.normal(size=SHAPE)) * amplitude).real
+    return (field / field.std() * deviation).astype(np.float32)
+
+
+def one_view(mask: np.ndarray | None = None) -> StackedViews:
+    mask = np.ones(SHAPE, bool) if mask is None else mask
+    return StackedViews(np.array([0, mask.sum()]), np.zeros((mask.sum(), 0), np.float32), (mask,), {})
+
+
+def relief(seed: int = 5, strength: float = 0.2) -> np.ndarray:
+    """Shading of a rough thing, (N, 3), half of it even."""
+    logs = fractal(seed, strength)
+    logs[:, : SHAPE[1] // 2] *= 0.1
+    return np.repeat(np.exp(logs).reshape(-1, 1), 3, axis=1).astype(np.float32)
+
+
+def noisy(image: np.ndarray, share: float, seed: int = 9) -> np.ndarray:
+    return image * (1 + share * np.random.default_rng(seed).normal(size=image.shape)).astype(np.float32)
+
+
+def detail_of(image: np.ndarray, shading: np.ndarray, smooth: np.ndarray = PAINT, **how) -> np.ndarray:
+    trusted = how.get("trusted", np.ones(len(image), bool))
+    albedo = np.broadcast_to(smooth, image.shape).astype(np.float32)
+    return with_detail(how.get("views", one_view()), albedo, image, shading, trusted, SETTINGS)[0]
+
+
+def gains(estimate: np.ndarray, truth: np.ndarray) -> list[tuple[float, float]]:
+    """Gain and error of the estimate's brightness in the octaves from σ = 1 px on."""
+    everywhere = np.ones(SHAPE, np.float32)
+    maps = (np.log(each.mean(axis=1)).reshape(SHAPE).astype(np.float32) for each in (estimate, truth))
+    bands = list(zip(*(octaves(one, everywhere) for one in maps), strict=True))[2:6]
+    inner = (slice(12, -12),) * 2
+    pairs = [(one[0][inner], two[0][inner]) for one, two in bands]
+    return [((e * t).sum() / (t * t).sum(), np.sqrt(((e - t) ** 2).sum() / (t * t).sum())) for e, t in pairs]
+
+
+def test_octaves_add_up_to_the_map():
+    weight = (fractal(0, 1.0) > -1).astype(np.float32)
+    values = fractal(1, 1.0) * weight
+    total = sum(band for band, _ in octaves(values, weight))
+    np.testing.assert_allclose(total, values, atol=1e-5)
+    assert [sigma_px for _, sigma_px in octaves(values, weight)] == [*SIGMAS_PX, np.inf]
+
+
+@pytest.mark.parametrize("sigma_px", SIGMAS_PX)
+def test_means_know_nothing_of_what_is_not_known(sigma_px):
+    """A constant stays one, up to the rim of a ragged mask, and is the same with a frame around it."""
+    weight = (fractal(2, 1.0) > 0).astype(np.float32)
+    mean = gaussian_mean(3 * weight, weight, sigma_px)
+    np.testing.assert_allclose(mean[weight > 0], 3, rtol=2e-5)
+    values = fractal(3, 1.0) * weight
+    framed = [np.pad(one, ((0, 40), (0, 40))) for one in (values, weight)]
+    if sigma_px < 4:  # coarser ones are taken of smaller images, whose pixels lie otherwise
+        found = gaussian_mean(*framed, sigma_px)[: SHAPE[0], : SHAPE[1]]
+        np.testing.assert_allclose(found, gaussian_mean(values, weight, sigma_px), atol=1e-5)
+
+
+def test_coarse_gaussians_are_gaussians():
+    import cv2
+
+    values, everywhere = fractal(4, 1.0), np.ones(SHAPE, np.float32)
+    inner = (slice(40, -40),) * 2
+    for sigma_px in (4.0, 8.0):
+        exact = cv2.GaussianBlur(values, (0, 0), sigma_px)[inner]
+        assert np.std(gaussian_mean(values, everywhere, sigma_px)[inner] - exact) < 0.03 * np.std(exact)
+
+
+def test_noise_has_in_each_octave_what_is_said_of_it():
+    noise = np.random.default_rng(0).normal(size=(512, 512)).astype(np.float32)
+    bands = octaves(noise, np.ones_like(noise))
+    for (band, sigma_px), response in zip(bands, response_to_noise(), strict=False):
+        assert band.std() == pytest.approx(response, rel=0.02 + 0.02 * sigma_px)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.25])
+@pytest.mark.parametrize("texture", [0.0, 0.1])
+def test_the_shadings_error_and_the_noise_are_told_from_the_scene(share, texture):
+    """A shading that is wrong by a share of its own change, over one paint or a stone of many greys."""
+    shading, wrong = relief(), fractal(5, 0.2 * share).reshape(-1, 1)  # of the same relief
+    wrong = np.where(np.arange(SHAPE[0] * SHAPE[1])[:, None] % SHAPE[1] < SHAPE[1] // 2, 0.1 * wrong, wrong)
+    image = PAINT * shading * np.exp(wrong + fractal(7, texture).reshape(-1, 1))
+    image = noisy(image.astype(np.float32), 0.01)
+    most = (0.3,) * 7
+    found = shading_doubt(
+        one_view(), image, shading, log_shading(shading, 0.02), np.ones(len(image), bool), most
+    )
+    if texture == 0:
+        assert found.of_change[3] == pytest.approx(max(share, 0.6 * 0.3), rel=0.25)
+    assert all(0.6 * 0.3 <= value <= 0.3 for value in found.of_change)
+    of_mean = 0.01 / np.sqrt(3)
+    assert (texture == 0) * 0.8 * of_mean <= found.noise < 1.3 * of_mean + 0.2 * texture
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.03, 0.06])
+def test_noise_on_one_paint_is_no_texture(noise):
+    shading = relief()
+    image = noisy((PAINT * shading).astype(np.float32), noise)
+    plain = np.log(detail_of(image, shading) / PAINT)
+    assert plain.std() < 0.3 * noise
+
+
+@pytest.mark.parametrize("contrast", [0.1, 0.3])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_texture_comes_back_at_every_size(contrast, noise):
+    shading, stone = relief(), np.exp(fractal(11, contrast)).reshape(-1, 1)
+    truth = (PAINT * stone).astype(np.float32)
+    found = detail_of(noisy(truth * shading, noise), shading)
+    for gain, error in gains(found, truth):
+        assert 0.9 < gain < 1.1
+        assert error < 0.35
+
+
+def test_what_the_shading_may_have_done_is_taken_off_and_texture_elsewhere_stays():
+    """The right half: one paint under a shading that is 10 % too weak. The left: stone, evenly lit."""
+    logs, stone = fractal(5, 0.5), fractal(11, 0.1)
+    logs[:, :100] = 0
+    stone[:, 100:] = 0
+    lit, shading = (np.repeat(np.exp(k * logs).reshape(-1, 1), 3, axis=1) for k in (1.1, 1.0))
+    image = (PAINT * np.exp(stone).reshape(-1, 1) * lit).astype(np.float32)
+    found = np.log(detail_of(image, shading.astype(np.float32)) / PAINT)[:, 1].reshape(SHAPE)
+    quotient = np.log(image / shading / PAINT)[:, 1].reshape(SHAPE)
+    assert found[:, 110:].std() < 0.6 * quotient[:, 110:].std()
+    inner = found[10:-10, 10:90]
+    assert np.corrcoef(inner.ravel(), stone[10:-10, 10:90].ravel())[0, 1] > 0.97
+    assert inner.std() > 0.9 * stone[10:-10, 10:90].std()
+
+
+def test_colour_of_texture_comes_back():
+    shading = relief()
+    rust = np.exp(np.stack([fractal(21, 0.1), fractal(22, 0.1), fractal(23, 0.1)], axis=-1)).reshape(-1, 3)
+    truth = (PAINT * rust).astype(np.float32)
+    found = detail_of(truth * shading, shading)
+    for k in (0, 2):
+        one, two = (np.log(each[:, k] / each[:, 1]) for each in (found, truth))
+        assert np.corrcoef(one, two)[0, 1] > 0.95
+
+
+def test_what_is_not_trusted_keeps_its_albedo_and_says_nothing():
+    shading, rng = relief(), np.random.default_rng(1)
+    trusted = rng.random(len(shading)) > 0.2
+    image = (PAINT * np.exp(fractal(11, 0.2)).reshape(-1, 1) * shading).astype(np.float32)
+    wild = np.where(trusted[:, None], image, rng.random(image.shape) * 50).astype(np.float32)
+    one, two = (detail_of(each, shading, trusted=trusted) for each in (image, wild))
+    np.testing.assert_array_equal(one, two)
+    np.testing.assert_allclose(one[~trusted], np.broadcast_to(PAINT, (int((~trusted).sum()), 3)), rtol=1e-6)
+
+
+def test_views_do_not_mix_and_a_mask_is_a_frame():
+    """Two views of other sizes, one after the other, are what each is by itself but for the common doubt."""
+    mask = np.zeros(SHAPE, bool)
+    mask[20:140, 30:170] = True
+    shading = np.ones((mask.sum(), 3), np.float32)
+    stone = np.exp(fractal(11, 0.2))[mask].reshape(-1, 1)
+    image = (PAINT * stone).astype(np.float32)
+    once = detail_of(image, shading, views=one_view(mask))
+    starts = np.array([0, len(image), 2 * len(image)])
+    twice = StackedViews(starts, np.zeros((2 * len(image), 0), np.float32), (mask, mask), {})
+    both = detail_of(np.concatenate([image] * 2), np.concatenate([shading] * 2), views=twice)
+    np.testing.assert_array_equal(both[: len(once)], both[len(once) :])
+    np.testing.assert_allclose(both, np.concatenate([once] * 2), rtol=0.03)  # more to tell the doubt from
+    assert np.corrcoef(once[:, 1], image[:, 1])[0, 1] > 0.99
+
+
+def test_nothing_to_go_by_changes_nothing():
+    """All dark, all untrusted, hardly a pixel: the smooth albedo, finite."""
+    shading = relief()
+    for image, trusted in (
+        (np.zeros_like(shading), np.ones(len(shading), bool)),
+        (shading, np.zeros(len(shading), bool)),
+        (shading, np.arange(len(shading)) < 3),
+    ):
+        found = detail_of(image, shading, trusted=trusted)
+        assert np.isfinite(found).all() and (found >= 0).all()
+        np.testing.assert_allclose(found[~trusted], np.broadcast_to(PAINT, found[~trusted].shape), rtol=1e-6)
