@@ -14,7 +14,11 @@ from stages.photometry.stack import StackedViews
 SHAPE = (160, 200)
 DEFAULTS = DecompositionSettings()
 SETTINGS = DetailSettings(
-    DEFAULTS.shading_doubt, DEFAULTS.chroma_doubt, DEFAULTS.level_doubt, DEFAULTS.doubt_window
+    DEFAULTS.shading_doubt,
+    DEFAULTS.most_shading_doubt,
+    DEFAULTS.chroma_doubt,
+    DEFAULTS.level_doubt,
+    DEFAULTS.doubt_window,
 )
 PAINT = np.array([0.5, 0.35, 0.25])
 
@@ -106,13 +110,12 @@ def test_the_shadings_error_and_the_noise_are_told_from_the_scene(share, texture
     wrong = np.where(np.arange(SHAPE[0] * SHAPE[1])[:, None] % SHAPE[1] < SHAPE[1] // 2, 0.1 * wrong, wrong)
     image = PAINT * shading * np.exp(wrong + fractal(7, texture).reshape(-1, 1))
     image = noisy(image.astype(np.float32), 0.01)
-    most = (0.3,) * 7
-    found = shading_doubt(
-        one_view(), image, shading, log_shading(shading, 0.02), np.ones(len(image), bool), most
-    )
+    logs = (np.log(image / each).mean(axis=1).astype(np.float32) for each in (shading, PAINT * shading))
+    lit, trusted = log_shading(shading, 0.02), np.ones(len(image), bool)
+    found = shading_doubt(one_view(), *logs, lit, trusted, (0.1,) * 7, 0.3)
+    assert all(0.1 <= value <= 0.3 for value in found.of_change)
     if texture == 0:
-        assert found.of_change[3] == pytest.approx(max(share, 0.6 * 0.3), rel=0.25)
-    assert all(0.6 * 0.3 <= value <= 0.3 for value in found.of_change)
+        assert found.of_change[3] == pytest.approx(max(0.8 * share, 0.1), rel=0.25)
     of_mean = 0.01 / np.sqrt(3)
     assert (texture == 0) * 0.8 * of_mean <= found.noise < 1.3 * of_mean + 0.2 * texture
 

@@ -23,8 +23,10 @@ class DetailSettings:
 
     Attributes
     ----------
-    most_doubt : tuple of float
+    least_doubt : tuple of float
         Per octave, share of the shading's own change.
+    most_doubt : float
+        In all octaves.
     chroma : float
         Of that, what its colour may be wrong by.
     level : float
@@ -35,7 +37,8 @@ class DetailSettings:
         Of the median shading; no channel counts as less lit.
     """
 
-    most_doubt: tuple[float, ...]
+    least_doubt: tuple[float, ...]
+    most_doubt: float
     chroma: float
     level: float
     window: float
@@ -76,11 +79,13 @@ def with_detail(
     the smooth albedo stands; where by much more, the photo divided by its shading does; between, by degrees.
     """
     lit = log_shading(shading, settings.unlit)
-    doubt = shading_doubt(views, image, shading, lit, trusted, settings.most_doubt)
     light = np.maximum(shading, settings.unlit * max(float(np.median(shading)), 1e-6))
     detailed = np.maximum(albedo, 0).astype(np.float32)
     explained = detailed * light
     axes = _axes_of(np.clip(log_quotient(image, explained), -STRONGEST, STRONGEST))
+    quotient = log_quotient(image, light).mean(axis=1)
+    bounds = settings.least_doubt, settings.most_doubt
+    doubt = shading_doubt(views, quotient, axes[:, 0], lit, trusted, *bounds)
     for view, mask in enumerate(views.masks):
         own = views.view(view)
         weight = _image_of(mask, trusted[own].astype(np.float32))

@@ -128,14 +128,22 @@ class DecompositionSettings(Settings):
         ge=1e-4,
     )
     shading_doubt: tuple[Share, ...] = setting(
-        (0.4, 0.3, 0.2, 0.15, 0.1, 0.06, 0.03),
-        "`light: directions`: what the shading may be wrong by at most, in each octave from below σ = 0.5 px "
-        "to 32 px, as a share of its own local change there; how much it is, is told from the scene, and "
-        "recorded. What the photo shows beyond that and beyond noise is albedo. On renders of known truth it "
-        "is 0.4 to 0.02. More takes more shading out of the albedo, then fine texture where there is relief.",
+        (0.34, 0.26, 0.17, 0.13, 0.085, 0.05, 0.025),
+        "`light: directions`: what the shading may be wrong by at least, in each octave from below "
+        "σ = 0.5 px to 32 px, as a share of its own local change there, as on renders of known truth; how much more it "
+        "is, is told from the scene, and recorded. What the photo shows beyond that and beyond noise is "
+        "albedo. More takes more shading out of the albedo, then fine texture where there is relief.",
         unit="of the local change of log shading",
         min_length=7,
         max_length=7,
+    )
+    most_shading_doubt: float = setting(
+        1.0,
+        "`light: directions`: what the shading may be wrong by at most, in any octave: at 1, all of its "
+        "change, as where stereo has bumps that are not there.",
+        unit="of the local change of log shading",
+        ge=0,
+        le=4,
     )
     chroma_doubt: float = setting(
         0.3,

@@ -14,9 +14,7 @@ from stages.photometry.stack import StackedViews
 DARK = 0.01  # of the scaled image, under the logarithms: as dark as that, hardly anything is told
 VIEWS = 6  # that it is told from, evenly chosen
 CLASSES = 16  # of pixels, by how much the shading changes around them
-LEAST = (
-    0.6  # of what is doubted at most: smooth surface beside texture, and texture hides what it is wrong by
-)
+SHARE = 0.8  # of the error that is told: some of it is paint, as renders of known truth show
 MAD = 0.6745  # of a normal deviate: what half of all stay below
 FEWEST = 100  # pixels of a class that are worth a word
 TEXTURE = (0.6, 1.0, 1.0, 1.0, 1.0)  # of 1/f brightness, a little blurred: deviations of the finest octaves
@@ -62,42 +60,56 @@ def log_shading(shading: np.ndarray, unlit: float) -> np.ndarray:
 
 def shading_doubt(
     views: StackedViews,
-    image: np.ndarray,
-    shading: np.ndarray,
+    quotient: np.ndarray,
+    left: np.ndarray,
     lit: np.ndarray,
     trusted: np.ndarray,
-    most: tuple[float, ...],
+    least: tuple[float, ...],
+    most: float,
 ) -> ShadingDoubt:
     """Estimate the shading's error and the camera's noise from the scene itself.
 
     Parameters
     ----------
     views : StackedViews
-    image, shading : ndarray, shape (N, 3)
-        Scaled, without gloss.
-    lit : ndarray, shape (N,)
-        `log_shading`.
+    quotient, left, lit : ndarray, shape (N,)
+        Mean logarithms of I/S, of I/(ρ S) with a smooth albedo ρ, and of S.
     trusted : ndarray, shape (N,), bool
-    most : tuple of float
-        Per octave, what `of_change` is at most: paint that changes where relief does is no error. At least
-        it is `LEAST` of that.
+    least : tuple of float
+        Per octave, what `of_change` is at least: where smooth surface lies beside texture, or texture hides
+        what the shading is wrong by, little can be told.
+    most : float
+        What it is at most.
 
     Notes
     -----
     In each octave, pixels are put into classes of equal number by the local mean square L² of the band of
     log S; of each, e² is the variance of the band of log I/S, by the median so that borders of paint do not
     count. ``e² ≈ τ² + κ² L²``, by non-negative least squares over relative errors: κ is the shading's error,
-    τ texture and noise; of κ², what is sure: less its standard error. Where the shading is most even, what is
-    left is told by its octaves: noise is white and halves from one to the next, texture is as strong in all.
+    τ texture and noise; of κ², what is sure: less its standard error. The same of log I/(ρ S). Either is too
+    large where paint is in it, the one by bold borders, the other by what ρ has lost, so the lesser counts,
+    and of that `SHARE`. Where the shading is most even, what is left is told by its octaves: noise is white
+    and halves from one to the next, texture is as strong in all.
     """
-    quotient = log_quotient(image, shading).mean(axis=1)
+    told = [_fits(views, logs, lit, trusted) for logs in (quotient, left)]
+    slopes = [SHARE * min(one[0], other[0]) for one, other in zip(*told, strict=True)]
+    return ShadingDoubt(
+        of_change=tuple(float(np.clip(*each, most)) for each in zip(slopes, least, strict=True)),
+        noise=_noise_in([deviation for _, deviation in told[0]]),
+    )
+
+
+def _fits(
+    views: StackedViews, logs: np.ndarray, lit: np.ndarray, trusted: np.ndarray
+) -> list[tuple[float, float]]:
+    """κ of each octave, and the least deviation of a class."""
     pooled: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in SIGMAS_PX]
     for view in np.unique(np.linspace(0, views.view_count - 1, VIEWS).round().astype(int)):
         mask, own = views.masks[view], views.view(view)
         weight = _image_of(mask, trusted[own].astype(np.float32))
         inside = weight[mask] > 0
         bands = zip(
-            octaves(_image_of(mask, quotient[own]) * weight, weight),
+            octaves(_image_of(mask, logs[own]) * weight, weight),
             octaves(_image_of(mask, lit[own]) * weight, weight),
             strict=True,
         )
@@ -105,13 +117,7 @@ def shading_doubt(
             if np.isfinite(sigma_px):
                 local = gaussian_mean(change**2, weight, max(sigma_px, 1.0))
                 pooled[octave].append((local[mask][inside], band[mask][inside]))
-    fits = [_fit(*map(np.concatenate, zip(*each, strict=True))) for each in pooled]
-    return ShadingDoubt(
-        of_change=tuple(
-            float(np.clip(slope, LEAST * bound, bound)) for (slope, _), bound in zip(fits, most, strict=True)
-        ),
-        noise=_noise_in([least for _, least in fits]),
-    )
+    return [_fit(*map(np.concatenate, zip(*each, strict=True))) for each in pooled]
 
 
 def _noise_in(deviations: list[float]) -> float:

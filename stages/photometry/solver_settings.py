@@ -111,7 +111,8 @@ def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float)
             chroma_step=settings.chroma_step,
         ),
         detail=DetailSettings(
-            most_doubt=settings.shading_doubt,
+            least_doubt=settings.shading_doubt,
+            most_doubt=settings.most_shading_doubt,
             chroma=settings.chroma_doubt,
             level=settings.level_doubt,
             window=settings.doubt_window,
