@@ -45,7 +45,7 @@ NATURAL_SCENES: tuple[tuple[str, str, Section, Section], ...] = (
     ("bust", "city", _paint("wood", 0.35, 6) | GLOSSY, {}),
     ("relief", "venice", _paint("stains", 0.2, 7), SMOOTHED),
     ("courtyard", "sun_and_sky", _paint("print", 0.1, 8) | {"sensor_noise": 0.03}, {}),
-    ("bust", "workshop", _paint("fractal", 0.6, 9) | {"metal_part": "plinth", "roughness": 0.3}, SMOOTHED),
+    ("bust", "apartment", _paint("fractal", 0.6, 9) | {"metal_part": "plinth", "roughness": 0.3}, SMOOTHED),
     ("relief", "dome", _paint("fractal", 0.1, 10) | {"sensor_noise": 0.06}, {}),
     ("plato", "apartment", _paint("plaster", 0.2, 11) | {"sensor_noise": 0.01}, {}),
 )
