@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.fast_alternation import FastSettings
 from stages.photometry.illumination import Illumination, IlluminationSettings, find_illumination
 from stages.photometry.paint_edges import PaintEdges
-from stages.photometry.sky_decomposition import SkyDecomposition, SkySolution, decompose_under_light
+from stages.photometry.sky_decomposition import SkySolution, decompose_under_light
 from stages.photometry.sky_light import SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks
+from stages.photometry.solver_settings import as_sky
 from stages.photometry.stack import StackedViews
 
 
@@ -51,5 +53,7 @@ def decompose_by_sky(
     """Find the light, then the albedo under it."""
     of_light = IlluminationSettings(how.light, how.lighting, how.sheen)
     found = find_illumination(views, images, scenes, looks, of_light, threads, lambda: None)
-    under = (views, found.light.shading, found.observations, SkyDecomposition(how.edges, how.descent))
+    asked = as_sky(DecompositionSettings(), how.descent.weights, views.side)
+    asked = replace(asked, edges=how.edges, descent=how.descent)  # detail as by default
+    under = (views, found.light.shading, found.observations, asked)
     return FoundBySky(found, decompose_under_light(*under, threads, lambda: None))
