@@ -131,8 +131,8 @@ class DecompositionSettings(Settings):
         (0.34, 0.26, 0.17, 0.13, 0.085, 0.05, 0.025),
         "`light: directions`: what the shading may be wrong by at least, in each octave from below "
         "σ = 0.5 px to 32 px, as a share of its own local change there, as on renders of known truth; how "
-        "much more it is, is told from the scene, and recorded. What the photo shows beyond that and beyond noise is "
-        "albedo. More takes more shading out of the albedo, then fine texture where there is relief.",
+        "much more it is, is told from the scene, and recorded. What the photo shows beyond that and "
+        "beyond noise is albedo. More takes more shading out, then fine texture where there is relief.",
         unit="of the local change of log shading",
         min_length=7,
         max_length=7,
