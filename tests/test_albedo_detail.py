@@ -112,7 +112,8 @@ def test_the_shadings_error_and_the_noise_are_told_from_the_scene(share, texture
     image = noisy(image.astype(np.float32), 0.01)
     logs = (np.log(image / each).mean(axis=1).astype(np.float32) for each in (shading, PAINT * shading))
     lit, trusted = log_shading(shading, 0.02), np.ones(len(image), bool)
-    found = shading_doubt(one_view(), *logs, lit, trusted, (0.1,) * 7, 0.3)
+    response = np.ones(len(image), np.float32)
+    found = shading_doubt(one_view(), *logs, lit, response, trusted, (0.1,) * 7, 0.3)
     assert all(0.1 <= value <= 0.3 for value in found.of_change)
     if texture == 0:
         assert found.of_change[3] == pytest.approx(max(0.8 * share, 0.1), rel=0.25)

@@ -84,32 +84,39 @@ def with_detail(
     explained = detailed * light
     axes = _axes_of(np.clip(log_quotient(image, explained), -STRONGEST, STRONGEST))
     quotient = log_quotient(image, light).mean(axis=1)
+    response = (explained / (explained + DARK)).mean(axis=1)
     bounds = settings.least_doubt, settings.most_doubt
-    doubt = shading_doubt(views, quotient, axes[:, 0], lit, trusted, *bounds)
+    doubt = shading_doubt(views, quotient, axes[:, 0], lit, response, trusted, *bounds)
     for view, mask in enumerate(views.masks):
         own = views.view(view)
         weight = _image_of(mask, trusted[own].astype(np.float32))
-        of_view = _image_of(mask, axes[own]) * weight[..., None], _image_of(mask, lit[own]) * weight
-        kept = _channels_of(_kept_of_view(*of_view, weight, doubt, settings)[mask])
+        of_view = [_image_of(mask, each[own]) for each in (lit, response)]
+        left = _image_of(mask, axes[own]) * weight[..., None]
+        kept = _channels_of(_kept_of_view(left, *of_view, weight, doubt, settings)[mask])
         added = (explained[own] + DARK) * np.expm1(kept) / light[own]
         detailed[own] = np.maximum(detailed[own] + added, 0)
     return detailed, doubt
 
 
 def _kept_of_view(
-    left: np.ndarray, lit: np.ndarray, weight: np.ndarray, doubt: ShadingDoubt, settings: DetailSettings
+    left: np.ndarray,
+    lit: np.ndarray,
+    response: np.ndarray,
+    weight: np.ndarray,
+    doubt: ShadingDoubt,
+    settings: DetailSettings,
 ) -> np.ndarray:
     """What of the three axes of a view, (h, w, 3), is albedo."""
     shares = np.array([1.0, settings.chroma, settings.chroma], np.float32)
     noises = np.array([1.0, CHROMA_NOISE, CHROMA_NOISE], np.float32)
     kept = np.zeros_like(left)
-    bands = zip(octaves(left, weight), octaves(lit, weight), strict=True)
+    bands = zip(octaves(left, weight), octaves(lit * weight, weight), strict=True)
     for octave, ((band, sigma_px), (change, _)) in enumerate(bands):
         if not np.isfinite(sigma_px):
             doubted = (settings.level * shares) ** 2
             kept += band * _wiener(band**2, doubted)
             continue
-        local = gaussian_mean(change**2, weight, max(sigma_px, 1.0))
+        local = gaussian_mean((change * response) ** 2, weight, max(sigma_px, 1.0))
         noise = doubt.variance(octave, np.zeros((), np.float32))
         error = (doubt.variance(octave, local) - noise)[..., None] * shares**2 + noise * noises
         wide_px = max(settings.window * sigma_px, 1.5)

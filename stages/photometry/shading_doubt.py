@@ -63,6 +63,7 @@ def shading_doubt(
     quotient: np.ndarray,
     left: np.ndarray,
     lit: np.ndarray,
+    response: np.ndarray,
     trusted: np.ndarray,
     least: tuple[float, ...],
     most: float,
@@ -74,6 +75,8 @@ def shading_doubt(
     views : StackedViews
     quotient, left, lit : ndarray, shape (N,)
         Mean logarithms of I/S, of I/(ρ S) with a smooth albedo ρ, and of S.
+    response : ndarray, shape (N,)
+        How much of a change of the light's logarithm shows in ``log(I + d)``: little where it is dark.
     trusted : ndarray, shape (N,), bool
     least : tuple of float
         Per octave, what `of_change` is at least: where smooth surface lies beside texture, or texture hides
@@ -91,7 +94,7 @@ def shading_doubt(
     and of that `SHARE`. Where the shading is most even, what is left is told by its octaves: noise is white
     and halves from one to the next, texture is as strong in all.
     """
-    told = [_fits(views, logs, lit, trusted) for logs in (quotient, left)]
+    told = [_fits(views, logs, lit, response, trusted) for logs in (quotient, left)]
     slopes = [SHARE * min(one[0], other[0]) for one, other in zip(*told, strict=True)]
     return ShadingDoubt(
         of_change=tuple(float(np.clip(*each, most)) for each in zip(slopes, least, strict=True)),
@@ -100,14 +103,14 @@ def shading_doubt(
 
 
 def _fits(
-    views: StackedViews, logs: np.ndarray, lit: np.ndarray, trusted: np.ndarray
+    views: StackedViews, logs: np.ndarray, lit: np.ndarray, response: np.ndarray, trusted: np.ndarray
 ) -> list[tuple[float, float]]:
     """κ of each octave, and the least deviation of a class."""
     pooled: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in SIGMAS_PX]
     for view in np.unique(np.linspace(0, views.view_count - 1, VIEWS).round().astype(int)):
         mask, own = views.masks[view], views.view(view)
         weight = _image_of(mask, trusted[own].astype(np.float32))
-        inside = weight[mask] > 0
+        inside, shown = weight[mask] > 0, _image_of(mask, response[own])
         bands = zip(
             octaves(_image_of(mask, logs[own]) * weight, weight),
             octaves(_image_of(mask, lit[own]) * weight, weight),
@@ -115,7 +118,7 @@ def _fits(
         )
         for octave, ((band, sigma_px), (change, _)) in enumerate(bands):
             if np.isfinite(sigma_px):
-                local = gaussian_mean(change**2, weight, max(sigma_px, 1.0))
+                local = gaussian_mean((change * shown) ** 2, weight, max(sigma_px, 1.0))
                 pooled[octave].append((local[mask][inside], band[mask][inside]))
     return [_fit(*map(np.concatenate, zip(*each, strict=True))) for each in pooled]
 
