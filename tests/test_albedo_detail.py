@@ -8,7 +8,7 @@ import pytest
 from stages.photometry.albedo_detail import DetailSettings, with_detail
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.octaves import SIGMAS_PX, gaussian_mean, octaves, response_to_noise
-from stages.photometry.shading_doubt import log_shading, shading_doubt
+from stages.photometry.shading_doubt import Evidence, grain_of, log_shading, shading_doubt
 from stages.photometry.stack import StackedViews
 
 SHAPE = (160, 200)
@@ -111,9 +111,9 @@ def test_the_shadings_error_and_the_noise_are_told_from_the_scene(share, texture
     image = PAINT * shading * np.exp(wrong + fractal(7, texture).reshape(-1, 1))
     image = noisy(image.astype(np.float32), 0.01)
     logs = (np.log(image / each).mean(axis=1).astype(np.float32) for each in (shading, PAINT * shading))
-    lit, trusted = log_shading(shading, 0.02), np.ones(len(image), bool)
-    response = np.ones(len(image), np.float32)
-    found = shading_doubt(one_view(), *logs, lit, response, trusted, (0.1,) * 7, 0.3)
+    ones = np.ones(len(image), np.float32)
+    evidence = Evidence(*logs, log_shading(shading, 0.02), ones, grain_of(image), ones > 0)
+    found = shading_doubt(one_view(), evidence, (0.1,) * 7, 0.3)
     assert all(0.1 <= value <= 0.3 for value in found.of_change)
     if texture == 0:
         assert found.of_change[3] == pytest.approx(max(0.8 * share, 0.1), rel=0.25)
@@ -202,3 +202,17 @@ def test_nothing_to_go_by_changes_nothing():
         found = detail_of(image, shading, trusted=trusted)
         assert np.isfinite(found).all() and (found >= 0).all()
         np.testing.assert_allclose(found[~trusted], np.broadcast_to(PAINT, found[~trusted].shape), rtol=1e-6)
+
+
+def test_noise_is_that_of_median_brightness_and_larger_in_the_dark():
+    """Shot noise: twice the deviation of the logarithm in a quarter of the light."""
+    light = np.where(np.arange(SHAPE[0])[:, None] < 80, 1.0, 0.25) * np.ones(SHAPE)
+    shading = np.repeat(light.reshape(-1, 1), 3, axis=1).astype(np.float32)
+    exact = (PAINT * shading).astype(np.float32)
+    rng = np.random.default_rng(2)
+    image = (exact + 0.02 * np.sqrt(exact) * rng.normal(size=exact.shape)).astype(np.float32)
+    grain = grain_of(exact)
+    assert grain.max() / grain.min() == pytest.approx(2, rel=0.1)
+    found = np.log(detail_of(image, shading) / PAINT)[:, 1].reshape(SHAPE)
+    for rows in (slice(10, 70), slice(90, 150)):
+        assert found[rows].std() < 0.35 * np.log(image / exact)[:, 1].reshape(SHAPE)[rows].std()

@@ -95,7 +95,7 @@ def test_the_same_bytes_on_one_thread_and_silence(make_job, tmp_path, folder, pl
     one = bytes_of(run(make_job, tmp_path, folder, threads=1))
     two = bytes_of(placed)
     assert capfd.readouterr() == ("", "")
-    assert one.keys() == two.keys() and len(one) == 6
+    assert one.keys() == two.keys() and len(one) == 7
     for name in one:
         assert one[name] == two[name], name
 

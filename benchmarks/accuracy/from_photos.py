@@ -9,6 +9,7 @@ from typing import Any
 import stages
 from benchmarks.paper.laboratory import Laboratory, Results, results_of
 from benchmarks.paper.rows import Row
+from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.scene.colmap_model import cameras_of, read_model
 from stages.scene.exr import read_exr
 from stages.scene.photos import read_mask, write_png_srgb8
@@ -22,7 +23,7 @@ class PhotoLaboratory(Laboratory):
     albedo lies on their pixels. Poses, depth and mesh are estimated. The masks of the render are given.
     """
 
-    def _run(self, row: Row, decomposition: dict[str, Any], last: str) -> Results:
+    def _run(self, row: Row, decomposition: dict[str, Any], lighting: dict[str, Any], last: str) -> Results:
         rendered = results_of(
             stages.experiment(row.sources),
             row.sources,
@@ -42,10 +43,11 @@ class PhotoLaboratory(Laboratory):
                 "free_principal_point": False,
             },
             "undistort": {"max_size_px": None},
+            "lighting": lighting,
             "decomposition": decomposition,
         }
         sources = {"images": photos, "masks": rendered.paths["masks"]}
-        flow = stages.dataflow(sources, decomposition.get("mode", "paper"))
+        flow = stages.dataflow(sources, DecompositionSettings(**decomposition).kind_of_light)
         done = results_of(
             flow, sources, given, self.workspace / "estimated", last, self.threads, self.listener
         )

@@ -10,10 +10,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.photometry.octaves import gaussian_mean, octaves
-from stages.photometry.shading_doubt import DARK, ShadingDoubt, log_quotient, log_shading, shading_doubt
+from stages.photometry.shading_doubt import (
+    DARK,
+    Evidence,
+    ShadingDoubt,
+    grain_of,
+    log_quotient,
+    log_shading,
+    shading_doubt,
+)
 from stages.photometry.stack import StackedViews
 
 STRONGEST = 1.0  # of the logarithm: what differs by more (glints, shadows that are not there) is cut to this
+OF_NORMAL = 2 / np.pi  # square of the mean size of normal deviates of variance 1: lone borders count for less
 CHROMA_NOISE = 6.0  # variance of log R/G and log B/G over that of the mean logarithm, for equal noise in all
 
 
@@ -74,25 +83,30 @@ def with_detail(
     -----
     ``ρ + (ρ + d/S) (exp(Σ_k g_k r_k) − 1)``: r = log (I + d)/(ρ S + d), d = 0.01, as mean logarithm, log R/G
     and log B/G, divided into octaves r_k; I/S where all g_k are 1;
-    ``g_k = max(0, 1 − U/E)``, E the local mean square of r_k and U that of what noise and the shading's error
-    make of it, `ShadingDoubt.variance`. Where the photo differs from the smooth albedo by no more than doubt,
-    the smooth albedo stands; where by much more, the photo divided by its shading does; between, by degrees.
+    ``g_k = max(0, 1 − U/E)``, E the local variance of r_k, by its mean size, and U that of what noise and the
+    shading's error make of it, `ShadingDoubt`. Where the photo differs from the smooth albedo by no more than
+    doubt, the smooth albedo stands; where by much more, the photo divided by its shading does; between, by
+    degrees.
     """
-    lit = log_shading(shading, settings.unlit)
     light = np.maximum(shading, settings.unlit * max(float(np.median(shading)), 1e-6))
     detailed = np.maximum(albedo, 0).astype(np.float32)
     explained = detailed * light
     axes = _axes_of(np.clip(log_quotient(image, explained), -STRONGEST, STRONGEST))
-    quotient = log_quotient(image, light).mean(axis=1)
-    response = (explained / (explained + DARK)).mean(axis=1)
-    bounds = settings.least_doubt, settings.most_doubt
-    doubt = shading_doubt(views, quotient, axes[:, 0], lit, response, trusted, *bounds)
+    evidence = Evidence(
+        quotient=log_quotient(image, light).mean(axis=1),
+        left=axes[:, 0],
+        lit=log_shading(shading, settings.unlit),
+        response=(explained / (explained + DARK)).mean(axis=1),
+        grain=grain_of(explained),
+        trusted=trusted,
+    )
+    doubt = shading_doubt(views, evidence, settings.least_doubt, settings.most_doubt)
     for view, mask in enumerate(views.masks):
         own = views.view(view)
         weight = _image_of(mask, trusted[own].astype(np.float32))
-        of_view = [_image_of(mask, each[own]) for each in (lit, response)]
+        known = (_image_of(mask, each[own]) for each in (evidence.lit, evidence.response, evidence.grain))
         left = _image_of(mask, axes[own]) * weight[..., None]
-        kept = _channels_of(_kept_of_view(left, *of_view, weight, doubt, settings)[mask])
+        kept = _channels_of(_kept_of_view(left, *known, weight, doubt, settings)[mask])
         added = (explained[own] + DARK) * np.expm1(kept) / light[own]
         detailed[own] = np.maximum(detailed[own] + added, 0)
     return detailed, doubt
@@ -102,6 +116,7 @@ def _kept_of_view(
     left: np.ndarray,
     lit: np.ndarray,
     response: np.ndarray,
+    grain: np.ndarray,
     weight: np.ndarray,
     doubt: ShadingDoubt,
     settings: DetailSettings,
@@ -117,13 +132,13 @@ def _kept_of_view(
             kept += band * _wiener(band**2, doubted)
             continue
         local = gaussian_mean((change * response) ** 2, weight, max(sigma_px, 1.0))
-        noise = doubt.variance(octave, np.zeros((), np.float32))
-        error = (doubt.variance(octave, local) - noise)[..., None] * shares**2 + noise * noises
+        error = doubt.error(octave, local)[..., None] * shares**2
+        error += (doubt.noise_in(octave) * grain[..., None]) ** 2 * noises
         wide_px = max(settings.window * sigma_px, 1.5)
-        energy, doubted = (
-            gaussian_mean(each * weight[..., None], weight, wide_px) for each in (band**2, error)
+        typical, doubted = (
+            gaussian_mean(each * weight[..., None], weight, wide_px) for each in (np.abs(band), error)
         )
-        kept += band * _wiener(energy, doubted)
+        kept += band * _wiener(typical**2 / OF_NORMAL, doubted)
     return kept
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,15 +30,19 @@ class ShadingDoubt:
     of_change : tuple of float
         Per octave, finest first: standard deviation of the error over the shading's own local change.
     noise : float
-        Standard deviation of the camera's noise in a working pixel.
+        Standard deviation of the camera's noise in a working pixel of median brightness.
     """
 
     of_change: tuple[float, ...]
     noise: float
 
-    def variance(self, octave: int, change_squared: np.ndarray) -> np.ndarray:
-        """``(ν r_k)² + κ_k² L²`` of an octave k, where the shading's band has a local mean square L²."""
-        return (self.noise * response_to_noise()[octave]) ** 2 + self.of_change[octave] ** 2 * change_squared
+    def error(self, octave: int, change_squared: np.ndarray) -> np.ndarray:
+        """``κ_k² L²``, the variance of the shading's error, where its band has a local mean square L²."""
+        return self.of_change[octave] ** 2 * change_squared
+
+    def noise_in(self, octave: int) -> float:
+        """Standard deviation of the noise in an octave, at median brightness."""
+        return self.noise * response_to_noise()[octave]
 
     def as_json(self) -> dict[str, Any]:
         """For records."""
@@ -58,26 +63,47 @@ def log_shading(shading: np.ndarray, unlit: float) -> np.ndarray:
     return np.log(np.maximum(shading, floor)).mean(axis=1).astype(np.float32)
 
 
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the shading's error and the noise are told from; all of shape (N,), float32 but for `trusted`.
+
+    Attributes
+    ----------
+    quotient, left, lit : ndarray
+        Mean logarithms of I/S, of I/(ρ S) with a smooth albedo ρ, and of S.
+    response : ndarray
+        How much of a change of the light's logarithm shows in ``log(I + d)``: little where it is dark.
+    grain : ndarray
+        Standard deviation of noise in ``log(I + d)``, over that of a pixel of median brightness.
+    trusted : ndarray, bool
+    """
+
+    quotient: np.ndarray
+    left: np.ndarray
+    lit: np.ndarray
+    response: np.ndarray
+    grain: np.ndarray
+    trusted: np.ndarray
+
+
+def grain_of(explained: np.ndarray) -> np.ndarray:
+    """Noise of ``log(I + d)`` by brightness, (N,), float32: photons' variance grows as their number does.
+
+    ``√(m / (E + d))`` of the mean channel E that is explained, m its median; from a half to four.
+    """
+    brightness = explained.mean(axis=1) + DARK
+    return np.clip(np.sqrt(np.median(brightness) / brightness), 0.5, 4.0).astype(np.float32)
+
+
 def shading_doubt(
-    views: StackedViews,
-    quotient: np.ndarray,
-    left: np.ndarray,
-    lit: np.ndarray,
-    response: np.ndarray,
-    trusted: np.ndarray,
-    least: tuple[float, ...],
-    most: float,
+    views: StackedViews, evidence: Evidence, least: tuple[float, ...], most: float
 ) -> ShadingDoubt:
     """Estimate the shading's error and the camera's noise from the scene itself.
 
     Parameters
     ----------
     views : StackedViews
-    quotient, left, lit : ndarray, shape (N,)
-        Mean logarithms of I/S, of I/(ρ S) with a smooth albedo ρ, and of S.
-    response : ndarray, shape (N,)
-        How much of a change of the light's logarithm shows in ``log(I + d)``: little where it is dark.
-    trusted : ndarray, shape (N,), bool
+    evidence : Evidence
     least : tuple of float
         Per octave, what `of_change` is at least: where smooth surface lies beside texture, or texture hides
         what the shading is wrong by, little can be told.
@@ -89,38 +115,42 @@ def shading_doubt(
     In each octave, pixels are put into classes of equal number by the local mean square L² of the band of
     log S; of each, e² is the variance of the band of log I/S, by the median so that borders of paint do not
     count. ``e² ≈ τ² + κ² L²``, by non-negative least squares over relative errors: κ is the shading's error,
-    τ texture and noise; of κ², what is sure: less its standard error. The same of log I/(ρ S). Either is too
-    large where paint is in it, the one by bold borders, the other by what ρ has lost, so the lesser counts,
-    and of that `SHARE`. Where the shading is most even, what is left is told by its octaves: noise is white
-    and halves from one to the next, texture is as strong in all.
+    τ texture and noise; of κ², what is sure: less its standard error. The same of log I/(ρ S), by mean
+    squares, as borders are in ρ. Either is too large where paint is in it, the one by bold borders, the other
+    by what ρ has lost, so the lesser counts, and of that `SHARE`. Where the shading is most even, what is
+    left is told by its octaves: noise is white and halves from one to the next, texture is as strong in all;
+    of noise, too, the lesser counts.
     """
-    told = [_fits(views, logs, lit, response, trusted) for logs in (quotient, left)]
-    slopes = [SHARE * min(one[0], other[0]) for one, other in zip(*told, strict=True)]
+    by_median, by_square, noises = [], [], ([], [])
+    for change, quotient, left, grain in _octaves_of(views, evidence):
+        by_median.append(_slope(change, quotient, lambda own: (np.median(np.abs(own)) / MAD) ** 2))
+        by_square.append(_slope(change, left, lambda own: np.mean(np.square(own), dtype=np.float64)))
+        for noise, band in zip(noises, (quotient, left), strict=True):
+            noise.append(_least_deviation(change, band / grain))
+    slopes = [SHARE * min(one, other) for one, other in zip(by_median, by_square, strict=True)]
     return ShadingDoubt(
         of_change=tuple(float(np.clip(*each, most)) for each in zip(slopes, least, strict=True)),
-        noise=_noise_in([deviation for _, deviation in told[0]]),
+        noise=min(map(_noise_in, noises)),
     )
 
 
-def _fits(
-    views: StackedViews, logs: np.ndarray, lit: np.ndarray, response: np.ndarray, trusted: np.ndarray
-) -> list[tuple[float, float]]:
-    """κ of each octave, and the least deviation of a class."""
-    pooled: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in SIGMAS_PX]
+def _octaves_of(views: StackedViews, evidence: Evidence) -> list[tuple[np.ndarray, ...]]:
+    """Of each octave: L², the bands of both quotients, and the grain, over trusted pixels of some views."""
+    pooled: list[list[tuple[np.ndarray, ...]]] = [[] for _ in SIGMAS_PX]
     for view in np.unique(np.linspace(0, views.view_count - 1, VIEWS).round().astype(int)):
         mask, own = views.masks[view], views.view(view)
-        weight = _image_of(mask, trusted[own].astype(np.float32))
-        inside, shown = weight[mask] > 0, _image_of(mask, response[own])
-        bands = zip(
-            octaves(_image_of(mask, logs[own]) * weight, weight),
-            octaves(_image_of(mask, lit[own]) * weight, weight),
-            strict=True,
+        weight = _image_of(mask, evidence.trusted[own].astype(np.float32))
+        inside, shown = weight[mask] > 0, _image_of(mask, evidence.response[own])
+        maps = (
+            octaves(_image_of(mask, each[own]) * weight, weight)
+            for each in (evidence.lit, evidence.quotient, evidence.left)
         )
-        for octave, ((band, sigma_px), (change, _)) in enumerate(bands):
+        for octave, ((change, sigma_px), (quotient, _), (left, _)) in enumerate(zip(*maps, strict=True)):
             if np.isfinite(sigma_px):
                 local = gaussian_mean((change * shown) ** 2, weight, max(sigma_px, 1.0))
-                pooled[octave].append((local[mask][inside], band[mask][inside]))
-    return [_fit(*map(np.concatenate, zip(*each, strict=True))) for each in pooled]
+                found = [each[mask][inside] for each in (local, quotient, left)]
+                pooled[octave].append((*found, evidence.grain[own][inside]))
+    return [tuple(map(np.concatenate, zip(*each, strict=True))) for each in pooled]
 
 
 def _noise_in(deviations: list[float]) -> float:
@@ -133,19 +163,30 @@ def _noise_in(deviations: list[float]) -> float:
     return float(np.sqrt(noise))
 
 
-def _fit(change_squared: np.ndarray, band: np.ndarray) -> tuple[float, float]:
-    """κ, and the least deviation of a class."""
-    count = min(CLASSES, len(band) // FEWEST)
-    if count < 2:
-        return 0.0, float(np.median(np.abs(band))) / MAD if len(band) else 0.0
-    order = np.array_split(np.argsort(change_squared, kind="stable"), count)
+def _classes(change_squared: np.ndarray) -> list[np.ndarray]:
+    """Numbers of pixels in classes of equal size, by how much the shading changes around them."""
+    count = min(CLASSES, len(change_squared) // FEWEST)
+    return np.array_split(np.argsort(change_squared, kind="stable"), count) if count else []
+
+
+def _slope(change_squared: np.ndarray, band: np.ndarray, variance_of: Callable[[np.ndarray], float]) -> float:
+    """κ, as far as it is sure."""
+    order = _classes(change_squared)
+    if len(order) < 3:
+        return 0.0
     change = np.array([change_squared[own].mean() for own in order], np.float64)
-    variance = np.array([(np.median(np.abs(band[own])) / MAD) ** 2 for own in order], np.float64)
+    variance = np.array([variance_of(band[own]) for own in order], np.float64)
     relative = 1 / (variance + 1e-6)
-    design = np.stack([np.ones(count), change], axis=1) * relative[:, None]
+    design = np.stack([np.ones(len(order)), change], axis=1) * relative[:, None]
     (_, slope), left = nnls(design, variance * relative)
-    sure = max(slope - _standard_error(design, left), 0.0)
-    return float(np.sqrt(sure)), float(np.sqrt(variance[: max(1, count // 8)].min()))
+    return float(np.sqrt(max(slope - _standard_error(design, left), 0.0)))
+
+
+def _least_deviation(change_squared: np.ndarray, band: np.ndarray) -> float:
+    """Of the class that varies least among those in which the shading is most even."""
+    order = _classes(change_squared)
+    deviations = [np.median(np.abs(band[own])) / MAD for own in order[: max(1, len(order) // 8)]]
+    return float(min(deviations, default=0.0))
 
 
 def _standard_error(design: np.ndarray, left: float) -> float:
