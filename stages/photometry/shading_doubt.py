@@ -118,19 +118,17 @@ def shading_doubt(
     τ texture and noise; of κ², what is sure: less its standard error. The same of log I/(ρ S), by mean
     squares, as borders are in ρ. Either is too large where paint is in it, the one by bold borders, the other
     by what ρ has lost, so the lesser counts, and of that `SHARE`. Where the shading is most even, what is
-    left is told by its octaves: noise is white and halves from one to the next, texture is as strong in all;
-    of noise, too, the lesser counts.
+    left is told by its octaves: noise is white and halves from one to the next, texture is as strong in all.
     """
-    by_median, by_square, noises = [], [], ([], [])
+    by_median, by_square, noises = [], [], []
     for change, quotient, left, grain in _octaves_of(views, evidence):
         by_median.append(_slope(change, quotient, lambda own: (np.median(np.abs(own)) / MAD) ** 2))
         by_square.append(_slope(change, left, lambda own: np.mean(np.square(own), dtype=np.float64)))
-        for noise, band in zip(noises, (quotient, left), strict=True):
-            noise.append(_least_deviation(change, band / grain))
+        noises.append(_least_deviation(change, quotient / grain))
     slopes = [SHARE * min(one, other) for one, other in zip(by_median, by_square, strict=True)]
     return ShadingDoubt(
         of_change=tuple(float(np.clip(*each, most)) for each in zip(slopes, least, strict=True)),
-        noise=min(map(_noise_in, noises)),
+        noise=_noise_in(noises),
     )
 
 
