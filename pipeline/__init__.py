@@ -2,7 +2,7 @@
 
 from pipeline.errors import UserError
 from pipeline.job import Job, Progress, Silence
-from pipeline.json_text import json_text
+from pipeline.json_text import finite_or_null, json_text
 from pipeline.settings import Settings, setting
 from pipeline.stage import Artefact, Source, Stage
 
@@ -15,6 +15,7 @@ __all__ = [
     "Source",
     "Stage",
     "UserError",
+    "finite_or_null",
     "json_text",
     "setting",
 ]

@@ -9,12 +9,13 @@ from typing import Any
 
 def json_text(value: Any, indent: int | None = None) -> str:
     """Encode plain values as JSON, with null for NaN and infinities, which JSON does not know."""
-    return json.dumps(_finite_or_null(value), indent=indent, ensure_ascii=False, allow_nan=False)
+    return json.dumps(finite_or_null(value), indent=indent, ensure_ascii=False, allow_nan=False)
 
 
-def _finite_or_null(value: Any) -> Any:
+def finite_or_null(value: Any) -> Any:
+    """Replace NaN and infinities in the same structure by None, which JSON writes as null."""
     if isinstance(value, dict):
-        return {key: _finite_or_null(one) for key, one in value.items()}
+        return {key: finite_or_null(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite_or_null(one) for one in value]
+        return [finite_or_null(one) for one in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

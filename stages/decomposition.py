@@ -165,19 +165,12 @@ def _pixel_transfer(
     """What the masked pixels see, in harmonics."""
     from stages.photometry.pixel_transfer import PixelTransfer
     from stages.photometry.sky_scenes import proxy_in
+    from stages.scene.wording import tell_seen_from_behind
 
     degree = int(given_or(job.settings.degree, stored.blocked.shape[1] ** 0.5 - 1))
     transfer, opposed = PixelTransfer.of(normals, blend, proxy_in(stored), degree)
-    _tell_opposed(job, opposed, len(normals))
+    tell_seen_from_behind(job, opposed, len(normals))
     return transfer
-
-
-def _tell_opposed(job: Job, opposed: int, pixels: int) -> None:
-    from stages.scene.wording import seen_from_behind
-
-    job.note(opposed_pixels=opposed)
-    if 2 * opposed > pixels:
-        job.warn(seen_from_behind(opposed, pixels))
 
 
 def _write_albedo(

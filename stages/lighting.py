@@ -113,11 +113,12 @@ def _scenes(job: Job, opened: Opened, stored: StoredTransfer) -> list[SkyScene]:
     from stages.photometry.sky_scenes import sky_scenes
     from stages.scene.meshes import read_mesh
     from stages.scene.view_files import read_surface_points
+    from stages.scene.wording import tell_seen_from_behind
 
     points = read_surface_points(job.inputs, opened.cameras, opened.views.masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
     scenes, opposed = sky_scenes(stored, blend, opened.normals, _eyes(job, stored))
-    _tell_opposed(job, opposed, len(opened.normals))
+    tell_seen_from_behind(job, opposed, len(opened.normals))
     return scenes
 
 
@@ -155,14 +156,6 @@ def _tell_clipped(job: Job, clipped: int, pixels: int) -> None:
             f"{clipped} of {pixels} pixels are white in a channel of their photo (from {SATURATED:.0%} on); "
             "expected few: their albedo is a guess. Develop the photos darker, or give them as EXR."
         )
-
-
-def _tell_opposed(job: Job, opposed: int, pixels: int) -> None:
-    from stages.scene.wording import seen_from_behind
-
-    job.note(opposed_pixels=opposed)
-    if 2 * opposed > pixels:
-        job.warn(seen_from_behind(opposed, pixels))
 
 
 def _note(job: Job, stored: StoredTransfer, found: Illumination, trusted: np.ndarray) -> None:

@@ -112,7 +112,7 @@ def test_the_shadings_error_and_the_noise_are_told_from_the_scene(share, texture
     image = noisy(image.astype(np.float32), 0.01)
     logs = (np.log(image / each).mean(axis=1).astype(np.float32) for each in (shading, PAINT * shading))
     ones = np.ones(len(image), np.float32)
-    evidence = Evidence(*logs, log_shading(shading, 0.02), ones, grain_of(image), ones > 0)
+    evidence = Evidence(*logs, log_shading(shading), ones, grain_of(image), ones > 0)
     found = shading_doubt(one_view(), evidence, (0.1,) * 7, 0.3)
     assert all(0.1 <= value <= 0.3 for value in found.of_change)
     if texture == 0:

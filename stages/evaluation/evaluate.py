@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from pipeline import UserError
+from pipeline import UserError, finite_or_null
 from stages.evaluation.agreement import Correspondences
 from stages.evaluation.albedo_folder import AlbedoFolder, open_albedo_folder
 from stages.evaluation.judged_views import JudgedView, check_size, judge_view
-from stages.evaluation.scores import SCALING, Scores, finite_or_null, score_albedo
+from stages.evaluation.scores import SCALING, Scores, score_albedo
 from stages.scene.link_files import read_links
 from stages.scene.wording import listed
 

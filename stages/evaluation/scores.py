@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from pipeline import UserError
+from pipeline import UserError, finite_or_null
 from stages.evaluation.agreement import Correspondences, consistency
 from stages.evaluation.detail import OctaveDetail, detail_remarks, octave_details
 from stages.evaluation.judged_views import CHANNELS, JudgedView
@@ -134,12 +134,3 @@ def score_albedo(
 def by_channel(values: Sequence[float]) -> dict[str, float]:
     """A triple with the names of its channels."""
     return dict(zip(CHANNELS, values, strict=True))
-
-
-def finite_or_null(value: Any) -> Any:
-    """The same structure with None in place of nan and infinities, which JSON has no words for."""
-    if isinstance(value, dict):
-        return {key: finite_or_null(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite_or_null(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

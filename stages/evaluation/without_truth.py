@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline import UserError
+from pipeline import UserError, finite_or_null
 from stages.evaluation.agreement import relative_difference
 from stages.evaluation.albedo_folder import AlbedoFolder, MapFolder, check_finite, open_albedo_folder
 from stages.evaluation.detail import PhotoOctave, PhotoView, photo_octaves
 from stages.evaluation.evaluate import common_names
-from stages.evaluation.scores import by_channel, finite_or_null
+from stages.evaluation.scores import by_channel
 
 
 @dataclass(frozen=True)

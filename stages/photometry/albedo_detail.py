@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stages.photometry.observations import UNLIT
 from stages.photometry.octaves import gaussian_mean, octaves
 from stages.photometry.shading_doubt import (
     DARK,
@@ -20,6 +21,7 @@ from stages.photometry.shading_doubt import (
     shading_doubt,
 )
 from stages.photometry.stack import StackedViews
+from stages.scene.view_files import image_of
 
 STRONGEST = 1.0  # of the logarithm: what differs by more (glints, shadows that are not there) is cut to this
 OF_NORMAL = 2 / np.pi  # square of the mean size of normal deviates of variance 1: lone borders count for less
@@ -42,8 +44,6 @@ class DetailSettings:
         What is coarser than all octaves may be wrong by, of the logarithm.
     window : float
         σ of the surroundings that energies are averaged over, in σ of the octave.
-    unlit : float
-        Of the median shading; no channel counts as less lit.
     """
 
     least_doubt: tuple[float, ...]
@@ -51,7 +51,6 @@ class DetailSettings:
     chroma: float
     level: float
     window: float
-    unlit: float = 0.02
 
 
 def with_detail(
@@ -88,14 +87,14 @@ def with_detail(
     doubt, the smooth albedo stands; where by much more, the photo divided by its shading does; between, by
     degrees.
     """
-    light = np.maximum(shading, settings.unlit * max(float(np.median(shading)), 1e-6))
+    light = np.maximum(shading, UNLIT * max(float(np.median(shading)), 1e-6))
     detailed = np.maximum(albedo, 0).astype(np.float32)
     explained = detailed * light
     axes = _axes_of(np.clip(log_quotient(image, explained), -STRONGEST, STRONGEST))
     evidence = Evidence(
         quotient=log_quotient(image, light).mean(axis=1),
         left=axes[:, 0],
-        lit=log_shading(shading, settings.unlit),
+        lit=log_shading(light),
         response=(explained / (explained + DARK)).mean(axis=1),
         grain=grain_of(explained),
         trusted=trusted,
@@ -103,9 +102,9 @@ def with_detail(
     doubt = shading_doubt(views, evidence, settings.least_doubt, settings.most_doubt)
     for view, mask in enumerate(views.masks):
         own = views.view(view)
-        weight = _image_of(mask, trusted[own].astype(np.float32))
-        known = (_image_of(mask, each[own]) for each in (evidence.lit, evidence.response, evidence.grain))
-        left = _image_of(mask, axes[own]) * weight[..., None]
+        weight = image_of(mask, trusted[own].astype(np.float32))
+        known = (image_of(mask, each[own]) for each in (evidence.lit, evidence.response, evidence.grain))
+        left = image_of(mask, axes[own]) * weight[..., None]
         kept = _channels_of(_kept_of_view(left, *known, weight, doubt, settings)[mask])
         added = (explained[own] + DARK) * np.expm1(kept) / light[own]
         detailed[own] = np.maximum(detailed[own] + added, 0)
@@ -158,9 +157,3 @@ def _channels_of(axes: np.ndarray) -> np.ndarray:
     mean, red, blue = axes.T
     green = mean - (red + blue) / 3
     return np.stack([green + red, green, green + blue], axis=1)
-
-
-def _image_of(mask: np.ndarray, own: np.ndarray) -> np.ndarray:
-    image = np.zeros((*mask.shape, *own.shape[1:]), np.float32)
-    image[mask] = own
-    return image

@@ -9,7 +9,7 @@ import numpy as np
 
 from stages.photometry.divided_light import divided
 from stages.photometry.known_light import KnownLight, light_at, turn_of
-from stages.photometry.observations import Observations
+from stages.photometry.observations import UNLIT, Observations
 from stages.photometry.sheen import Sheen
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks, Photos
@@ -19,7 +19,6 @@ from stages.photometry.view_gains import ViewGains, view_gains
 from stages.solvers.threading_layer import use_threads
 
 NEARER = 0.01  # by how much less disagreement light from nearby must leave to be believed in
-UNLIT = 0.02  # of the median shading: a quotient by less says nothing
 
 
 @dataclass(frozen=True)

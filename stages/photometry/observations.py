@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+UNLIT = 0.02  # of the median shading: a quotient by less says nothing
+
 
 @dataclass(frozen=True, eq=False)
 class Observations:

@@ -11,6 +11,7 @@ from scipy.optimize import nnls
 
 from stages.photometry.octaves import SIGMAS_PX, gaussian_mean, octaves, response_to_noise
 from stages.photometry.stack import StackedViews
+from stages.scene.view_files import image_of
 
 DARK = 0.01  # of the scaled image, under the logarithms: as dark as that, hardly anything is told
 VIEWS = 6  # that it is told from, evenly chosen
@@ -57,10 +58,9 @@ def log_quotient(image: np.ndarray, explained: np.ndarray) -> np.ndarray:
     return np.log((np.maximum(image, 0) + DARK) / (np.maximum(explained, 0) + DARK)).astype(np.float32)
 
 
-def log_shading(shading: np.ndarray, unlit: float) -> np.ndarray:
-    """Mean logarithm of the channels, (N,), float32; no channel counts as less than `unlit` of the median."""
-    floor = max(unlit * float(np.median(shading)), 1e-6)
-    return np.log(np.maximum(shading, floor)).mean(axis=1).astype(np.float32)
+def log_shading(light: np.ndarray) -> np.ndarray:
+    """Average the logarithms of the channels of a shading above 0, (N, 3); (N,), float32."""
+    return np.log(light).mean(axis=1).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +137,10 @@ def _octaves_of(views: StackedViews, evidence: Evidence) -> list[tuple[np.ndarra
     pooled: list[list[tuple[np.ndarray, ...]]] = [[] for _ in SIGMAS_PX]
     for view in np.unique(np.linspace(0, views.view_count - 1, VIEWS).round().astype(int)):
         mask, own = views.masks[view], views.view(view)
-        weight = _image_of(mask, evidence.trusted[own].astype(np.float32))
-        inside, shown = weight[mask] > 0, _image_of(mask, evidence.response[own])
+        weight = image_of(mask, evidence.trusted[own].astype(np.float32))
+        inside, shown = weight[mask] > 0, image_of(mask, evidence.response[own])
         maps = (
-            octaves(_image_of(mask, each[own]) * weight, weight)
+            octaves(image_of(mask, each[own]) * weight, weight)
             for each in (evidence.lit, evidence.quotient, evidence.left)
         )
         for octave, ((change, sigma_px), (quotient, _), (left, _)) in enumerate(zip(*maps, strict=True)):
@@ -191,9 +191,3 @@ def _standard_error(design: np.ndarray, left: float) -> float:
     """Of the second coefficient of a least squares fit that leaves a residual of this norm."""
     scatter = left**2 / max(len(design) - 2, 1)
     return float(np.sqrt(np.linalg.pinv(design.T @ design)[1, 1] * scatter))
-
-
-def _image_of(mask: np.ndarray, own: np.ndarray) -> np.ndarray:
-    image = np.zeros((*mask.shape, *own.shape[1:]), np.float32)
-    image[mask] = own
-    return image

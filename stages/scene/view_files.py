@@ -126,7 +126,7 @@ def ways_to_cameras(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> n
 def images_of(masks: Sequence[np.ndarray], stacked: np.ndarray) -> Iterator[np.ndarray]:
     """Images (h_i, w_i, …), float32, 0 outside the masks, one after the other, from stacked values (N, …)."""
     for mask, own in zip(masks, _by_view(masks, stacked), strict=True):
-        yield _image_of(mask, own)
+        yield image_of(mask, own)
 
 
 def write_maps(
@@ -140,7 +140,7 @@ def write_maps(
 
     def write_view(view: tuple[Camera, np.ndarray, np.ndarray]) -> None:
         camera, mask, own = view
-        write_exr(folder / f"{camera.name}.exr", _image_of(mask, own))
+        write_exr(folder / f"{camera.name}.exr", image_of(mask, own))
 
     for _ in each(write_view, zip(cameras, masks, _by_view(masks, stacked), strict=True)):
         pass
@@ -202,8 +202,8 @@ def _by_view(masks: Sequence[np.ndarray], stacked: np.ndarray) -> list[np.ndarra
     return np.split(stacked, ends[:-1])
 
 
-def _image_of(mask: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """One view's values in their places, (h, w, …), float32, 0 outside the mask."""
+def image_of(mask: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Put one view's values, (·, …), in their places: (h, w, …), float32, 0 outside the mask."""
     image = np.zeros((*mask.shape, *own.shape[1:]), np.float32)
     image[mask] = own
     return image

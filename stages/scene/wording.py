@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pipeline import Job
+
 
 def listed(names: Sequence[str], at_most: int = 12) -> str:
     """``a, b, c``, and how many more there are beyond `at_most`.
@@ -15,10 +17,12 @@ def listed(names: Sequence[str], at_most: int = 12) -> str:
     return ", ".join(names[:at_most]) + (f" and {more} more" if more > 0 else "")
 
 
-def seen_from_behind(opposed: int, pixels: int) -> str:
-    """Say that so many of all pixels see the back of the mesh."""
-    return (
-        f"{opposed} of {pixels} pixels see the back of the mesh; they count as seeing the whole sky. "
-        "Turn the mesh's faces outwards if it is inside out; if the cameras are inside it, its scale or "
-        "frame is not theirs."
-    )
+def tell_seen_from_behind(job: Job, opposed: int, pixels: int) -> None:
+    """Note how many of all pixels see the back of the mesh, and warn where most do."""
+    job.note(opposed_pixels=opposed)
+    if 2 * opposed > pixels:
+        job.warn(
+            f"{opposed} of {pixels} pixels see the back of the mesh; they count as seeing the whole sky. "
+            "Turn the mesh's faces outwards if it is inside out; if the cameras are inside it, its scale or "
+            "frame is not theirs."
+        )
