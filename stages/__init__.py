@@ -24,7 +24,7 @@ from stages.mvs import MVS
 from stages.photometry.decomposition_settings import check_mode
 from stages.photometry.lighting_settings import check_known_light
 from stages.raycast import RAYCAST
-from stages.relight import RELIGHT
+from stages.relight import RELIGHT, RELIGHT_AS_FOUND
 from stages.render import RENDER
 from stages.sfm import SFM
 from stages.transfer import TRANSFER
@@ -139,7 +139,7 @@ def light_and_paint(light: str) -> tuple[Stage, ...]:
 def with_relighting(flow: tuple[Stage, ...]) -> tuple[Stage, ...]:
     """A dataflow that also shows the views under another light; `mode: paper` lacks the transfer for it."""
     transfer = () if TRANSFER in flow else (TRANSFER,)
-    return (*flow, *transfer, RELIGHT)
+    return (*flow, *transfer, RELIGHT_AS_FOUND if LIGHTING in flow else RELIGHT)
 
 
 def with_full_resolution(flow: tuple[Stage, ...]) -> tuple[Stage, ...]:

@@ -58,6 +58,7 @@ def run(job: Job) -> None:
 
     from stages.photometry.illumination import find_illumination, illumination_by
     from stages.photometry.light_search import REFINED
+    from stages.photometry.reflectance import SCALE
     from stages.photometry.sky_photos import TURNS, Looks
     from stages.scene.photos import read_environment
     from stages.scene.transfer_file import read_transfer
@@ -75,10 +76,10 @@ def run(job: Job) -> None:
     how = Looks(trusted, towards), as_illumination(job.settings), job.threads
     if known is not None:
         light = _as_known(known, job.settings, opened)
-        with job.progress("steps", light.turns + 1) as step:
+        with job.progress("steps", light.turns + len(SCALE) + 1) as step:
             found = illumination_by(light, *seen, scenes[0], *how, step)
     else:
-        steps = len(how[1].light.scales) * len(scenes) + TURNS + REFINED
+        steps = len(how[1].light.scales) * len(scenes) + len(SCALE) + TURNS + REFINED
         with job.progress("steps", steps) as step:
             found = find_illumination(*seen, scenes, *how, step)
     _note(job, stored, found, trusted)
@@ -173,6 +174,7 @@ def _note(job: Job, stored: StoredTransfer, found: Illumination, trusted: np.nda
         spread_between_views=round(found.gains.spread, 4),
         brightening_between_views=round(found.brightening, 3),
         sheen=[found.sheen.as_json()] if found.sheen else [],
+        **({} if found.reflectance is None else {"brightest": found.reflectance.as_json()}),
         untrusted_pixels=int(np.count_nonzero(~(trusted & found.observations.trusted))),
     )
 
@@ -203,6 +205,7 @@ def _write(job: Job, opened: Opened, stored: StoredTransfer, found: Illumination
         sheen_roughness=found.sheen.roughness if found.sheen else 0.0,
         glossy=found.observations.glossy,
         trusted=trusted,
+        brightest=0.0 if absolute else found.brightest,
     )
     write_light(job.outputs["found_light"], stored_light)
     names = [camera.name for camera in opened.cameras] if len(lights) > 1 else ["shared"]
@@ -215,7 +218,7 @@ def _write(job: Job, opened: Opened, stored: StoredTransfer, found: Illumination
 
 LIGHTING = Stage(
     name="lighting",
-    version=1,
+    version=2,
     about="The light of all views, its distance, gains and gloss, and what each pixel is worth under it.",
     settings=LightingSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),

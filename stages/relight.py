@@ -7,6 +7,8 @@ from dataclasses import replace
 from pipeline import Artefact, Job, Settings, Stage, setting
 from stages.scene.distributions import OPEN3D, PICTURES
 
+BRIGHT = 0.9  # what the brightest material reflects, where nobody knows
+
 
 class RelightSettings(Settings):
     """Settings of the `relight` stage."""
@@ -15,8 +17,12 @@ class RelightSettings(Settings):
         0.0, "By how much the light is turned, counter-clockwise seen from above.", unit="°"
     )
     bounces: int = setting(4, "How often light is passed on between surfaces.", ge=0, le=100)
-    brightest: float = setting(
-        0.9, "What the brightest material is taken to reflect; it says how much light bounces.", gt=0, le=0.95
+    brightest: float | None = setting(
+        None,
+        "What the brightest material is taken to reflect; it says how much light bounces. none: as the stage "
+        "`lighting` has it; 0.9 where that has not told.",
+        gt=0,
+        le=0.95,
     )
 
 
@@ -49,15 +55,25 @@ def run(job: Job) -> None:
     use_threads(job.threads)
     upright = upright_from_world(cameras)
     light = turned_light(picture, settings.turn_deg, upright, scene.pixels.directions)
-    radiance, shading = relit(scene, albedo, light, settings.bounces, settings.brightest)
+    radiance, shading = relit(scene, albedo, light, settings.bounces, _brightest(job))
     write_maps(job.outputs["relit"], cameras, masks, radiance)
     write_previews(job.outputs["relit"], cameras, masks, radiance)
     job.note(opposed_pixels=opposed, mean_shading=np.round(shading.mean(axis=0, dtype=float), 6).tolist())
 
 
+def _brightest(job: Job) -> float:
+    """What the brightest material reflects: as asked for, as found with the light, or bright."""
+    from stages.scene.light_file import read_light
+
+    asked: float | None = job.settings.brightest
+    if asked is None and "found_light" in job.inputs:
+        asked = read_light(job.inputs["found_light"]).brightest
+    return asked or BRIGHT
+
+
 RELIGHT = Stage(
     name="relight",
-    version=4,
+    version=5,
     about="The views under another light, from their albedo.",
     settings=RelightSettings,
     takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer", "light"),
@@ -65,3 +81,6 @@ RELIGHT = Stage(
     run=run,
     tools=("numpy", "scipy", "numba", *OPEN3D, *PICTURES),
 )
+
+# The same after a stage that has found the light.
+RELIGHT_AS_FOUND = replace(RELIGHT, takes=(*RELIGHT.takes, "found_light"))

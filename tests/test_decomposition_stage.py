@@ -243,7 +243,9 @@ def test_the_light_that_was_found_comes_back_bit_by_bit(tmp_path, radius):
     directions, radiance = rng.normal(size=(7, 3)), rng.random((2, 7, 3)).astype(np.float32)
     gains, cells = rng.random((3, 3)), np.full(7, 1 / 7)
     around = LightAround(directions, cells, radiance, np.array([0, 1, 1]), gains, rng.random(3), radius)
-    light = StoredLight(around, 0.7, rng.random(3), rng.random(3), 0.2, glossy=True, trusted=False)
+    light = StoredLight(
+        around, 0.7, rng.random(3), rng.random(3), 0.2, glossy=True, trusted=False, brightest=0.4
+    )
     write_light(tmp_path / "light.npz", light)
     found = read_light(tmp_path / "light.npz")
     for name in ("directions", "cells", "radiance", "light_of_view", "gains", "centre"):

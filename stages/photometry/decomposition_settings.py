@@ -74,7 +74,7 @@ class DecompositionSettings(Settings):
     )
     brightest: float | None = setting(
         None,
-        "`light: harmonics`: as `lighting.brightest`; none: its default.",
+        "`light: harmonics`: what the brightest material is taken to reflect; none: 0.9.",
         ge=0.01,
         le=0.95,
     )

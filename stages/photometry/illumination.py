@@ -10,6 +10,7 @@ import numpy as np
 from stages.photometry.divided_light import divided
 from stages.photometry.known_light import KnownLight, light_at, turn_of
 from stages.photometry.observations import UNLIT, Observations
+from stages.photometry.reflectance import FIRST, Reflectance, reflectance_of
 from stages.photometry.sheen import Sheen
 from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.sky_photos import Lighting, Looks, Photos
@@ -18,6 +19,7 @@ from stages.photometry.view_differences import Differences
 from stages.photometry.view_gains import ViewGains, view_gains
 from stages.solvers.threading_layer import use_threads
 
+FEWER = 3  # times fewer pixels tell the light while reflectances are tried
 NEARER = 0.01  # by how much less disagreement light from nearby must leave to be believed in
 
 
@@ -28,6 +30,7 @@ class IlluminationSettings:
     Attributes
     ----------
     light : SkySettings
+        Its `brightest` is what the brightest material reflects; None: that is found.
     lighting : Lighting
     sheen : bool
         Whether it is looked for, where there is one light; see `Photos.sheen`.
@@ -36,6 +39,20 @@ class IlluminationSettings:
     light: SkySettings
     lighting: Lighting
     sheen: bool
+
+    @property
+    def reflectance_is_found(self) -> bool:
+        """Without bounces it says nothing."""
+        return self.light.brightest is None and self.light.bounces > 0
+
+    @property
+    def to_begin_with(self) -> SkySettings:
+        """Those of the light, until that is known better."""
+        return self.light if self.light.brightest is not None else self.reflecting(FIRST)
+
+    def reflecting(self, brightest: float) -> SkySettings:
+        """Those of the light, if the brightest material reflects so much."""
+        return replace(self.light, brightest=brightest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +88,10 @@ class Illumination:
         Share of all directions that each stands for.
     turn_deg : float or None
         By how much a light that is known is turned.
+    brightest : float
+        What the brightest material reflects: given, found, or guessed; 0 where albedo has a scale of its own.
+    reflectance : Reflectance or None
+        How it was found, where it was.
     """
 
     light: SkyLight
@@ -83,7 +104,9 @@ class Illumination:
     observations: Observations
     directions: np.ndarray
     cells: np.ndarray
+    brightest: float
     turn_deg: float | None = None
+    reflectance: Reflectance | None = None
 
 
 def find_illumination(
@@ -115,18 +138,28 @@ def find_illumination(
     """
     use_threads(threads)
     photos, gains, of_pixel = _photos(views, images, looks, settings.lighting)
-    best, left, found, differences = _best_explanation(photos, scenes, settings, step)
+    reflectance = None
+    how = settings.to_begin_with
+    far = photos.light(scenes[0], how, step)
+    if settings.reflectance_is_found:
+        reflectance = _reflectance(photos, scenes[0], far, how, step)
+        how = settings.reflecting(reflectance.value)
+        far = photos.light(scenes[0], how, lambda: None, near=reflectance.near)
+    best, left, found, differences = _best_explanation(photos, scenes, far, how, settings.sheen, step)
     scene = scenes[best]
     sheen = None
     if differences is not None:
-        sheen, found = photos.sheen(scene, found, differences, settings.light, step) or (None, found)
+        sheen, found = photos.sheen(scene, found, differences, how, step) or (None, found)
     glossy = differences is None if sheen is None else not sheen.glossy.all()
     del differences  # many lobes
     if sheen is not None:
         photos = photos.without_sheen(sheen, photos.mirror(scene, found))
+    if reflectance is not None and (best != 0 or sheen is not None):
+        reflectance = _reflectance(photos, scene, found, how, step)
+        how, found = settings.reflecting(reflectance.value), reflectance.near
     finer, near = divided(scene, found)
-    if sheen is not None or finer is not scene:
-        scene, found = finer, photos.light(finer, settings.light, step, near=near)
+    if found is not far or sheen is not None or finer is not scene:
+        scene, found = finer, photos.light(finer, how, step, near=near)
     shading = photos.shading(scene, found)
     light = _scaled(found.radiance, shading * of_pixel)
     return Illumination(
@@ -140,6 +173,8 @@ def find_illumination(
         observations=_observations(photos, light.shading, of_pixel, glossy),
         directions=scene.pixels.directions,
         cells=scene.pixels.cells,
+        brightest=how.brightest,
+        reflectance=reflectance,
     )
 
 
@@ -159,7 +194,7 @@ def illumination_by(
     """
     use_threads(threads)
     photos, gains, of_pixel = _photos(views, images, looks, replace(settings.lighting, asked="shared"))
-    how = settings.light if known.scale is None else replace(settings.light, brightest=None)
+    how = settings.to_begin_with if known.scale is None else replace(settings.light, brightest=None)
     search = photos.search(scene, how)
     turn_deg = turn_of(search, known, step)
     found = light_at(search, known, turn_deg)
@@ -167,7 +202,18 @@ def illumination_by(
     if sheen is not None:
         photos = photos.without_sheen(sheen, photos.mirror(scene, found))
     finer, _ = divided(scene, found)
-    if sheen is not None or finer is not scene:
+    reflectance = None
+    if known.scale is None and settings.reflectance_is_found:
+
+        def light(brightest: float, _: FoundLight) -> FoundLight:
+            return light_at(photos.search(scene, settings.reflecting(brightest)), known, turn_deg)
+
+        def disagree(lights: Sequence[FoundLight]) -> list[float]:
+            return photos.disagreements([scene] * len(lights), lights, how)
+
+        reflectance = reflectance_of(light, disagree, found, step)
+        how = settings.reflecting(reflectance.value)
+    if reflectance is not None or sheen is not None or finer is not scene:
         scene, found = finer, light_at(photos.search(finer, how), known, turn_deg)
     step()
     shading = photos.shading(scene, found)
@@ -188,7 +234,9 @@ def illumination_by(
         observations=_observations(photos, light.shading, of_pixel, glossy),
         directions=scene.pixels.directions,
         cells=scene.pixels.cells,
+        brightest=how.brightest or 0.0,
         turn_deg=turn_deg,
+        reflectance=reflectance,
     )
 
 
@@ -205,19 +253,24 @@ def _photos(
 
 
 def _best_explanation(
-    photos: Photos, scenes: Sequence[SkyScene], settings: IlluminationSettings, step: Callable[[], None]
+    photos: Photos,
+    scenes: Sequence[SkyScene],
+    far: FoundLight,
+    how: SkySettings,
+    sheen: bool,
+    step: Callable[[], None],
 ) -> tuple[int, list[float], FoundLight, Differences | None]:
     """Which scene it is, what each leaves unexplained, and of that one the light and how views then differ.
 
-    None where no sheen is sought.
+    `far`: the light of the first. No differences where no sheen is sought.
 
     What pairs of like paint disagree by is told by the shading; how views differ, by highlights, which are a
     sharper witness of where light comes from, where there are some, and enough in every scene to tell. The
     two are multiplied.
     """
-    lights = [photos.light(scene, settings.light, step) for scene in scenes]
-    left = photos.disagreements(scenes, lights, settings.light)
-    if not (settings.sheen and photos.in_one_light):
+    lights = [far, *(photos.light(scene, how, step) for scene in scenes[1:])]
+    left = photos.disagreements(scenes, lights, how)
+    if not (sheen and photos.in_one_light):
         best = explained_best(left)
         return best, left, lights[best], None
     differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
@@ -226,6 +279,21 @@ def _best_explanation(
         left = [one * min(light.left, 1.0) for one, light in zip(left, mirrored, strict=True)]
     best = explained_best(left)
     return best, left, lights[best], differences[best]
+
+
+def _reflectance(
+    photos: Photos, scene: SkyScene, near: FoundLight, how: SkySettings, step: Callable[[], None]
+) -> Reflectance:
+    """Of the brightest material, the light being found anew, from fewer pixels, for each that is tried."""
+    roughly = replace(how, samples=how.samples // FEWER, scales=how.scales[-1:])
+
+    def light(brightest: float, near: FoundLight) -> FoundLight:
+        return photos.light(scene, replace(roughly, brightest=brightest), lambda: None, near=near)
+
+    def left(lights: Sequence[FoundLight]) -> list[float]:
+        return photos.disagreements([scene] * len(lights), lights, how)
+
+    return reflectance_of(light, left, near, step)
 
 
 def _observations(photos: Photos, shading: np.ndarray, of_pixel: np.ndarray, glossy: bool) -> Observations:

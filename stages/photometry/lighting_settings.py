@@ -52,10 +52,10 @@ class LightingSettings(Settings):
         ge=0,
     )
     bounces: int = setting(4, "How often light is passed on between surfaces; 0: not at all.", ge=0, le=100)
-    brightest: float = setting(
-        0.9,
-        "What the brightest material is taken to reflect, since images do not tell; it says how much light "
-        "bounces.",
+    brightest: float | None = setting(
+        None,
+        "What the brightest material reflects: it says how much light bounces. none: found, as that under "
+        "which like surface in hollows and outside comes out most alike.",
         ge=0.01,
         le=0.95,
     )

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 BEST_ON_FIG_3 = {"paper": (40.0, 1.0), "fast": (12.0, 0.2)}  # λ, μ by solver (docs/paper)
 PAPER_SIDE = 720.0  # px: of 540 × 960, were it a square
 OWN_SIDE = 180.0  # px: of the views that λ of `mode: transfer` is stated for
+HARMONICS_BRIGHTEST = 0.9  # with `light: harmonics`, where it is not found
 OWN_LAMBDA, OWN_MU = 3.0, 1.0  # of `mode: transfer`
 
 
@@ -71,9 +72,9 @@ def as_transfer(settings: DecompositionSettings, weights: EnergyWeights) -> Tran
     from stages.photometry.pixel_transfer import Bounces
     from stages.photometry.transfer_alternation import TransferAlternation
 
-    usual = LightingSettings()
     bounces = Bounces(
-        int(given_or(settings.bounces, usual.bounces)), given_or(settings.brightest, usual.brightest)
+        int(given_or(settings.bounces, LightingSettings().bounces)),
+        given_or(settings.brightest, HARMONICS_BRIGHTEST),
     )
     return TransferAlternation(as_fast(settings, weights), bounces)
 

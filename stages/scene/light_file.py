@@ -31,6 +31,8 @@ class StoredLight:
         Whether there may be gloss of some paints: they were found, or not looked for.
     trusted : bool
         Whether there were trusted pixels; if there were none, all had to do, and the albedo is a guess.
+    brightest : float
+        What the brightest material reflects, as far as that was told or given; 0 where it was not.
     """
 
     around: LightAround
@@ -40,6 +42,7 @@ class StoredLight:
     sheen_roughness: float
     glossy: bool
     trusted: bool
+    brightest: float
 
 
 def write_light(path: Path, light: StoredLight) -> None:
