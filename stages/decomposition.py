@@ -63,7 +63,7 @@ def _under_light(job: Job) -> None:
     how = as_sky(settings, _weights(job, views), views.side)
     with job.progress("rounds", 2 * settings.stopping.rounds) as step:
         solved = transfer_solutions.under_light(views, shading, observed, how, job.threads, step)
-    job.note(doubt=solved.doubt.as_json())
+    job.note(doubt=solved.detail.doubt.as_json())
     normals = read_maps(job.inputs["normal"], cameras, masks, job.executor.map)
     incidence = np.einsum("nk,nk->n", normals, ways_to_cameras(cameras, masks))
     trusted = observed.trusted & light.trusted  # where none was, all had to do: their albedo is a guess
@@ -274,7 +274,7 @@ DECOMPOSITION_BY_TRANSFER = replace(
 # With `light: directions` the light, the shading and what is left of the photos are given.
 DECOMPOSITION_UNDER_LIGHT = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 22,
+    version=DECOMPOSITION.version + 23,
     about="Albedo of each view under the light that was found, from all views together.",
     takes=("normal", "mask", "cameras", "correspondences", "found_light", "shading", "observations"),
     gives=(ALBEDO, ENERGY, *OF_TRANSFER),

@@ -39,7 +39,7 @@ class FoundBySky:
     @property
     def albedo(self) -> np.ndarray:
         """With the photos' detail."""
-        return self.solution.albedo
+        return self.solution.detail.albedo
 
 
 def decompose_by_sky(

@@ -6,26 +6,39 @@ Per octave and colour axis, a Wiener filter: what is left over, against how far 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from stages.photometry.observations import UNLIT
-from stages.photometry.octaves import gaussian_mean, octaves
+from stages.photometry.octaves import KnownPixels, response_to_noise
+from stages.photometry.other_views import OtherViews, noise_between_views
 from stages.photometry.shading_doubt import (
     DARK,
-    Evidence,
+    FINE,
     ShadingDoubt,
+    ShownChange,
+    error_of_change,
     grain_of,
     log_quotient,
     log_shading,
-    shading_doubt,
+    noise_of_one_view,
 )
 from stages.photometry.stack import StackedViews
-from stages.scene.view_files import image_of
 
 STRONGEST = 1.0  # of the logarithm: what differs by more (glints, shadows that are not there) is cut to this
-OF_NORMAL = 2 / np.pi  # square of the mean size of normal deviates of variance 1: lone borders count for less
+POWER = 1.5  # of the sizes that an energy is the mean of: between lone borders for little and for all
+OF_NORMAL = 0.9035  # (mean |x|^1.5)^(2/1.5) of normal deviates x of variance 1
+TWICE = 2.0  # times its own energy: what a shading's change in the wrong place leaves behind, here and there
+EVENER = 0.5  # of the pixels: those in whose shading paint is told from light
+BOLDEST = 0.99  # of these: texture that is stronger than where light is even is a shadow's border
+TOLD_BY = 300_000  # pixels at most that the doubt is told from
+MEASURED = 2  # octaves in which views are compared for noise; in coarser ones it is white
+AXES, QUOTIENT, LIT = slice(0, 3), 3, 4  # columns of `_Scene.maps`
+ALONE = 5  # octaves by which noise is told where views see nothing of one another
 CHROMA_NOISE = 6.0  # variance of log R/G and log B/G over that of the mean logarithm, for equal noise in all
+LINKED = 0.2  # share of the pixels that other views must see for their differences to tell the noise
 
 
 @dataclass(frozen=True)
@@ -52,6 +65,28 @@ class DetailSettings:
     level: float
     window: float
 
+    @property
+    def of_axes(self) -> np.ndarray:
+        """Doubt of mean logarithm, log R/G and log B/G over that of the first."""
+        return np.array([1.0, self.chroma, self.chroma], np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Detail:
+    """What comes back.
+
+    Attributes
+    ----------
+    albedo : ndarray, shape (N, 3), float32
+    variance : ndarray, shape (N,), float32
+        Of the albedo's mean logarithm, that is expected: what was kept for all doubt, and what was not kept.
+    doubt : ShadingDoubt
+    """
+
+    albedo: np.ndarray
+    variance: np.ndarray
+    doubt: ShadingDoubt
+
 
 def with_detail(
     views: StackedViews,
@@ -60,7 +95,7 @@ def with_detail(
     shading: np.ndarray,
     trusted: np.ndarray,
     settings: DetailSettings,
-) -> tuple[np.ndarray, ShadingDoubt]:
+) -> Detail:
     """Give a smooth albedo the detail that the photo has and the light cannot have made.
 
     Parameters
@@ -74,74 +109,208 @@ def with_detail(
         Pixels whose data count; the others keep their albedo.
     settings : DetailSettings
 
-    Returns
-    -------
-    tuple of ndarray, shape (N, 3), float32, and ShadingDoubt
-
     Notes
     -----
     ``ρ + (ρ + d/S) (exp(Σ_k g_k r_k) − 1)``: r = log (I + d)/(ρ S + d), d = 0.01, as mean logarithm, log R/G
-    and log B/G, divided into octaves r_k; I/S where all g_k are 1;
-    ``g_k = max(0, 1 − U/E)``, E the local variance of r_k, by its mean size, and U that of what noise and the
-    shading's error make of it, `ShadingDoubt`. Where the photo differs from the smooth albedo by no more than
-    doubt, the smooth albedo stands; where by much more, the photo divided by its shading does; between, by
-    degrees.
+    and log B/G, divided into octaves r_k; I/S where all g_k are 1. In every octave:
+
+    1. The shading's own change is taken for as much as the photos show of it, `ShownChange`.
+    2. r_k of the other views is averaged in, as far as noise is more than what views see misplaced.
+    3. ``g_k = max(0, 1 − U/E)``: E the local variance of r_k, by its mean size, U that of what noise and the
+       shading's error, ``κ² L²``, make of it (`ShadingDoubt`).
+    4. Beyond ``2 L²``, which a shadow in the wrong place can make, all of E may be paint; below, no more than
+       hardly any surface has where light is even.
+
+    Where the photo differs from the smooth albedo by no more than doubt, the smooth albedo stands; where by
+    much more, the photo divided by its shading does; between, by degrees.
     """
     light = np.maximum(shading, UNLIT * max(float(np.median(shading)), 1e-6))
     detailed = np.maximum(albedo, 0).astype(np.float32)
     explained = detailed * light
-    axes = _axes_of(np.clip(log_quotient(image, explained), -STRONGEST, STRONGEST))
-    evidence = Evidence(
-        quotient=log_quotient(image, light).mean(axis=1),
-        left=axes[:, 0],
-        lit=log_shading(light),
-        response=(explained / (explained + DARK)).mean(axis=1),
-        grain=grain_of(explained),
-        trusted=trusted,
-    )
-    doubt = shading_doubt(views, evidence, settings.least_doubt, settings.most_doubt)
-    for view, mask in enumerate(views.masks):
-        own = views.view(view)
-        weight = image_of(mask, trusted[own].astype(np.float32))
-        known = (image_of(mask, each[own]) for each in (evidence.lit, evidence.response, evidence.grain))
-        left = image_of(mask, axes[own]) * weight[..., None]
-        kept = _channels_of(_kept_of_view(left, *known, weight, doubt, settings)[mask])
-        added = (explained[own] + DARK) * np.expm1(kept) / light[own]
-        detailed[own] = np.maximum(detailed[own] + added, 0)
-    return detailed, doubt
+    scene = _Scene(views, image, light, explained, trusted, settings)
+    kept, variance, doubt = _kept(scene)
+    added = (explained + DARK) * np.expm1(_channels_of(kept)) / light
+    detailed = np.where(trusted[:, None], np.maximum(detailed + added, 0), detailed)
+    return Detail(detailed.astype(np.float32), variance, doubt)
 
 
-def _kept_of_view(
-    left: np.ndarray,
-    lit: np.ndarray,
-    response: np.ndarray,
-    grain: np.ndarray,
-    weight: np.ndarray,
-    doubt: ShadingDoubt,
-    settings: DetailSettings,
-) -> np.ndarray:
-    """What of the three axes of a view, (h, w, 3), is albedo."""
-    shares = np.array([1.0, settings.chroma, settings.chroma], np.float32)
-    noises = np.array([1.0, CHROMA_NOISE, CHROMA_NOISE], np.float32)
-    kept = np.zeros_like(left)
-    bands = zip(octaves(left, weight), octaves(lit * weight, weight), strict=True)
-    for octave, ((band, sigma_px), (change, _)) in enumerate(bands):
-        if not np.isfinite(sigma_px):
-            doubted = (settings.level * shares) ** 2
-            kept += band * _wiener(band**2, doubted)
-            continue
-        local = gaussian_mean((change * response) ** 2, weight, max(sigma_px, 1.0))
-        error = doubt.error(octave, local)[..., None] * shares**2
-        error += (doubt.noise_in(octave) * grain[..., None]) ** 2 * noises
-        wide_px = max(settings.window * sigma_px, 1.5)
-        typical, doubted = (
-            gaussian_mean(each * weight[..., None], weight, wide_px) for each in (np.abs(band), error)
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """What detail is told from; arguments as of `with_detail`."""
+
+    views: StackedViews
+    image: np.ndarray
+    light: np.ndarray
+    explained: np.ndarray
+    trusted: np.ndarray
+    settings: DetailSettings
+
+    @cached_property
+    def pixels(self) -> KnownPixels:
+        return KnownPixels.of(self.views, self.trusted)
+
+    @cached_property
+    def others(self) -> OtherViews:
+        return OtherViews.of(self.views, self.trusted)
+
+    @cached_property
+    def grain(self) -> np.ndarray:
+        return grain_of(self.explained)
+
+    @cached_property
+    def response(self) -> np.ndarray:
+        """How much of a change of the light's logarithm shows in ``log(I + d)``: little where it is dark."""
+        return (self.explained / (self.explained + DARK)).mean(axis=1)
+
+    @cached_property
+    def told_by(self) -> np.ndarray:
+        """Numbers of the pixels that the doubt is told from."""
+        trusted = np.flatnonzero(self.trusted)
+        return trusted[:: max(1, -(-len(trusted) // TOLD_BY))]
+
+    def maps(self) -> np.ndarray:
+        """Axes of what is left, mean logarithm of I/S, and of S: (N, 5)."""
+        left = _axes_of(np.clip(log_quotient(self.image, self.explained), -STRONGEST, STRONGEST))
+        quotient = log_quotient(self.image, self.light).mean(axis=1)
+        return np.column_stack([left, quotient, log_shading(self.light)]).astype(np.float32)
+
+
+def _kept(scene: _Scene) -> tuple[np.ndarray, np.ndarray, ShadingDoubt]:
+    """What of the three axes is albedo, (N, 3), its expected variance, and the doubt."""
+    settings = scene.settings
+    noise = np.zeros((2, 3))
+    if scene.others.share < LINKED:
+        noise[:] = _noise_of_one_view(scene)
+    kept, variance = np.zeros((len(scene.image), 3), np.float32), np.zeros(len(scene.image), np.float32)
+    shown, of_change = [], []
+    octaves = enumerate(pairwise(scene.pixels.octaves(scene.maps())))
+    for number, ((bands, sigma_px), (coarser, _)) in octaves:
+        octave = _Octave.of(scene, number, bands, sigma_px)
+        shown.append(octave.shown)
+        of_change.append(
+            float(np.clip(octave.error_of_change(), settings.least_doubt[number], settings.most_doubt))
         )
-        kept += band * _wiener(typical**2 / OF_NORMAL, doubted)
-    return kept
+        if number < MEASURED and scene.others.share >= LINKED:
+            noise[number] = octave.noise(coarser[:, QUOTIENT]) / response_to_noise()[number]
+        deviation = noise[number] if number < MEASURED else noise.max(axis=0)
+        own, expected = octave.kept(of_change[-1], deviation * response_to_noise()[number])
+        kept += own
+        variance += expected
+        rest = coarser[:, AXES]
+    kept += rest * _share_of_signal(rest**2, (settings.level * settings.of_axes) ** 2)
+    doubt = ShadingDoubt(tuple(shown), tuple(of_change), tuple(noise.max(axis=0).tolist()))
+    return kept, variance + settings.level**2, doubt
 
 
-def _wiener(energy: np.ndarray, doubted: np.ndarray) -> np.ndarray:
+@dataclass(frozen=True, eq=False)
+class _Octave:
+    """One octave of a scene, the shading taken for what the photos show of it.
+
+    Attributes
+    ----------
+    scene : _Scene
+    left : ndarray, shape (N, 3)
+        Band of what is left, its axes.
+    quotient : ndarray, shape (N,)
+        Band of log I/S.
+    size, stated : ndarray, shape (N,)
+        Local mean square of the shading's band as it is taken, and as it was found.
+    shown : float
+        Share of the shading's change that is taken, on average.
+    wide_px : float
+        σ of the surroundings that energies are averaged over.
+    """
+
+    scene: _Scene
+    left: np.ndarray
+    quotient: np.ndarray
+    size: np.ndarray
+    stated: np.ndarray
+    shown: float
+    wide_px: float
+
+    @classmethod
+    def of(cls, scene: _Scene, number: int, bands: np.ndarray, sigma_px: float) -> _Octave:
+        """Compare the shading's change with the photos, in the fine octaves, and correct it."""
+        left, quotient, change = bands[:, AXES].copy(), bands[:, QUOTIENT], bands[:, LIT] * scene.response
+        stated = size = scene.pixels.mean(change**2, max(sigma_px, 1.0))
+        shown, told = 1.0, scene.told_by
+        if number < FINE:
+            finer_px = 0.0 if number == 0 else sigma_px / 2
+            compared = ShownChange.of(change[told], left[told, 0], stated[told], finer_px)
+            excess = compared.at(stated)
+            left[:, 0] -= excess * change
+            quotient = quotient - excess * change
+            size, shown = (1 + excess) ** 2 * stated, compared.shown
+        wide_px = max(scene.settings.window * sigma_px, 1.5)
+        return cls(scene, left, quotient, size, stated, shown, wide_px)
+
+    def error_of_change(self) -> float:
+        """κ, as far as the scene tells it."""
+        told = self.scene.told_by
+        return error_of_change(self.size[told], self.quotient[told], self.left[told, 0])
+
+    def noise(self, coarser: np.ndarray) -> np.ndarray:
+        """Standard deviation of noise in this band at median brightness, (3,), by what views do not share.
+
+        `coarser`: the band of log I/S in the next octave.
+        """
+        scene, told = self.scene, self.scene.told_by
+        told = told[scene.others.count[told] > 0]
+        texture = scene.pixels.mean(coarser**2, self.wide_px)[told]
+        of_both = scene.grain[told] * np.sqrt(1 + 1 / scene.others.count[told])[:, None]
+        difference = (self.left - scene.others.mean(self.left))[told] / of_both
+        return np.array([noise_between_views(axis, texture) for axis in difference.T])
+
+    def kept(self, error: float, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What of the band is albedo, (N, 3), and the variance of its first axis that is expected, (N,)."""
+        scene, settings, others = self.scene, self.scene.settings, self.scene.others
+        band, noise = self._fused((noise * scene.grain) ** 2)
+        of_axes = settings.of_axes**2
+        doubted = error**2 * self.size[:, None] * of_axes + noise
+        misplaced = TWICE * scene.pixels.mean(self.stated, self.wide_px)[:, None] * of_axes
+        energy = scene.pixels.mean(np.abs(band) ** POWER, self.wide_px) ** (2 / POWER) / OF_NORMAL
+        energy = others.with_own(energy)
+        doubted = others.with_own(scene.pixels.mean(doubted, self.wide_px))
+        signal = np.maximum(energy - doubted, 0)
+        told = scene.told_by
+        even = told[self.size[told] <= np.quantile(self.size[told], EVENER)] if told.size else told
+        boldest = np.quantile(signal[even], BOLDEST, axis=0) if even.size else np.zeros(3)
+        signal = np.minimum(signal, np.maximum(boldest, energy - misplaced))
+        share = signal / np.maximum(energy, 1e-12)
+        expected = share**2 * doubted + (1 - share) ** 2 * energy
+        return np.where(scene.trusted[:, None], share * band, 0), expected[:, 0]
+
+    def _fused(self, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The band with that of the other views averaged in, and the variance of its noise, (N, 3) each.
+
+        Others are as noisy, over their number; and misplaced by what they differ by beyond noise. Either is
+        weighed by its variance.
+        """
+        others = self.scene.others
+        if not (others.count.any() and noise.any()):
+            return self.left, noise
+        count = np.maximum(others.count, 1)[:, None]
+        difference = np.where(others.count[:, None] > 0, others.mean(self.left) - self.left, 0)
+        apart = self.scene.pixels.mean(difference**2, self.wide_px)
+        of_others = noise / count + np.maximum(apart - noise * (1 + 1 / count), 0)
+        weight = np.where(others.count[:, None] > 0, noise / np.maximum(noise + of_others, 1e-12), 0)
+        return self.left + weight * difference, (1 - weight) ** 2 * noise + weight**2 * of_others
+
+
+def _noise_of_one_view(scene: _Scene) -> np.ndarray:
+    """Noise of the three axes, from the octaves of brightness in every view by itself."""
+    sizes, quotients, told = [], [], scene.told_by
+    for bands, sigma_px in scene.pixels.octaves(scene.maps()[:, [QUOTIENT, LIT]]):
+        quotient, change = bands.T
+        sizes.append(scene.pixels.mean((change * scene.response) ** 2, max(sigma_px, 1.0))[told])
+        quotients.append((quotient / scene.grain[:, 0])[told])
+        if len(sizes) == ALONE:
+            break
+    return noise_of_one_view(sizes, quotients) * np.sqrt([1, CHROMA_NOISE, CHROMA_NOISE])
+
+
+def _share_of_signal(energy: np.ndarray, doubted: np.ndarray) -> np.ndarray:
     """Share of a value that is signal: its variance without the doubt's, over all of it."""
     return np.maximum(0, 1 - doubted / np.maximum(energy, 1e-12)).astype(np.float32)
 

@@ -138,9 +138,9 @@ class DecompositionSettings(Settings):
         max_length=7,
     )
     most_shading_doubt: float = setting(
-        1.0,
-        "`light: directions`: what the shading may be wrong by at most, in any octave: at 1, all of its "
-        "change, as where stereo has bumps that are not there.",
+        0.5,
+        "`light: directions`: what the shading may be wrong by at most, in any octave. Bumps of stereo that "
+        "the photos do not show are left out of the shading before.",
         unit="of the local change of log shading",
         ge=0,
         le=4,

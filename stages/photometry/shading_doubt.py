@@ -1,4 +1,4 @@
-"""How far the shading may be wrong, octave by octave, told from the photos divided by it."""
+"""How far the shading is to be doubted, octave by octave, told from the photos divided by it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,16 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from stages.photometry.octaves import SIGMAS_PX, gaussian_mean, octaves, response_to_noise
-from stages.photometry.stack import StackedViews
-from stages.scene.view_files import image_of
+from stages.photometry.classes import by_size, deviation
+from stages.photometry.octaves import response_to_noise
 
 DARK = 0.01  # of the scaled image, under the logarithms: as dark as that, hardly anything is told
-VIEWS = 6  # that it is told from, evenly chosen
-CLASSES = 16  # of pixels, by how much the shading changes around them
 SHARE = 0.8  # of the error that is told: some of it is paint, as renders of known truth show
-MAD = 0.6745  # of a normal deviate: what half of all stay below
-FEWEST = 100  # pixels of a class that are worth a word
 TEXTURE = (0.6, 1.0, 1.0, 1.0, 1.0)  # of 1/f brightness, a little blurred: deviations of the finest octaves
+OUTLYING = 3.0  # deviations: what is beyond is a border of paint, and says nothing of the shading
+SURE = 2.0  # standard errors: what is less is not told
+MOST_TOO_WEAK = 0.5  # of the shading's own change: by how much more of it the photos may show
+FINE = 4  # octaves in which the shading's own detail is compared with the photos'; coarser, paint deceives
 
 
 @dataclass(frozen=True)
@@ -28,28 +27,27 @@ class ShadingDoubt:
 
     Attributes
     ----------
+    shown : tuple of float
+        Per octave, finest first: share of the shading's own change that the photos show, on average.
     of_change : tuple of float
-        Per octave, finest first: standard deviation of the error over the shading's own local change.
-    noise : float
-        Standard deviation of the camera's noise in a working pixel of median brightness.
+        Per octave: standard deviation of the error over what is left of the shading's own local change.
+    noise : tuple of 3 float
+        Standard deviation of the camera's noise in a working pixel of median brightness: of the mean
+        logarithm, of log R/G and log B/G.
     """
 
+    shown: tuple[float, ...]
     of_change: tuple[float, ...]
-    noise: float
-
-    def error(self, octave: int, change_squared: np.ndarray) -> np.ndarray:
-        """``κ_k² L²``, the variance of the shading's error, where its band has a local mean square L²."""
-        return self.of_change[octave] ** 2 * change_squared
-
-    def noise_in(self, octave: int) -> float:
-        """Standard deviation of the noise in an octave, at median brightness."""
-        return self.noise * response_to_noise()[octave]
+    noise: tuple[float, float, float]
 
     def as_json(self) -> dict[str, Any]:
         """For records."""
+        brightness, *chroma = (round(value, 4) for value in self.noise)
         return {
+            "shading_shown_by_photos": [round(value, 3) for value in self.shown],
             "of_shading_change": [round(value, 3) for value in self.of_change],
-            "noise": round(self.noise, 4),
+            "noise": brightness,
+            "noise_of_chroma": chroma,
         }
 
 
@@ -63,128 +61,144 @@ def log_shading(light: np.ndarray) -> np.ndarray:
     return np.log(light).mean(axis=1).astype(np.float32)
 
 
+def grain_of(explained: np.ndarray) -> np.ndarray:
+    """Noise by brightness, (N, 3), float32, of mean logarithm, log R/G and log B/G: 1 where it is median.
+
+    Photons' variance grows as their number does, so a channel's ``log(I + d)`` varies by 1/(E + d) of what is
+    explained, E; the axes by the sum of these over their channels. From a half to eight.
+    """
+    red, green, blue = 1 / (np.maximum(explained, 0) + DARK).T
+    variance = np.stack([(red + green + blue) / 9, red + green, blue + green], axis=1)
+    typical = np.median(variance, axis=0) if len(variance) else 1.0
+    return np.clip(np.sqrt(variance / typical), 0.5, 8.0).astype(np.float32)
+
+
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """What the shading's error and the noise are told from; all of shape (N,), float32 but for `trusted`.
+class ShownChange:
+    """By how much more of the shading's change the photos show: −1, nothing of it; 0, what it says.
 
     Attributes
     ----------
-    quotient, left, lit : ndarray
-        Mean logarithms of I/S, of I/(ρ S) with a smooth albedo ρ, and of S.
-    response : ndarray
-        How much of a change of the light's logarithm shows in ``log(I + d)``: little where it is dark.
-    grain : ndarray
-        Standard deviation of noise in ``log(I + d)``, over that of a pixel of median brightness.
-    trusted : ndarray, bool
+    log_size : ndarray, shape (k,)
+        Mean squares of the shading's local change, their logarithms; ascending.
+    excess : ndarray, shape (k,)
     """
 
-    quotient: np.ndarray
-    left: np.ndarray
-    lit: np.ndarray
-    response: np.ndarray
-    grain: np.ndarray
-    trusted: np.ndarray
+    log_size: np.ndarray
+    excess: np.ndarray
+
+    @classmethod
+    def of(cls, change: np.ndarray, left: np.ndarray, size: np.ndarray, sigma_px: float) -> ShownChange:
+        """Compare one octave of a shading with what it leaves of the photos.
+
+        Parameters
+        ----------
+        change : ndarray, shape (n,)
+            Band of the shading's logarithm, as it shows in the photo's.
+        left : ndarray, shape (n,)
+            Band of log I/(ρ S).
+        size : ndarray, shape (n,)
+            Local mean square of `change`.
+        sigma_px : float
+            Lower σ of the octave: values nearer to one another than that are one.
+
+        Notes
+        -----
+        In classes of equal number by size, the slope of `left` on `change`: 0 if the shading is right, −1 if
+        the photos show nothing of it, as of bumps that stereo makes and facets that visibility is
+        interpolated over. What may be chance, two standard errors, is taken off its square.
+        """
+        log_size, excess = [], []
+        for own in by_size(size):
+            shade, rest = change[own].astype(np.float64), left[own].astype(np.float64)
+            likely = np.abs(rest) <= OUTLYING * deviation(rest)
+            shade, rest = shade[likely], rest[likely]
+            power = float(shade @ shade)
+            if power <= 0:
+                continue
+            slope = float(shade @ rest) / power
+            independent = len(rest) / (1 + 4 * np.pi * sigma_px**2)
+            chance = float(rest @ rest) / power / max(independent, 1)
+            sure = max(0.0, 1 - SURE**2 * chance / max(slope**2, 1e-12))
+            log_size.append(np.log(size[own].mean() + 1e-12))
+            excess.append(np.clip(slope * sure, -1, MOST_TOO_WEAK))
+        return cls(np.array(log_size), np.array(excess))
+
+    def at(self, size: np.ndarray) -> np.ndarray:
+        """Excess where the shading's change has these local mean squares, float32."""
+        if not len(self.excess):
+            return np.zeros(len(size), np.float32)
+        return np.interp(np.log(size + 1e-12), self.log_size, self.excess).astype(np.float32)
+
+    @property
+    def shown(self) -> float:
+        """Share of the change that is shown, on average over the pixels."""
+        return float(1 + self.excess.mean()) if len(self.excess) else 1.0
 
 
-def grain_of(explained: np.ndarray) -> np.ndarray:
-    """Noise of ``log(I + d)`` by brightness, (N,), float32: photons' variance grows as their number does.
-
-    ``√(m / (E + d))`` of the mean channel E that is explained, m its median; from a half to four.
-    """
-    brightness = explained.mean(axis=1) + DARK
-    return np.clip(np.sqrt(np.median(brightness) / brightness), 0.5, 4.0).astype(np.float32)
-
-
-def shading_doubt(
-    views: StackedViews, evidence: Evidence, least: tuple[float, ...], most: float
-) -> ShadingDoubt:
-    """Estimate the shading's error and the camera's noise from the scene itself.
+def error_of_change(size: np.ndarray, quotient: np.ndarray, left: np.ndarray) -> float:
+    """Estimate κ: standard deviation of the shading's error over its own local change, in one octave.
 
     Parameters
     ----------
-    views : StackedViews
-    evidence : Evidence
-    least : tuple of float
-        Per octave, what `of_change` is at least: where smooth surface lies beside texture, or texture hides
-        what the shading is wrong by, little can be told.
-    most : float
-        What it is at most.
+    size : ndarray, shape (n,)
+        Local mean square L² of the band of log S.
+    quotient, left : ndarray, shape (n,)
+        Bands of log I/S, and of log I/(ρ S) with a smooth albedo ρ.
 
     Notes
     -----
-    In each octave, pixels are put into classes of equal number by the local mean square L² of the band of
-    log S; of each, e² is the variance of the band of log I/S, by the median so that borders of paint do not
-    count. ``e² ≈ τ² + κ² L²``, by non-negative least squares over relative errors: κ is the shading's error,
-    τ texture and noise; of κ², what is sure: less its standard error. The same of log I/(ρ S), by mean
-    squares, as borders are in ρ. Either is too large where paint is in it, the one by bold borders, the other
-    by what ρ has lost, so the lesser counts, and of that `SHARE`. Where the shading is most even, what is
-    left is told by its octaves: noise is white and halves from one to the next, texture is as strong in all.
+    In classes of equal number by L², e² is the variance of the band of log I/S, by the median so that
+    borders of paint do not count. ``e² ≈ τ² + κ² L²``, by non-negative least squares over relative errors: κ
+    is the shading's error, τ texture and noise; of κ², what is sure: less its standard error. The same of log
+    I/(ρ S), by mean squares, as borders are in ρ. Either is too large where paint is in it, the one by bold
+    borders, the other by what ρ has lost, so the lesser counts, and of that `SHARE`.
     """
-    by_median, by_square, noises = [], [], []
-    for change, quotient, left, grain in _octaves_of(views, evidence):
-        by_median.append(_slope(change, quotient, lambda own: (np.median(np.abs(own)) / MAD) ** 2))
-        by_square.append(_slope(change, left, lambda own: np.mean(np.square(own), dtype=np.float64)))
-        noises.append(_least_deviation(change, quotient / grain))
-    slopes = [SHARE * min(one, other) for one, other in zip(by_median, by_square, strict=True)]
-    return ShadingDoubt(
-        of_change=tuple(float(np.clip(*each, most)) for each in zip(slopes, least, strict=True)),
-        noise=_noise_in(noises),
-    )
+    classes = by_size(size)
+    by_median = _slope(classes, size, lambda own: deviation(quotient[own]) ** 2)
+    by_square = _slope(classes, size, lambda own: np.mean(np.square(left[own]), dtype=np.float64))
+    return SHARE * min(by_median, by_square)
 
 
-def _octaves_of(views: StackedViews, evidence: Evidence) -> list[tuple[np.ndarray, ...]]:
-    """Of each octave: L², the bands of both quotients, and the grain, over trusted pixels of some views."""
-    pooled: list[list[tuple[np.ndarray, ...]]] = [[] for _ in SIGMAS_PX]
-    for view in np.unique(np.linspace(0, views.view_count - 1, VIEWS).round().astype(int)):
-        mask, own = views.masks[view], views.view(view)
-        weight = image_of(mask, evidence.trusted[own].astype(np.float32))
-        inside, shown = weight[mask] > 0, image_of(mask, evidence.response[own])
-        maps = (
-            octaves(image_of(mask, each[own]) * weight, weight)
-            for each in (evidence.lit, evidence.quotient, evidence.left)
-        )
-        for octave, ((change, sigma_px), (quotient, _), (left, _)) in enumerate(zip(*maps, strict=True)):
-            if np.isfinite(sigma_px):
-                local = gaussian_mean((change * shown) ** 2, weight, max(sigma_px, 1.0))
-                found = [each[mask][inside] for each in (local, quotient, left)]
-                pooled[octave].append((*found, evidence.grain[own][inside]))
-    return [tuple(map(np.concatenate, zip(*each, strict=True))) for each in pooled]
+def noise_of_one_view(sizes: list[np.ndarray], quotients: list[np.ndarray]) -> float:
+    """Estimate white noise from a view alone, where no other shows the same.
 
+    Parameters
+    ----------
+    sizes, quotients : list of ndarray, shape (n,)
+        Of the finest octaves: local mean squares of the band of log S, and the band of log I/S by the noise
+        at its brightness.
 
-def _noise_in(deviations: list[float]) -> float:
-    """White noise, per pixel, in deviations of the octaves that are of noise and texture: least squares."""
-    count = len(TEXTURE)
+    Notes
+    -----
+    Where the shading is most even, what is left is told by its octaves: noise is white and halves from one
+    to the next, texture is as strong in all.
+    """
+    deviations = [_least_deviation(*each) for each in zip(sizes, quotients, strict=True)]
+    count = min(len(TEXTURE), len(deviations))
     variances = np.square(deviations[:count])
     relative = 1 / (variances + 1e-8)
-    design = np.square([TEXTURE, response_to_noise()[:count]]).T * relative[:, None]
+    design = np.square([TEXTURE[:count], response_to_noise()[:count]]).T * relative[:, None]
     (_, noise), _ = nnls(design, variances * relative)
     return float(np.sqrt(noise))
 
 
-def _classes(change_squared: np.ndarray) -> list[np.ndarray]:
-    """Numbers of pixels in classes of equal size, by how much the shading changes around them."""
-    count = min(CLASSES, len(change_squared) // FEWEST)
-    return np.array_split(np.argsort(change_squared, kind="stable"), count) if count else []
-
-
-def _slope(change_squared: np.ndarray, band: np.ndarray, variance_of: Callable[[np.ndarray], float]) -> float:
+def _slope(classes: list[np.ndarray], size: np.ndarray, variance_of: Callable[[np.ndarray], float]) -> float:
     """κ, as far as it is sure."""
-    order = _classes(change_squared)
-    if len(order) < 3:
+    if len(classes) < 3:
         return 0.0
-    change = np.array([change_squared[own].mean() for own in order], np.float64)
-    variance = np.array([variance_of(band[own]) for own in order], np.float64)
+    change = np.array([size[own].mean() for own in classes], np.float64)
+    variance = np.array([variance_of(own) for own in classes], np.float64)
     relative = 1 / (variance + 1e-6)
-    design = np.stack([np.ones(len(order)), change], axis=1) * relative[:, None]
+    design = np.stack([np.ones(len(classes)), change], axis=1) * relative[:, None]
     (_, slope), left = nnls(design, variance * relative)
     return float(np.sqrt(max(slope - _standard_error(design, left), 0.0)))
 
 
-def _least_deviation(change_squared: np.ndarray, band: np.ndarray) -> float:
+def _least_deviation(size: np.ndarray, band: np.ndarray) -> float:
     """Of the class that varies least among those in which the shading is most even."""
-    order = _classes(change_squared)
-    deviations = [np.median(np.abs(band[own])) / MAD for own in order[: max(1, len(order) // 8)]]
-    return float(min(deviations, default=0.0))
+    classes = by_size(size)
+    return min((deviation(band[own]) for own in classes[: max(1, len(classes) // 8)]), default=0.0)
 
 
 def _standard_error(design: np.ndarray, left: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.albedo_detail import DetailSettings, with_detail
+from stages.photometry.albedo_detail import Detail, DetailSettings, with_detail
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.appearance import appearance_of
 from stages.photometry.fast_alternation import FastDescent, FastSettings
@@ -19,7 +19,6 @@ from stages.photometry.paint_edges import (
     smoothness_of_edges,
 )
 from stages.photometry.saddle import ALIKE, EdgeWeights
-from stages.photometry.shading_doubt import ShadingDoubt
 from stages.photometry.soft_paint import soft_paint
 from stages.photometry.stack import StackedViews
 from stages.solvers.threading_layer import use_threads
@@ -53,16 +52,13 @@ class SkySolution:
         Eq. 2's ρ under that light, for `albedo_tv`.
     detailed : FastDescent
         Before the detail came back that the photos have.
-    albedo : ndarray, shape (N, 3), float32
-        With it.
-    doubt : ShadingDoubt
-        By which detail was told from the shading's errors and noise.
+    detail : Detail
+        The albedo with it, and how far it is to be doubted.
     """
 
     smooth: FastDescent
     detailed: FastDescent
-    albedo: np.ndarray
-    doubt: ShadingDoubt
+    detail: Detail
 
 
 def decompose_under_light(
@@ -102,5 +98,5 @@ def decompose_under_light(
         albedo_under_light(views, channels, shading, trusted, each, settings.descent, threads, step)
         for each in (ALIKE, by_edge)
     )
-    albedo, doubt = with_detail(views, detailed.albedo, matt, shading, trusted, settings.detail)
-    return SkySolution(smooth, detailed, albedo, doubt)
+    detail = with_detail(views, detailed.albedo, matt, shading, trusted, settings.detail)
+    return SkySolution(smooth, detailed, detail)

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from stages.photometry.albedo_detail import Detail
 from stages.photometry.alternation import AlternationSettings, Outcome, decompose_channels
 from stages.photometry.confidence import confidence
 from stages.photometry.energy_history import descent_as_json, rounds_as_json
 from stages.photometry.fast_alternation import FastDescent, FastSettings, solve
 from stages.photometry.harmonics import real_harmonics
-from stages.photometry.shading_doubt import ShadingDoubt
 from stages.photometry.sky import even_directions
 from stages.photometry.stack import StackedViews
 
@@ -42,8 +42,8 @@ class Solved:
         Eq. 2's own, where `albedo` is another.
     confidence : ndarray, shape (N,), or None
         In `mode: transfer`.
-    doubt : ShadingDoubt or None
-        Where the light was given: how far it is doubted.
+    detail : Detail or None
+        Where the light was given: how far it is doubted, and the albedo with it.
     """
 
     views: StackedViews
@@ -54,7 +54,7 @@ class Solved:
     outcomes: list[Outcome]
     albedo_tv: np.ndarray | None = None
     confidence: np.ndarray | None = None
-    doubt: ShadingDoubt | None = None
+    detail: Detail | None = None
 
     def judged(
         self, views: StackedViews, image: np.ndarray, incidence: np.ndarray, trusted: np.ndarray

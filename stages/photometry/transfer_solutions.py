@@ -44,13 +44,13 @@ def under_light(
     outcome = worse(found.smooth.outcome, found.detailed.outcome)
     return Solved(
         views=views,
-        albedo=found.albedo,
+        albedo=found.detail.albedo,
         shading=shading,
         light=None,
         histories=rounds_under_light_as_json(found.smooth, outcome),
         outcomes=[outcome] * 3,
         albedo_tv=np.maximum(found.smooth.albedo, 0),
-        doubt=found.doubt,
+        detail=found.detail,
     )
 
 
