@@ -317,3 +317,17 @@ def test_noise_is_that_of_median_brightness_and_larger_in_the_dark():
     found = np.log(detail_of(image, shading) / PAINT)[:, 1].reshape(SHAPE)
     for rows in (slice(10, 70), slice(90, 150)):
         assert found[rows].std() < 0.35 * np.log(image / exact)[:, 1].reshape(SHAPE)[rows].std()
+
+
+def test_where_more_error_is_expected_there_is_more():
+    """A shading that is wrong where it changes, over a stone: errors by expected variance, in eighths."""
+    stone, wrong = np.exp(fractal(11, 0.1)).reshape(-1, 1), fractal(8, 0.06)
+    wrong[:, : SHAPE[1] // 2] *= 0.1
+    truth = (PAINT * stone).astype(np.float32)
+    found = found_in(truth * relief() * np.exp(wrong).reshape(-1, 1).astype(np.float32), relief())
+    squared = np.square(np.log(found.albedo / truth)).mean(axis=1)
+    eighths = np.array_split(squared[np.argsort(found.variance)], 8)
+    measured = np.sqrt([one.mean() for one in eighths])
+    expected = np.sqrt([one.mean() for one in np.array_split(np.sort(found.variance), 8)])
+    assert measured[-1] > 1.5 * measured[0]
+    assert ((expected / measured > 0.5) & (expected / measured < 5)).all()

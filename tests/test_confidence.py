@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import scipy.sparse as sp
 
-from stages.photometry.confidence import confidence, views_that_see_it
+from stages.photometry.confidence import confidence, confidence_of, views_that_see_it
 from stages.photometry.stack import stack_views
 
 
@@ -46,3 +47,9 @@ def test_more_views_more_light_and_a_better_explanation_are_worth_more():
     assert known(albedo=np.full((9, 3), 0.4, np.float32))[1] < plain[1]
     assert known(incidence=np.full(9, 0.5))[1] < plain[1]
     assert not known(trusted=np.zeros(9, bool)).any()
+
+
+def test_an_expected_error_of_a_tenth_is_half_known():
+    assert confidence_of(np.array([0.0, 0.01, 1.0, 0.0]), np.array([1, 1, 1, 0], bool)) == pytest.approx(
+        [1, 0.5, 1 / 101, 0]
+    )

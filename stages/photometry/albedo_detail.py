@@ -38,6 +38,9 @@ MEASURED = 2  # octaves in which views are compared for noise; in coarser ones i
 AXES, QUOTIENT, LIT = slice(0, 3), 3, 4  # columns of `_Scene.maps`
 ALONE = 5  # octaves by which noise is told where views see nothing of one another
 CHROMA_NOISE = 6.0  # variance of log R/G and log B/G over that of the mean logarithm, for equal noise in all
+AROUND_PX = 1.5  # σ of the surroundings whose differences are told of a pixel
+LEFT_OVER = 0.5  # of what the smooth albedo leaves over, expected to be wrong, whether it was kept or not
+OF_CHANGE = 0.05  # of the square of the shading's change in every octave: what its error is where it is large
 LINKED = 0.2  # share of the pixels that other views must see for their differences to tell the noise
 
 
@@ -79,7 +82,7 @@ class Detail:
     ----------
     albedo : ndarray, shape (N, 3), float32
     variance : ndarray, shape (N,), float32
-        Of the albedo's mean logarithm, that is expected: what was kept for all doubt, and what was not kept.
+        Of the albedo's mean logarithm, that is expected: its square root is the relative error.
     doubt : ShadingDoubt
     """
 
@@ -123,6 +126,10 @@ def with_detail(
 
     Where the photo differs from the smooth albedo by no more than doubt, the smooth albedo stands; where by
     much more, the photo divided by its shading does; between, by degrees.
+
+    The variance adds up what is expected of every octave, ``g² U + (1 − g)² E``; of the light where it
+    changes much, a twentieth of L²; half of what the smooth albedo left over around; and what the albedos of
+    different views differ by.
     """
     light = np.maximum(shading, UNLIT * max(float(np.median(shading)), 1e-6))
     detailed = np.maximum(albedo, 0).astype(np.float32)
@@ -130,8 +137,15 @@ def with_detail(
     scene = _Scene(views, image, light, explained, trusted, settings)
     kept, variance, doubt = _kept(scene)
     added = (explained + DARK) * np.expm1(_channels_of(kept)) / light
-    detailed = np.where(trusted[:, None], np.maximum(detailed + added, 0), detailed)
-    return Detail(detailed.astype(np.float32), variance, doubt)
+    detailed = np.where(trusted[:, None], np.maximum(detailed + added, 0), detailed).astype(np.float32)
+    return Detail(detailed, variance + _apart(scene, detailed), doubt)
+
+
+def _apart(scene: _Scene, albedo: np.ndarray) -> np.ndarray:
+    """Mean square of what the logarithm of the albedo differs by from that of other views, around, (N,)."""
+    logs = np.log(albedo.mean(axis=1, keepdims=True) + DARK).astype(np.float32)
+    difference = np.where(scene.others.count[:, None] > 0, logs - scene.others.mean(logs), 0)
+    return scene.pixels.mean(difference[:, 0] ** 2, AROUND_PX)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,9 +195,11 @@ def _kept(scene: _Scene) -> tuple[np.ndarray, np.ndarray, ShadingDoubt]:
     noise = np.zeros((2, 3))
     if scene.others.share < LINKED:
         noise[:] = _noise_of_one_view(scene)
-    kept, variance = np.zeros((len(scene.image), 3), np.float32), np.zeros(len(scene.image), np.float32)
+    maps = scene.maps()
+    kept = np.zeros((len(maps), 3), np.float32)
+    variance = settings.level**2 + LEFT_OVER * scene.pixels.mean(maps[:, 0] ** 2, AROUND_PX)
     shown, of_change = [], []
-    octaves = enumerate(pairwise(scene.pixels.octaves(scene.maps())))
+    octaves = enumerate(pairwise(scene.pixels.octaves(maps)))
     for number, ((bands, sigma_px), (coarser, _)) in octaves:
         octave = _Octave.of(scene, number, bands, sigma_px)
         shown.append(octave.shown)
@@ -195,11 +211,11 @@ def _kept(scene: _Scene) -> tuple[np.ndarray, np.ndarray, ShadingDoubt]:
         deviation = noise[number] if number < MEASURED else noise.max(axis=0)
         own, expected = octave.kept(of_change[-1], deviation * response_to_noise()[number])
         kept += own
-        variance += expected
+        variance += expected + OF_CHANGE * octave.stated
         rest = coarser[:, AXES]
     kept += rest * _share_of_signal(rest**2, (settings.level * settings.of_axes) ** 2)
     doubt = ShadingDoubt(tuple(shown), tuple(of_change), tuple(noise.max(axis=0).tolist()))
-    return kept, variance + settings.level**2, doubt
+    return kept, variance, doubt
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,21 @@ import numpy as np
 from stages.photometry.stack import StackedViews
 
 HALF_LIT = 0.1  # of the median shading: light at which half of the confidence is left
+HALF_KNOWN = 0.1  # expected error of the albedo, of itself, at which half of the confidence is left
 HALF_OFF = 0.3  # share of the photo that the model leaves unexplained, at which half of it is left
+
+
+def confidence_of(variance: np.ndarray, trusted: np.ndarray) -> np.ndarray:
+    """From 0 (a guess from the neighbourhood) to 1, (N,), float32: ``1/(1 + σ²/0.1²)``.
+
+    Parameters
+    ----------
+    variance : ndarray, shape (N,)
+        σ², expected of the albedo's logarithm.
+    trusted : ndarray, shape (N,), bool
+        Pixels whose data counted; the others are at 0.
+    """
+    return np.where(trusted, 1 / (1 + variance / HALF_KNOWN**2), 0).astype(np.float32)
 
 
 def confidence(

@@ -11,7 +11,7 @@ import numpy as np
 
 from stages.photometry.albedo_detail import Detail
 from stages.photometry.alternation import AlternationSettings, Outcome, decompose_channels
-from stages.photometry.confidence import confidence
+from stages.photometry.confidence import confidence, confidence_of
 from stages.photometry.energy_history import descent_as_json, rounds_as_json
 from stages.photometry.fast_alternation import FastDescent, FastSettings, solve
 from stages.photometry.harmonics import real_harmonics
@@ -59,7 +59,9 @@ class Solved:
     def judged(
         self, views: StackedViews, image: np.ndarray, incidence: np.ndarray, trusted: np.ndarray
     ) -> Solved:
-        """The same with the confidence of every pixel; see `confidence`."""
+        """The same with the confidence of every pixel: by its expected error, else by its circumstances."""
+        if self.detail is not None:
+            return replace(self, confidence=confidence_of(self.detail.variance, trusted))
         return replace(
             self, confidence=confidence(views, image, self.shading, self.albedo, incidence, trusted)
         )
