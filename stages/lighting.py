@@ -74,12 +74,13 @@ def run(job: Job) -> None:
     scenes = _scenes(job, opened, stored)
     seen = opened.views, opened.images
     how = Looks(trusted, towards), as_illumination(job.settings), job.threads
+    tries = len(SCALE) // 2 if how[1].reflectance_is_found else 0
     if known is not None:
         light = _as_known(known, job.settings, opened)
-        with job.progress("steps", light.turns + len(SCALE) + 1) as step:
+        with job.progress("steps", light.turns + 1 + tries) as step:
             found = illumination_by(light, *seen, scenes[0], *how, step)
     else:
-        steps = len(how[1].light.scales) * len(scenes) + len(SCALE) + TURNS + REFINED
+        steps = len(how[1].light.scales) * len(scenes) + 2 * tries + TURNS + REFINED
         with job.progress("steps", steps) as step:
             found = find_illumination(*seen, scenes, *how, step)
     _note(job, stored, found, trusted)
@@ -205,7 +206,7 @@ def _write(job: Job, opened: Opened, stored: StoredTransfer, found: Illumination
         sheen_roughness=found.sheen.roughness if found.sheen else 0.0,
         glossy=found.observations.glossy,
         trusted=trusted,
-        brightest=0.0 if absolute else found.brightest,
+        brightest=found.brightest,
     )
     write_light(job.outputs["found_light"], stored_light)
     names = [camera.name for camera in opened.cameras] if len(lights) > 1 else ["shared"]

@@ -39,7 +39,7 @@ def searched(curve) -> tuple[float, list[float]]:
         return brightest
 
     found = reflectance_of(light, lambda lights: [curve(one) for one in lights], None, lambda: None)
-    assert found.near in tried and sorted(found.tried) == sorted(tried)
+    assert found.light in tried and sorted(found.tried) == sorted(tried)
     return found.value, tried
 
 
@@ -53,7 +53,8 @@ def test_the_lowest_of_a_smooth_curve_is_found_and_little_is_tried(true):
 def test_nothing_beyond_the_scale_is_tried_and_a_flat_curve_says_the_usual():
     assert searched(lambda one: 1 / one)[0] == max(SCALE)
     assert searched(lambda one: one)[0] == min(SCALE)
-    assert 0.5 < searched(lambda one: 0.2)[0] < 0.7
+    for flat in (0.2, 0.0):
+        assert 0.5 < searched(lambda one, flat=flat: flat)[0] < 0.7
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +73,7 @@ def courtyard(tmp_path_factory) -> tuple[float, float, float, float]:
 def test_dark_surface_is_told_from_bright(courtyard):
     """Noise makes the brightest of what is found brighter than it is."""
     true, found, _, _ = courtyard
-    assert true < found < 1.6 * true < 0.6
+    assert 0.7 * true < found < 1.6 * true < 0.6
 
 
 def test_hollows_of_dark_surface_are_lit_as_they_are(courtyard):

@@ -39,7 +39,8 @@ AXES, QUOTIENT, LIT = slice(0, 3), 3, 4  # columns of `_Scene.maps`
 ALONE = 5  # octaves by which noise is told where views see nothing of one another
 CHROMA_NOISE = 6.0  # variance of log R/G and log B/G over that of the mean logarithm, for equal noise in all
 AROUND_PX = 1.5  # σ of the surroundings whose differences are told of a pixel
-LEFT_OVER = 0.5  # of what the smooth albedo leaves over, expected to be wrong, whether it was kept or not
+LEFT_OVER = 0.25  # of the square of what the smooth albedo leaves over: expected to be wrong, kept or not
+LEAST_RESPONSE = 0.1  # of a pixel's logarithm to light: what is darker is as doubtful as that
 OF_CHANGE = 0.05  # of the square of the shading's change in every octave: what its error is where it is large
 LINKED = 0.2  # share of the pixels that other views must see for their differences to tell the noise
 
@@ -119,8 +120,8 @@ def with_detail(
 
     1. The shading's own change is taken for as much as the photos show of it, `ShownChange`.
     2. r_k of the other views is averaged in, as far as noise is more than what views see misplaced.
-    3. ``g_k = max(0, 1 − U/E)``: E the local variance of r_k, by its mean size, U that of what noise and the
-       shading's error, ``κ² L²``, make of it (`ShadingDoubt`).
+    3. ``g_k = max(0, 1 − U/E)``: E the local variance of r_k, by the mean of |r_k|^1.5, U that of
+       what noise and the shading's error, ``κ² L²``, make of it (`ShadingDoubt`).
     4. Beyond ``2 L²``, which a shadow in the wrong place can make, all of E may be paint; below, no more than
        hardly any surface has where light is even.
 
@@ -128,8 +129,8 @@ def with_detail(
     much more, the photo divided by its shading does; between, by degrees.
 
     The variance adds up what is expected of every octave, ``g² U + (1 − g)² E``; of the light where it
-    changes much, a twentieth of L²; half of what the smooth albedo left over around; and what the albedos of
-    different views differ by.
+    changes much, a twentieth of L²; a quarter of the square of what the smooth albedo left over around; and
+    what the albedos of different views differ by.
     """
     light = np.maximum(shading, UNLIT * max(float(np.median(shading)), 1e-6))
     detailed = np.maximum(albedo, 0).astype(np.float32)
@@ -138,14 +139,22 @@ def with_detail(
     kept, variance, doubt = _kept(scene)
     added = (explained + DARK) * np.expm1(_channels_of(kept)) / light
     detailed = np.where(trusted[:, None], np.maximum(detailed + added, 0), detailed).astype(np.float32)
-    return Detail(detailed, variance + _apart(scene, detailed), doubt)
+    variance = variance / np.maximum(scene.response, LEAST_RESPONSE) ** 2
+    return Detail(detailed, (variance + _apart(scene, detailed)).astype(np.float32), doubt)
 
 
 def _apart(scene: _Scene, albedo: np.ndarray) -> np.ndarray:
-    """Mean square of what the logarithm of the albedo differs by from that of other views, around, (N,)."""
+    """Mean square of what the logarithm of the albedo differs by from that of other views, around, (N,).
+
+    Where no other view sees the surface, as much as elsewhere: that nobody contradicts is no proof.
+    """
     logs = np.log(albedo.mean(axis=1, keepdims=True) + DARK).astype(np.float32)
-    difference = np.where(scene.others.count[:, None] > 0, logs - scene.others.mean(logs), 0)
-    return scene.pixels.mean(difference[:, 0] ** 2, AROUND_PX)
+    seen = scene.others.count > 0
+    if not seen.any():
+        return np.zeros(len(albedo), np.float32)
+    difference = np.where(seen, (logs - scene.others.mean(logs))[:, 0], 0)
+    apart = scene.seen_by_others.mean(difference**2, AROUND_PX)
+    return np.where(seen, apart, apart[seen].mean())
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +177,10 @@ class _Scene:
         return OtherViews.of(self.views, self.trusted)
 
     @cached_property
+    def seen_by_others(self) -> KnownPixels:
+        return KnownPixels.of(self.views, self.others.count > 0)
+
+    @cached_property
     def grain(self) -> np.ndarray:
         return grain_of(self.explained)
 
@@ -182,6 +195,7 @@ class _Scene:
         trusted = np.flatnonzero(self.trusted)
         return trusted[:: max(1, -(-len(trusted) // TOLD_BY))]
 
+    @cached_property
     def maps(self) -> np.ndarray:
         """Axes of what is left, mean logarithm of I/S, and of S: (N, 5)."""
         left = _axes_of(np.clip(log_quotient(self.image, self.explained), -STRONGEST, STRONGEST))
@@ -195,7 +209,7 @@ def _kept(scene: _Scene) -> tuple[np.ndarray, np.ndarray, ShadingDoubt]:
     noise = np.zeros((2, 3))
     if scene.others.share < LINKED:
         noise[:] = _noise_of_one_view(scene)
-    maps = scene.maps()
+    maps = scene.maps
     kept = np.zeros((len(maps), 3), np.float32)
     variance = settings.level**2 + LEFT_OVER * scene.pixels.mean(maps[:, 0] ** 2, AROUND_PX)
     shown, of_change = [], []
@@ -273,15 +287,19 @@ class _Octave:
         """
         scene, told = self.scene, self.scene.told_by
         told = told[scene.others.count[told] > 0]
-        texture = scene.pixels.mean(coarser**2, self.wide_px)[told]
         of_both = scene.grain[told] * np.sqrt(1 + 1 / scene.others.count[told])[:, None]
-        difference = (self.left - scene.others.mean(self.left))[told] / of_both
+        difference = (self.left - self.left_by_others)[told] / of_both
+        texture = scene.pixels.mean(coarser**2, self.wide_px)[told]  # of brightness: that has least noise
         return np.array([noise_between_views(axis, texture) for axis in difference.T])
+
+    @cached_property
+    def left_by_others(self) -> np.ndarray:
+        return self.scene.others.mean(self.left)
 
     def kept(self, error: float, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What of the band is albedo, (N, 3), and the variance of its first axis that is expected, (N,)."""
         scene, settings, others = self.scene, self.scene.settings, self.scene.others
-        band, noise = self._fused((noise * scene.grain) ** 2)
+        band, noise = self._fused(np.square(noise.astype(np.float32) * scene.grain))
         of_axes = settings.of_axes**2
         doubted = error**2 * self.size[:, None] * of_axes + noise
         misplaced = TWICE * scene.pixels.mean(self.stated, self.wide_px)[:, None] * of_axes
@@ -307,8 +325,8 @@ class _Octave:
         if not (others.count.any() and noise.any()):
             return self.left, noise
         count = np.maximum(others.count, 1)[:, None]
-        difference = np.where(others.count[:, None] > 0, others.mean(self.left) - self.left, 0)
-        apart = self.scene.pixels.mean(difference**2, self.wide_px)
+        difference = np.where(others.count[:, None] > 0, self.left_by_others - self.left, 0)
+        apart = self.scene.seen_by_others.mean(difference**2, self.wide_px)
         of_others = noise / count + np.maximum(apart - noise * (1 + 1 / count), 0)
         weight = np.where(others.count[:, None] > 0, noise / np.maximum(noise + of_others, 1e-12), 0)
         return self.left + weight * difference, (1 - weight) ** 2 * noise + weight**2 * of_others
@@ -317,7 +335,7 @@ class _Octave:
 def _noise_of_one_view(scene: _Scene) -> np.ndarray:
     """Noise of the three axes, from the octaves of brightness in every view by itself."""
     sizes, quotients, told = [], [], scene.told_by
-    for bands, sigma_px in scene.pixels.octaves(scene.maps()[:, [QUOTIENT, LIT]]):
+    for bands, sigma_px in scene.pixels.octaves(scene.maps[:, [QUOTIENT, LIT]]):
         quotient, change = bands.T
         sizes.append(scene.pixels.mean((change * scene.response) ** 2, max(sigma_px, 1.0))[told])
         quotients.append((quotient / scene.grain[:, 0])[told])

@@ -45,6 +45,10 @@ class IlluminationSettings:
         """Without bounces it says nothing."""
         return self.light.brightest is None and self.light.bounces > 0
 
+    def reflectance_is_known(self, found: Reflectance | None) -> bool:
+        """Given, or found: no guess."""
+        return self.light.brightest is not None or found is not None
+
     @property
     def to_begin_with(self) -> SkySettings:
         """Those of the light, until that is known better."""
@@ -89,7 +93,7 @@ class Illumination:
     turn_deg : float or None
         By how much a light that is known is turned.
     brightest : float
-        What the brightest material reflects: given, found, or guessed; 0 where albedo has a scale of its own.
+        What the brightest material reflects, given or found; else 0, and where albedo has its own scale.
     reflectance : Reflectance or None
         How it was found, where it was.
     """
@@ -144,8 +148,10 @@ def find_illumination(
     if settings.reflectance_is_found:
         reflectance = _reflectance(photos, scenes[0], far, how, step)
         how = settings.reflecting(reflectance.value)
-        far = photos.light(scenes[0], how, lambda: None, near=reflectance.near)
-    best, left, found, differences = _best_explanation(photos, scenes, far, how, settings.sheen, step)
+        far = photos.light(scenes[0], how, lambda: None, near=reflectance.light)
+    best, left, found, differences = _best_explanation(
+        photos, scenes, far, how, settings.sheen, reflectance is not None, step
+    )
     scene = scenes[best]
     sheen = None
     if differences is not None:
@@ -156,7 +162,7 @@ def find_illumination(
         photos = photos.without_sheen(sheen, photos.mirror(scene, found))
     if reflectance is not None and (best != 0 or sheen is not None):
         reflectance = _reflectance(photos, scene, found, how, step)
-        how, found = settings.reflecting(reflectance.value), reflectance.near
+        how, found = settings.reflecting(reflectance.value), reflectance.light
     finer, near = divided(scene, found)
     if found is not far or sheen is not None or finer is not scene:
         scene, found = finer, photos.light(finer, how, step, near=near)
@@ -173,7 +179,7 @@ def find_illumination(
         observations=_observations(photos, light.shading, of_pixel, glossy),
         directions=scene.pixels.directions,
         cells=scene.pixels.cells,
-        brightest=how.brightest,
+        brightest=how.brightest if settings.reflectance_is_known(reflectance) else 0.0,
         reflectance=reflectance,
     )
 
@@ -234,7 +240,7 @@ def illumination_by(
         observations=_observations(photos, light.shading, of_pixel, glossy),
         directions=scene.pixels.directions,
         cells=scene.pixels.cells,
-        brightest=how.brightest or 0.0,
+        brightest=(how.brightest or 0.0) if settings.reflectance_is_known(reflectance) else 0.0,
         turn_deg=turn_deg,
         reflectance=reflectance,
     )
@@ -258,6 +264,7 @@ def _best_explanation(
     far: FoundLight,
     how: SkySettings,
     sheen: bool,
+    gone_on: bool,
     step: Callable[[], None],
 ) -> tuple[int, list[float], FoundLight, Differences | None]:
     """Which scene it is, what each leaves unexplained, and of that one the light and how views then differ.
@@ -268,7 +275,13 @@ def _best_explanation(
     sharper witness of where light comes from, where there are some, and enough in every scene to tell. The
     two are multiplied.
     """
-    lights = [far, *(photos.light(scene, how, step) for scene in scenes[1:])]
+
+    def as_long_sought(scene: SkyScene) -> FoundLight:
+        """As `far` was, if that was gone on from to find what surface reflects."""
+        light = photos.light(scene, how, step)
+        return photos.light(scene, how, lambda: None, near=light) if gone_on else light
+
+    lights = [far, *map(as_long_sought, scenes[1:])]
     left = photos.disagreements(scenes, lights, how)
     if not (sheen and photos.in_one_light):
         best = explained_best(left)

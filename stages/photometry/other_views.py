@@ -23,7 +23,8 @@ class OtherViews:
     trusted : ndarray, shape (N,), bool
         Pixels that are asked.
     count : ndarray, shape (N,), float32
-        How many others there are for each pixel; 0 for those that are not trusted.
+        How many links each pixel has to trusted ones: a coarse pixel may have several to one view. 0 for
+        those that are not trusted.
     """
 
     views: StackedViews

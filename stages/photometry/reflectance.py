@@ -11,9 +11,8 @@ import numpy as np
 from stages.photometry.sky_light import FoundLight
 
 USUAL = 0.6  # what the brightest material of a scene often reflects: stone .3 to .6, plaster and paper .8
-UNUSUAL = (
-    0.005  # of the disagreement: the price of a reflectance twice or half that; flat curves tell nothing
-)
+# Of the disagreement: the price of a reflectance twice or half the usual; flat curves tell little.
+UNUSUAL = 0.005
 FIRST = 0.6  # where the search begins
 SCALE = (0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9)  # those that are tried: a factor of 1.5 apart
 
@@ -27,13 +26,13 @@ class Reflectance:
     value : float
     tried : dict of float to float
         What pairs of like paint disagreed by under each that was tried.
-    near : FoundLight
+    light : FoundLight
         Under that tried one which is nearest to `value`.
     """
 
     value: float
     tried: dict[float, float]
-    near: FoundLight
+    light: FoundLight
 
     def as_json(self) -> dict[str, Any]:
         """For records."""
@@ -71,14 +70,14 @@ def reflectance_of(
     best = SCALE.index(FIRST)
     lights, further = {}, {best}
     while further:
-        for one in sorted(further, key=lambda one: abs(one - best)):
+        for one in sorted(further):
             lights[one] = light(SCALE[one], lights.get(best, near))
             step()
         tried = sorted(lights)
         left = dict(
             zip((SCALE[one] for one in tried), disagreements([lights[one] for one in tried]), strict=True)
         )
-        best = min(tried, key=lambda one: _price(SCALE[one]) * left[SCALE[one]])
+        best = SCALE.index(_least(left))
         further = {one for one in (best - 1, best + 1) if 0 <= one < len(SCALE)} - lights.keys()
     value = _lowest(left)
     nearest = min(lights, key=lambda one: abs(np.log(SCALE[one] / value)))
@@ -90,12 +89,17 @@ def _price(reflectance: float) -> float:
     return 1 + UNUSUAL * float(np.log2(reflectance / USUAL)) ** 2
 
 
+def _least(left: dict[float, float]) -> float:
+    """That under which least is left, for its price; of equals, the most usual."""
+    return min(left, key=lambda one: (_price(one) * left[one], abs(np.log(one / USUAL))))
+
+
 def _lowest(left: dict[float, float]) -> float:
     """Where the parabola through the lowest and its neighbours, in the logarithm, is lowest."""
     tried = sorted(left)
-    priced = [_price(one) * left[one] for one in tried]
-    best = int(np.argmin(priced))
+    best = tried.index(_least(left))
     if best in (0, len(tried) - 1):
         return tried[best]
-    curve = np.polyfit(np.log(tried[best - 1 : best + 2]), priced[best - 1 : best + 2], 2)
+    three = tried[best - 1 : best + 2]
+    curve = np.polyfit(np.log(three), [_price(one) * left[one] for one in three], 2)
     return float(np.exp(-curve[1] / (2 * curve[0]))) if curve[0] > 0 else tried[best]

@@ -113,12 +113,13 @@ class ShownChange:
             shade, rest = change[own].astype(np.float64), left[own].astype(np.float64)
             likely = np.abs(rest) <= OUTLYING * deviation(rest)
             shade, rest = shade[likely], rest[likely]
-            power = float(shade @ shade)
+            # sums rather than BLAS products: the same bits whatever the number of threads
+            power = float(np.sum(shade**2))
             if power <= 0:
                 continue
-            slope = float(shade @ rest) / power
+            slope = float(np.sum(shade * rest)) / power
             independent = len(rest) / (1 + 4 * np.pi * sigma_px**2)
-            chance = float(rest @ rest) / power / max(independent, 1)
+            chance = float(np.sum(rest**2)) / power / max(independent, 1)
             sure = max(0.0, 1 - SURE**2 * chance / max(slope**2, 1e-12))
             log_size.append(np.log(size[own].mean() + 1e-12))
             excess.append(np.clip(slope * sure, -1, MOST_TOO_WEAK))
@@ -132,7 +133,7 @@ class ShownChange:
 
     @property
     def shown(self) -> float:
-        """Share of the change that is shown, on average over the pixels."""
+        """Share of the change that is shown, on average over the classes."""
         return float(1 + self.excess.mean()) if len(self.excess) else 1.0
 
 
