@@ -278,8 +278,9 @@ def _best_explanation(
 
     def as_long_sought(scene: SkyScene) -> FoundLight:
         """As `far` was, if that was gone on from to find what surface reflects."""
-        light = photos.light(scene, how, step)
-        return photos.light(scene, how, lambda: None, near=light) if gone_on else light
+        search = photos.search(scene, how)
+        light = search.light(step)
+        return search.light(lambda: None, near=light) if gone_on else light
 
     lights = [far, *map(as_long_sought, scenes[1:])]
     left = photos.disagreements(scenes, lights, how)
@@ -297,16 +298,17 @@ def _best_explanation(
 def _reflectance(
     photos: Photos, scene: SkyScene, near: FoundLight, how: SkySettings, step: Callable[[], None]
 ) -> Reflectance:
-    """Of the brightest material, the light being found anew, from fewer pixels, for each that is tried."""
+    """Of the brightest material, from that so far on; for each, light is found anew from fewer pixels."""
     roughly = replace(how, samples=how.samples // FEWER, scales=how.scales[-1:])
+    search = photos.search(scene, roughly)
 
     def light(brightest: float, near: FoundLight) -> FoundLight:
-        return photos.light(scene, replace(roughly, brightest=brightest), lambda: None, near=near)
+        return replace(search, settings=replace(roughly, brightest=brightest)).light(lambda: None, near)
 
     def left(lights: Sequence[FoundLight]) -> list[float]:
         return photos.disagreements([scene] * len(lights), lights, how)
 
-    return reflectance_of(light, left, near, step)
+    return reflectance_of(light, left, near, step, first=how.brightest)
 
 
 def _observations(photos: Photos, shading: np.ndarray, of_pixel: np.ndarray, glossy: bool) -> Observations:

@@ -112,6 +112,17 @@ class Search:
         pairs = self.pairs(now, finest)
         return PairObjective(self.sample, bounce, pairs, finest, self.settings.weights, len(now.radiance))
 
+    def light(self, step: Callable[[], None], near: FoundLight | None = None) -> FoundLight:
+        """Find the light; arguments as of `sky_light`."""
+        scales, now = self.settings.scales, near
+        for scale in scales if near is None else scales[-REFINED:]:
+            before, pairs = now or self.even_light(), self.pairs(now, scale)
+            bounce, weights = self.bounce(before), self.settings.weights
+            light = light_from_pairs(self.sample, bounce, pairs, scale, before.radiance, weights)
+            now = self.settled(light, before)
+            step()
+        return now
+
     def settled(self, light: np.ndarray, before: FoundLight) -> FoundLight:
         """A light, (G, M, 3), at the scale that `brightest` asks for, with the bounces that it then has.
 
@@ -170,14 +181,7 @@ def sky_light(
     seems to be; the light descends; then albedo and bounces settle under it, the albedo's scale being set by
     `brightest`. The cost does not grow with the number of pixels beyond `LOOKED_AT`.
     """
-    search, now = Search.of(scene, views, image, trusted, light_of_view, settings), near
-    for scale in settings.scales if near is None else settings.scales[-REFINED:]:
-        before, pairs = now or search.even_light(), search.pairs(now, scale)
-        bounce = search.bounce(before)
-        light = light_from_pairs(search.sample, bounce, pairs, scale, before.radiance, settings.weights)
-        now = search.settled(light, before)
-        step()
-    return now
+    return Search.of(scene, views, image, trusted, light_of_view, settings).light(step, near)
 
 
 def disagreements(

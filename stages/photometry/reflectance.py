@@ -45,6 +45,7 @@ def reflectance_of(
     disagreements: Callable[[Sequence[FoundLight]], list[float]],
     near: FoundLight,
     step: Callable[[], None],
+    first: float = FIRST,
 ) -> Reflectance:
     """Find what the brightest material reflects.
 
@@ -58,6 +59,8 @@ def reflectance_of(
         That to begin from.
     step : callable
         Called after every light that is tried.
+    first : float
+        Reflectance to begin at.
 
     Notes
     -----
@@ -67,7 +70,7 @@ def reflectance_of(
     factor apart, downhill from the first; then a parabola through the lowest and its neighbours, in the
     logarithm.
     """
-    best = SCALE.index(FIRST)
+    best = int(np.argmin(np.abs(np.log(np.array(SCALE) / first))))
     lights, further = {}, {best}
     while further:
         for one in sorted(further):
