@@ -84,6 +84,7 @@ def run(job: Job) -> None:
         with job.progress("steps", steps) as step:
             found = find_illumination(*seen, scenes, *how, step)
     _note(job, stored, found, trusted)
+    _tell(job, stored, found)
     _write(job, opened, stored, found, bool(trusted.any()))
 
 
@@ -177,6 +178,20 @@ def _note(job: Job, stored: StoredTransfer, found: Illumination, trusted: np.nda
         sheen=[found.sheen.as_json()] if found.sheen else [],
         **({} if found.reflectance is None else {"brightest": found.reflectance.as_json()}),
         untrusted_pixels=int(np.count_nonzero(~(trusted & found.observations.trusted))),
+    )
+
+
+def _tell(job: Job, stored: StoredTransfer, found: Illumination) -> None:
+    """What was decided, and by what, in a line."""
+    import numpy as np
+
+    count, distance = int(found.light_of_view.max()) + 1, stored.radii[found.scene]
+    lights = "one light for all views" if count == 1 else f"{count} lights, one for each view"
+    far = f"{distance:.3g} from the middle" if np.isfinite(distance) else "infinitely far away"
+    bright = f"; the brightest material reflects {found.brightest:.2f}" if found.brightest else ""
+    job.say(
+        f"Found {lights}, {far}: views differ by {found.gains.spread:.2f} "
+        f"(moving_light={job.settings.moving_light:g}){bright}."
     )
 
 

@@ -17,10 +17,11 @@ class LightingSettings(Settings):
         "few of many views passes for gloss there.",
     )
     moving_light: float = setting(
-        0.15,
+        0.25,
         "`lights: auto`: where the same surface point differs more than this from view to view, after "
         "gains, each view has its own light, unless views rise further above one another than they fall "
-        "below: that is gloss, which only adds. Noise stays below.",
+        "below: that is gloss, which only adds. Photos of still things have up to 0.2 (flare, gloss, "
+        "clouds), moved lamps or things 0.3 and more.",
         unit="typical difference of the logarithms",
         gt=0,
     )
