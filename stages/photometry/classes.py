@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.optimize import nnls
 
 CLASSES = 16
 FEWEST = 100  # pixels of a class that are worth a word
@@ -18,3 +21,34 @@ def by_size(size: np.ndarray) -> list[np.ndarray]:
 def deviation(values: np.ndarray) -> float:
     """Standard deviation of normal deviates, by the median of their sizes: the outlying do not count."""
     return float(np.median(np.abs(values))) / MAD if values.size else 0.0
+
+
+@dataclass(frozen=True)
+class Line:
+    """``variance ≈ intercept + slope · strength``, both at least 0, and the slope's standard error."""
+
+    intercept: float
+    slope: float
+    error: float
+
+
+def line_through(strengths: list[float], variances: list[float], floor: float) -> Line | None:
+    """Fit a line to classes by non-negative least squares over relative errors; None to less than three.
+
+    Parameters
+    ----------
+    strengths, variances : list of float
+        Of every class.
+    floor : float
+        Added to a variance that errors are relative to.
+    """
+    count = len(variances)
+    if count < 3:
+        return None
+    strength, variance = (np.array(each, np.float64) for each in (strengths, variances))
+    relative = 1 / (variance + floor)
+    design = np.stack([np.ones(count), strength], axis=1) * relative[:, None]
+    (intercept, slope), left = nnls(design, variance * relative)
+    scatter = left**2 / max(count - 2, 1)
+    error = np.sqrt(np.linalg.pinv(design.T @ design)[1, 1] * scatter)
+    return Line(float(intercept), float(slope), float(error))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -45,9 +46,9 @@ class IlluminationSettings:
         """Without bounces it says nothing."""
         return self.light.brightest is None and self.light.bounces > 0
 
-    def reflectance_is_known(self, found: Reflectance | None) -> bool:
-        """Given, or found: no guess."""
-        return self.light.brightest is not None or found is not None
+    def brightest_by(self, found: Reflectance | None) -> float:
+        """What the brightest material reflects, given or found; 0 where that would be a guess."""
+        return self.light.brightest or (found.value if found else 0.0)
 
     @property
     def to_begin_with(self) -> SkySettings:
@@ -112,6 +113,27 @@ class Illumination:
     turn_deg: float | None = None
     reflectance: Reflectance | None = None
 
+    @classmethod
+    def of(
+        cls,
+        photos: Photos,
+        looked_at: SkyScene,
+        light: SkyLight,
+        of_pixel: np.ndarray,
+        glossy: bool,
+        **found: Any,
+    ) -> Illumination:
+        """Complete what was found by what photos, with the gains of their pixels, (N, 3), and a scene say."""
+        return cls(
+            light=light,
+            brightening=photos.brightening,
+            light_of_view=photos.light_of_view,
+            observations=_observations(photos, light.shading, of_pixel, glossy),
+            directions=looked_at.pixels.directions,
+            cells=looked_at.pixels.cells,
+            **found,
+        )
+
 
 def find_illumination(
     views: StackedViews,
@@ -146,7 +168,8 @@ def find_illumination(
     how = settings.to_begin_with
     far = photos.light(scenes[0], how, step)
     if settings.reflectance_is_found:
-        reflectance = _reflectance(photos, scenes[0], far, how, step)
+        anew = _sought_anew(photos, scenes[0], how)
+        reflectance = _reflectance(photos, scenes[0], far, how, anew, step)
         how = settings.reflecting(reflectance.value)
         far = photos.light(scenes[0], how, lambda: None, near=reflectance.light)
     best, left, found, differences = _best_explanation(
@@ -161,25 +184,24 @@ def find_illumination(
     if sheen is not None:
         photos = photos.without_sheen(sheen, photos.mirror(scene, found))
     if reflectance is not None and (best != 0 or sheen is not None):
-        reflectance = _reflectance(photos, scene, found, how, step)
+        anew = _sought_anew(photos, scene, how)
+        reflectance = _reflectance(photos, scene, found, how, anew, step)
         how, found = settings.reflecting(reflectance.value), reflectance.light
     finer, near = divided(scene, found)
     if found is not far or sheen is not None or finer is not scene:
         scene, found = finer, photos.light(finer, how, step, near=near)
-    shading = photos.shading(scene, found)
-    light = _scaled(found.radiance, shading * of_pixel)
-    return Illumination(
-        light=light,
+    light = _scaled(found.radiance, photos.shading(scene, found) * of_pixel)
+    return Illumination.of(
+        photos,
+        scene,
+        light,
+        of_pixel,
+        glossy,
         scene=best,
         disagreements=left,
         gains=gains,
         sheen=sheen,
-        brightening=photos.brightening,
-        light_of_view=photos.light_of_view,
-        observations=_observations(photos, light.shading, of_pixel, glossy),
-        directions=scene.pixels.directions,
-        cells=scene.pixels.cells,
-        brightest=how.brightest if settings.reflectance_is_known(reflectance) else 0.0,
+        brightest=settings.brightest_by(reflectance),
         reflectance=reflectance,
     )
 
@@ -210,14 +232,12 @@ def illumination_by(
     finer, _ = divided(scene, found)
     reflectance = None
     if known.scale is None and settings.reflectance_is_found:
+        search = photos.search(scene, how)
 
-        def light(brightest: float, _: FoundLight) -> FoundLight:
-            return light_at(photos.search(scene, settings.reflecting(brightest)), known, turn_deg)
+        def under(brightest: float, _: FoundLight) -> FoundLight:
+            return light_at(replace(search, settings=settings.reflecting(brightest)), known, turn_deg)
 
-        def disagree(lights: Sequence[FoundLight]) -> list[float]:
-            return photos.disagreements([scene] * len(lights), lights, how)
-
-        reflectance = reflectance_of(light, disagree, found, step)
+        reflectance = _reflectance(photos, scene, found, how, under, step)
         how = settings.reflecting(reflectance.value)
     if reflectance is not None or sheen is not None or finer is not scene:
         scene, found = finer, light_at(photos.search(finer, how), known, turn_deg)
@@ -229,18 +249,17 @@ def illumination_by(
         unit = np.float32(known.scale)
         light = SkyLight(found.radiance / unit, shading * of_pixel / unit)
     glossy = not settings.sheen if sheen is None else not sheen.glossy.all()
-    return Illumination(
-        light=light,
+    return Illumination.of(
+        photos,
+        scene,
+        light,
+        of_pixel,
+        glossy,
         scene=0,
         disagreements=photos.disagreements([scene], [found], how),
         gains=gains,
         sheen=sheen,
-        brightening=photos.brightening,
-        light_of_view=photos.light_of_view,
-        observations=_observations(photos, light.shading, of_pixel, glossy),
-        directions=scene.pixels.directions,
-        cells=scene.pixels.cells,
-        brightest=(how.brightest or 0.0) if settings.reflectance_is_known(reflectance) else 0.0,
+        brightest=settings.brightest_by(reflectance) if known.scale is None else 0.0,
         turn_deg=turn_deg,
         reflectance=reflectance,
     )
@@ -296,19 +315,30 @@ def _best_explanation(
 
 
 def _reflectance(
-    photos: Photos, scene: SkyScene, near: FoundLight, how: SkySettings, step: Callable[[], None]
+    photos: Photos,
+    scene: SkyScene,
+    near: FoundLight,
+    how: SkySettings,
+    light: Callable[[float, FoundLight], FoundLight],
+    step: Callable[[], None],
 ) -> Reflectance:
-    """Of the brightest material, from that so far on; for each, light is found anew from fewer pixels."""
-    roughly = replace(how, samples=how.samples // FEWER, scales=how.scales[-1:])
-    search = photos.search(scene, roughly)
-
-    def light(brightest: float, near: FoundLight) -> FoundLight:
-        return replace(search, settings=replace(roughly, brightest=brightest)).light(lambda: None, near)
+    """Find what the brightest material reflects, from that so far on; `light` as of `reflectance_of`."""
 
     def left(lights: Sequence[FoundLight]) -> list[float]:
         return photos.disagreements([scene] * len(lights), lights, how)
 
     return reflectance_of(light, left, near, step, first=how.brightest)
+
+
+def _sought_anew(
+    photos: Photos, scene: SkyScene, how: SkySettings
+) -> Callable[[float, FoundLight], FoundLight]:
+    """Make the search for the light under a reflectance, from a light that is near, by fewer pixels."""
+    roughly = replace(how, samples=how.samples // FEWER, scales=how.scales[-1:])
+    search = photos.search(scene, roughly)
+    return lambda brightest, near: replace(search, settings=replace(roughly, brightest=brightest)).light(
+        lambda: None, near
+    )
 
 
 def _observations(photos: Photos, shading: np.ndarray, of_pixel: np.ndarray, glossy: bool) -> Observations:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
-from stages.photometry.classes import by_size, deviation
+from stages.photometry.classes import by_size, deviation, line_through
 from stages.photometry.stack import StackedViews
 
 TINY = 1e-7
@@ -70,14 +69,9 @@ def noise_between_views(difference: np.ndarray, texture: np.ndarray) -> float:
     texture t², ``d² ≈ N + m t²``, by non-negative least squares over relative errors.
     """
     classes = by_size(texture)
-    if len(classes) < 3:
-        return 0.0
-    strength = np.array([texture[own].mean() for own in classes], np.float64)
-    variance = np.array([deviation(difference[own]) ** 2 for own in classes])
-    relative = 1 / (variance + TINY)
-    design = np.stack([np.ones(len(classes)), strength], axis=1) * relative[:, None]
-    (noise, _), _ = nnls(design, variance * relative)
-    return float(np.sqrt(noise))
+    strengths = [texture[own].mean() for own in classes]
+    line = line_through(strengths, [deviation(difference[own]) ** 2 for own in classes], TINY)
+    return float(np.sqrt(line.intercept)) if line else 0.0
 
 
 def _sum_over_links(views: StackedViews, values: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from stages.photometry.classes import by_size, deviation
+from stages.photometry.classes import by_size, deviation, line_through
 from stages.photometry.octaves import response_to_noise
 
 DARK = 0.01  # of the scaled image, under the logarithms: as dark as that, hardly anything is told
@@ -186,23 +186,12 @@ def noise_of_one_view(sizes: list[np.ndarray], quotients: list[np.ndarray]) -> f
 
 def _slope(classes: list[np.ndarray], size: np.ndarray, variance_of: Callable[[np.ndarray], float]) -> float:
     """κ, as far as it is sure."""
-    if len(classes) < 3:
-        return 0.0
-    change = np.array([size[own].mean() for own in classes], np.float64)
-    variance = np.array([variance_of(own) for own in classes], np.float64)
-    relative = 1 / (variance + 1e-6)
-    design = np.stack([np.ones(len(classes)), change], axis=1) * relative[:, None]
-    (_, slope), left = nnls(design, variance * relative)
-    return float(np.sqrt(max(slope - _standard_error(design, left), 0.0)))
+    strengths = [size[own].mean() for own in classes]
+    line = line_through(strengths, [variance_of(own) for own in classes], 1e-6)
+    return float(np.sqrt(max(line.slope - line.error, 0.0))) if line else 0.0
 
 
 def _least_deviation(size: np.ndarray, band: np.ndarray) -> float:
     """Of the class that varies least among those in which the shading is most even."""
     classes = by_size(size)
     return min((deviation(band[own]) for own in classes[: max(1, len(classes) // 8)]), default=0.0)
-
-
-def _standard_error(design: np.ndarray, left: float) -> float:
-    """Of the second coefficient of a least squares fit that leaves a residual of this norm."""
-    scatter = left**2 / max(len(design) - 2, 1)
-    return float(np.sqrt(np.linalg.pinv(design.T @ design)[1, 1] * scatter))

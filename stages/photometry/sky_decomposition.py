@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.albedo_detail import Detail, DetailSettings, with_detail
+from stages.photometry.albedo_detail import Detail, with_detail
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.appearance import appearance_of
+from stages.photometry.detail_octaves import DetailSettings
 from stages.photometry.fast_alternation import FastDescent, FastSettings
 from stages.photometry.observations import Observations
 from stages.photometry.paint_edges import (

@@ -100,7 +100,7 @@ def as_illumination(settings: LightingSettings) -> IlluminationSettings:
 
 def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> SkyDecomposition:
     """For the albedo under that light."""
-    from stages.photometry.albedo_detail import DetailSettings
+    from stages.photometry.detail_octaves import DetailSettings
     from stages.photometry.paint_edges import PaintEdges
     from stages.photometry.sky_decomposition import SkyDecomposition
 
