@@ -80,7 +80,8 @@ def run(job: Job) -> None:
         with job.progress("steps", light.turns + 1 + tries) as step:
             found = illumination_by(light, *seen, scenes[0], *how, step)
     else:
-        steps = len(how[1].light.scales) * len(scenes) + 2 * tries + TURNS + REFINED
+        scales = len(how[1].light.scales)
+        steps = scales * (len(scenes) + 1) + 2 * tries + TURNS + REFINED
         with job.progress("steps", steps) as step:
             found = find_illumination(*seen, scenes, *how, step)
     _note(job, stored, found, trusted)
@@ -173,6 +174,7 @@ def _note(job: Job, stored: StoredTransfer, found: Illumination, trusted: np.nda
         disagreement=dict(zip(map(str, stored.radii.tolist()), found.disagreements, strict=True)),
         directions=len(found.directions),
         lights=int(found.light_of_view.max()) + 1,
+        lights_apart=round(found.apart, 3),
         spread_between_views=round(found.gains.spread, 4),
         brightening_between_views=round(found.brightening, 3),
         sheen=[found.sheen.as_json()] if found.sheen else [],
@@ -187,11 +189,13 @@ def _tell(job: Job, stored: StoredTransfer, found: Illumination) -> None:
 
     count, distance = int(found.light_of_view.max()) + 1, stored.radii[found.scene]
     lights = "one light for all views" if count == 1 else f"{count} lights, one for each view"
+    if 0 < found.apart < 1:
+        lights += f", mixed by {found.apart:.2f} with one for all"
     far = f"{distance:.3g} from the middle" if np.isfinite(distance) else "infinitely far away"
     bright = f"; the brightest material reflects {found.brightest:.2f}" if found.brightest else ""
     job.say(
         f"Found {lights}, {far}: views differ by {found.gains.spread:.2f} "
-        f"(moving_light={job.settings.moving_light:g}){bright}."
+        f"(still_light={job.settings.still_light:g}, moving_light={job.settings.moving_light:g}){bright}."
     )
 
 
@@ -234,7 +238,7 @@ def _write(job: Job, opened: Opened, stored: StoredTransfer, found: Illumination
 
 LIGHTING = Stage(
     name="lighting",
-    version=2,
+    version=3,
     about="The light of all views, its distance, gains and gloss, and what each pixel is worth under it.",
     settings=LightingSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),

@@ -182,7 +182,7 @@ def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is(under_a
 def test_the_decomposition_divides_what_it_may_look_in(under_a_roof, sheen):
     views, sky, image, shading = under_a_roof
     channels, looked, how = list(image.T.copy()), looks(np.ones(len(image), bool)), replace(HOW, sheen=sheen)
-    how = replace(how, lighting=Lighting("shared", 1.0))
+    how = replace(how, lighting=Lighting("shared", 1.0, 2.0))
     fine, coarse = (
         decompose_by_sky(views, channels, [scene], looked, how).light
         for scene in (sky, replace(sky, eyes=None))

@@ -21,7 +21,7 @@ from tests.rendered_scene import TINY, artefact, unshade, write_config
 from tests.sphere_scene import sphere_scene
 from tests.test_sky_light import error, normals_of, open_scene
 
-HOW = IlluminationSettings(SkySettings(samples=3000, bounces=0), Lighting("auto", 0.15), sheen=True)
+HOW = IlluminationSettings(SkySettings(samples=3000, bounces=0), Lighting("auto", 0.1, 0.2), sheen=True)
 SEEN = {"views": 4, "width_px": 54, "height_px": 96, "arc_deg": 90.0, "noise": 0.03, "spacing": 0.02}
 ROLLED = 25  # of the picture's 128 columns
 ROLLED_DEG = 360 * ROLLED / 128

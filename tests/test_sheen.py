@@ -56,7 +56,7 @@ def differences_of(views, seen, shading, trusted, mirror) -> Differences:
 
 def photos_of(views, seen, mirror) -> Photos:
     looked = Looks(everything(seen), mirror.towards)
-    return Photos.of(views, looked, seen, 0.0, Lighting("shared", 1.0))
+    return Photos.of(views, looked, seen, 0.0, Lighting("shared", 1.0, 2.0)).in_one_light()
 
 
 def light_of(mirror: Mirror) -> FoundLight:

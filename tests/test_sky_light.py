@@ -38,11 +38,11 @@ from tests.by_sky import BySky, decompose_by_sky
 from tests.sphere_scene import SphereScene, sphere_scene
 
 DIRECTIONS = 128
-MOVING = 0.15
+MOVING = 0.1, 0.2
 FEW = SkySettings(samples=3000, bounces=0)
 HOW = BySky(
     light=FEW,
-    lighting=Lighting("auto", MOVING),
+    lighting=Lighting("auto", *MOVING),
     sheen=True,
     edges=PaintEdges(coarse=2.0),
     descent=FastSettings(EnergyWeights(0.7, 0.3, 1e-4), max_rounds=20),
@@ -552,7 +552,7 @@ def test_everything_together_on_the_sphere(lit):
     assert found.light.sheen is None
     assert np.allclose(found.light.light.shading.mean(axis=0), 1, atol=1e-3)
     assert error(found.albedo, albedo) < 0.25 * error(image, albedo)
-    apart = replace(HOW, lighting=Lighting("per-view", MOVING))
+    apart = replace(HOW, lighting=Lighting("per-view", *MOVING))
     per_view = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), apart)
     assert per_view.light.light.radiance.shape == (3, DIRECTIONS, 3)
     assert error(per_view.albedo, albedo) < 0.5 * error(image, albedo)
@@ -636,7 +636,7 @@ def test_disputed_pixels_believe_the_other_views(lit):
 def test_where_nothing_is_trusted_everything_is(lit):
     views, sky, albedo, shading, _ = lit
     image = photo_of(albedo, shading)
-    how = replace(HOW, lighting=Lighting("shared", MOVING), descent=replace(HOW.descent, max_rounds=5))
+    how = replace(HOW, lighting=Lighting("shared", *MOVING), descent=replace(HOW.descent, max_rounds=5))
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
     found = decompose_by_sky(views, images, [sky], looks(np.zeros(len(albedo), bool)), how)
     assert found.light.observations.trusted.any()
@@ -693,7 +693,7 @@ def test_gloss_is_told_from_light_that_moves(lit):
     """Both make views differ; gloss only brightens, and few of the views of a place."""
     views, sheen = lit[0], with_sheen(lit)
     everything = np.ones(len(sheen), bool)
-    assert view_gains(views, sheen, everything).spread > MOVING
+    assert view_gains(views, sheen, everything).spread > MOVING[-1]
     assert brightening(Linked.of(views, everything), sheen) > 1.1
     alone = replace(views, links={})
     assert brightening(Linked.of(alone, everything), sheen) == 1
@@ -720,7 +720,7 @@ def test_glossy_views_have_one_light_and_firm_links(lit, monkeypatch):
     monkeypatch.setattr(sky_decomposition, "albedo_under_light", solve)
     images = list(np.ascontiguousarray(with_sheen(lit).T))
     found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW)
-    assert found.light.gains.spread > MOVING
+    assert found.light.gains.spread > MOVING[-1]
     assert found.light.light_of_view.max() == 0
     of_tv, of_albedo = weighed
     assert of_tv == ALIKE
@@ -770,7 +770,8 @@ def darkened_in_the_first(lit, to: float) -> tuple[np.ndarray, np.ndarray]:
 def test_a_place_that_one_photo_darkens_is_no_measure_and_darkens_no_other(lit, to):
     views, everything, image = lit[0], np.ones(len(lit[2]), bool), photo_of(lit[2], lit[3])
     shadowed, place = darkened_in_the_first(lit, to)
-    photos = Photos.of(views, looks(everything), shadowed, 0.0, Lighting("shared", MOVING))
+    lighting = Lighting("shared", *MOVING)
+    photos = Photos.of(views, looks(everything), shadowed, 0.0, lighting).in_one_light()
     inside = place & near_the_middle_of_the_first(lit, 18) & linked_to_others(views)
     assert np.mean(photos.looks.trusted[inside]) < 0.1
     assert np.mean(photos.looks.trusted[~place]) > 0.99

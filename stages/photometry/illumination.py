@@ -10,6 +10,7 @@ import numpy as np
 
 from stages.photometry.divided_light import divided
 from stages.photometry.known_light import KnownLight, light_at, turn_of
+from stages.photometry.lights_between import mixed_with_own_lights
 from stages.photometry.observations import UNLIT, Observations
 from stages.photometry.reflectance import FIRST, Reflectance, reflectance_of
 from stages.photometry.sheen import Sheen
@@ -86,6 +87,8 @@ class Illumination:
     brightening : float
         Of the views, gains divided out, sheen and all.
     light_of_view : ndarray, shape (n,), int64
+    apart : float
+        How far the lights of the views are their own, 0 to 1.
     observations : Observations
     directions : ndarray, shape (M, 3)
         Of the light.
@@ -106,6 +109,7 @@ class Illumination:
     sheen: Sheen | None
     brightening: float
     light_of_view: np.ndarray
+    apart: float
     observations: Observations
     directions: np.ndarray
     cells: np.ndarray
@@ -128,6 +132,7 @@ class Illumination:
             light=light,
             brightening=photos.brightening,
             light_of_view=photos.light_of_view,
+            apart=photos.apart,
             observations=_observations(photos, light.shading, of_pixel, glossy),
             directions=looked_at.pixels.directions,
             cells=looked_at.pixels.cells,
@@ -163,8 +168,8 @@ def find_illumination(
         Called after every step of the search.
     """
     use_threads(threads)
-    photos, gains, of_pixel = _photos(views, images, looks, settings.lighting)
-    reflectance = None
+    as_seen, gains, of_pixel = _photos(views, images, looks, settings.lighting)
+    photos, reflectance = as_seen.as_lit(), None
     how = settings.to_begin_with
     far = photos.light(scenes[0], how, step)
     if settings.reflectance_is_found:
@@ -190,6 +195,10 @@ def find_illumination(
     finer, near = divided(scene, found)
     if found is not far or sheen is not None or finer is not scene:
         scene, found = finer, photos.light(finer, how, step, near=near)
+    if 0 < photos.apart < 1:
+        own = as_seen.each_in_its_own_light()
+        photos, found = mixed_with_own_lights(photos, own, scene, found, how, step)
+        sheen = sheen and replace(sheen, strength=(1 - photos.apart) * sheen.strength)
     light = _scaled(found.radiance, photos.shading(scene, found) * of_pixel)
     return Illumination.of(
         photos,
@@ -221,7 +230,8 @@ def illumination_by(
     Parameters as of `find_illumination`; the light comes from infinitely far away, one for all views.
     """
     use_threads(threads)
-    photos, gains, of_pixel = _photos(views, images, looks, replace(settings.lighting, asked="shared"))
+    as_seen, gains, of_pixel = _photos(views, images, looks, replace(settings.lighting, asked="shared"))
+    photos = as_seen.in_one_light()
     how = settings.to_begin_with if known.scale is None else replace(settings.light, brightest=None)
     search = photos.search(scene, how)
     turn_deg = turn_of(search, known, step)
@@ -268,7 +278,7 @@ def illumination_by(
 def _photos(
     views: StackedViews, images: list[np.ndarray], looks: Looks, lighting: Lighting
 ) -> tuple[Photos, ViewGains, np.ndarray]:
-    """The photos as light is sought from them, the gains of their views, and those of all pixels, (N, 3)."""
+    """The photos as they are seen, the gains of their views, and those of all pixels, (N, 3)."""
     image = np.stack(images, axis=1)
     if not looks.trusted.any():
         looks = replace(looks, trusted=np.ones_like(looks.trusted))
@@ -303,7 +313,7 @@ def _best_explanation(
 
     lights = [far, *map(as_long_sought, scenes[1:])]
     left = photos.disagreements(scenes, lights, how)
-    if not (sheen and photos.in_one_light):
+    if not (sheen and photos.share_a_light):
         best = explained_best(left)
         return best, left, lights[best], None
     differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]

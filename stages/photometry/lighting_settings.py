@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+from pydantic import ValidationInfo, field_validator
+
 from pipeline import Settings, UserError, setting
 
 
@@ -13,15 +15,21 @@ class LightingSettings(Settings):
     lights: Literal["auto", "shared", "per-view"] = setting(
         "auto",
         "shared: one light for all views, with a gain per view and channel. per-view: a light each, as when "
-        "lamps are carried about or clouds pass. auto: by `moving_light`; light that is brighter in only a "
-        "few of many views passes for gloss there.",
+        "lamps are carried about or clouds pass. auto: by `still_light` and `moving_light`; light that is "
+        "brighter in only a few of many views passes for gloss there.",
+    )
+    still_light: float = setting(
+        0.2,
+        "`lights: auto`: where the same surface point differs by no more than this from view to view, after "
+        "gains, one light serves all views. Photos of still things have .05 to .2 (flare, gloss, clouds).",
+        unit="typical difference of the logarithms",
+        ge=0,
     )
     moving_light: float = setting(
-        0.25,
-        "`lights: auto`: where the same surface point differs more than this from view to view, after "
-        "gains, each view has its own light, unless views rise further above one another than they fall "
-        "below: that is gloss, which only adds. Photos of still things have up to 0.2 (flare, gloss, "
-        "clouds), moved lamps or things 0.3 and more.",
+        0.3,
+        "`lights: auto`: from here on each view has its own light, unless views rise further above one "
+        "another than they fall below: that is gloss, which only adds. Moved lamps or things have .3 to .7. "
+        "Between the two, both are found and mixed, by degrees.",
         unit="typical difference of the logarithms",
         gt=0,
     )
@@ -73,6 +81,14 @@ class LightingSettings(Settings):
         "are in the photos' unit (what is white, in light of 1 all around, has the value 1), so that the "
         "albedo is absolute.",
     )
+
+    @field_validator("moving_light")
+    @classmethod
+    def _more_than_still(cls, moving: float, others: ValidationInfo) -> float:
+        still = others.data.get("still_light")  # missing where it is refused itself
+        if still is not None and moving <= still:
+            raise ValueError(f"more than still_light, which is {still:g}")
+        return moving
 
 
 def check_known_light(settings: LightingSettings, kind: str) -> None:

@@ -17,7 +17,7 @@ from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
 from stages.photometry.stack import StackedViews
 from stages.photometry.view_differences import MOST_EXPLAINED, Differences, MirrorStrength
 
-GLOSSY = 1.05  # `brightening` above which it is gloss that makes views differ
+MATT, GLOSSY = 1.04, 1.06  # `brightening` up to which views do not differ by gloss, and from which they do
 TURNS = 2  # of taking the sheen off and finding light and sheen together
 PAINT_GLOSSY = 0.98  # one strength, that knows less of the light, leaves no more of a paint's differences
 STRENGTHS = (0.01, 1.0)  # of a mirror: less is not seen, more is views too near one another to tell
@@ -46,26 +46,28 @@ class Looks:
 
 @dataclass(frozen=True)
 class Lighting:
-    """One light for all views, or one for each.
+    """One light for all views, one for each, or what lies between.
 
     Attributes
     ----------
     asked : str
-        auto: by what follows, and `GLOSSY`.
-    moving : float
-        Spread of the views (see `ViewGains`) above which the light is taken to differ between them, unless
-        they differ as gloss makes them (see `brightening`).
+        auto: by what follows, and `MATT` and `GLOSSY`.
+    still, moving : float
+        Spread of the views (see `ViewGains`) up to which one light is taken to serve all, and from which on
+        each has its own, unless they differ as gloss makes them (see `brightening`).
     """
 
     asked: Literal["auto", "shared", "per-view"]
+    still: float
     moving: float
 
-    def light_of_view(self, spread: float, rise: float, count: int) -> np.ndarray:
-        """Number of the light that each of `count` views stands in, (n,): 0 for all if it is one."""
-        apart = self.asked == "per-view"
-        if self.asked == "auto":
-            apart = spread > self.moving and rise < GLOSSY
-        return np.arange(count) if apart else np.zeros(count, np.int64)
+    def apart(self, spread: float, rise: float) -> float:
+        """Weigh lights of the views' own against one for all: from 0, one light, to 1, each its own."""
+        if self.asked != "auto":
+            return float(self.asked == "per-view")
+        moved = (spread - self.still) / (self.moving - self.still)
+        matt = (GLOSSY - rise) / (GLOSSY - MATT)
+        return float(np.clip(moved, 0, 1) * np.clip(matt, 0, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +86,8 @@ class Photos:
         Which light every view stands in.
     brightening : float
         Of the views.
+    apart : float
+        How far every view has a light of its own: 0, not at all, to 1.
     """
 
     views: StackedViews
@@ -92,26 +96,35 @@ class Photos:
     matt: np.ndarray
     light_of_view: np.ndarray
     brightening: float
+    apart: float
 
     @classmethod
     def of(
         cls, views: StackedViews, looks: Looks, seen: np.ndarray, spread: float, lighting: Lighting
     ) -> Photos:
-        """Tell in how many lights views with such a spread were taken; leave out what is `darkened`.
+        """Tell how far views with such a spread have lights of their own; nothing is taken off yet."""
+        one_light = np.zeros(views.view_count, np.int64)
+        rise = brightening(Linked.of(views, looks.trusted), seen)
+        apart = lighting.apart(spread, rise) if views.view_count > 1 else 0.0
+        return cls(views, looks, seen, seen, one_light, rise, apart)
 
-        And take highlights off. Where every view has a light of its own neither can be told.
-        """
-        linked = Linked.of(views, looks.trusted)
-        rise = brightening(linked, seen)
-        light_of_view = lighting.light_of_view(spread, rise, views.view_count)
-        if light_of_view.any():
-            return cls(views, looks, seen, seen, light_of_view, rise)
-        looks = looks.without(darkened(linked, seen))
-        matt = without_highlights(Linked.of(views, looks.trusted), seen)
-        return cls(views, looks, seen, matt, light_of_view, rise)
+    def as_lit(self) -> Photos:
+        """Make them out to be in a light each if nothing speaks for one; else in one."""
+        return self.each_in_its_own_light() if self.apart == 1 else self.in_one_light()
+
+    def in_one_light(self) -> Photos:
+        """Leave out what is `darkened`, and take highlights off."""
+        looks = self.looks.without(darkened(Linked.of(self.views, self.looks.trusted), self.seen))
+        return replace(
+            self, looks=looks, matt=without_highlights(Linked.of(self.views, looks.trusted), self.seen)
+        )
+
+    def each_in_its_own_light(self) -> Photos:
+        """Take the photos as they are seen: neither shadows nor highlights can be told."""
+        return replace(self, light_of_view=np.arange(self.views.view_count))
 
     @property
-    def in_one_light(self) -> bool:
+    def share_a_light(self) -> bool:
         """Matt surface then looks the same in all views."""
         return not self.light_of_view.any()
 
