@@ -39,6 +39,10 @@ paper-quick: $(VENV)/.ready-synthetic ## the same at a quarter of the size
 
 accuracy: $(VENV)/.ready-synthetic ## albedo against truth on many scenes, all methods (hours; scans only with UNSHADE_DATA)
 	$(VENV)/bin/python -m benchmarks.accuracy
+	$(VENV)/bin/python -m benchmarks.accuracy --natural
+	$(VENV)/bin/python -m benchmarks.accuracy.two_lights
+	$(VENV)/bin/python -m benchmarks.accuracy.touched
+	test -z "$(UNSHADE_DATA)" || $(VENV)/bin/python -m benchmarks.accuracy.relighting
 
 accuracy-quick: $(VENV)/.ready-synthetic ## the same on the paper's five rows, a tenth of their size
 	$(VENV)/bin/python -m benchmarks.accuracy --quick

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import from_photos, touched
+from benchmarks.accuracy import from_photos, touched, two_lights
 from benchmarks.accuracy.__main__ import arguments, main, scenes_of
 from benchmarks.accuracy.from_photos import develop
 from benchmarks.accuracy.natural import natural_rows, unseen_rows
 from benchmarks.accuracy.on_a_floor import write_on_a_floor
+from benchmarks.accuracy.reliability import Reliability
 from benchmarks.accuracy.relighting import in_another_light
 from benchmarks.accuracy.report import light_distance, worst_variance
 from benchmarks.accuracy.scenes import laboratory_of, paper_rows
@@ -70,6 +71,45 @@ def test_detail_is_said_per_octave_as_the_json_has_it(report):
                 values = [octave[f"brightness_{measure}"] for octave in method["scores"]["detail"]]
                 assert cell.split() == ["–" if value is None else f"{value:.2f}" for value in values]
     assert "(σ 1–2, 2–4, 4–8, 8–16, 16–32 px)" in page
+
+
+def test_confidence_is_compared_with_what_is_wrong(report):
+    numbers = json.loads(report.with_name("accuracy.json").read_text(encoding="utf-8"))
+    page = report.read_text(encoding="utf-8")
+    section = page.split("## Confidence of")[1].split("\n## ")[0]
+    for name, methods in numbers.items():
+        told = methods["mode: transfer"]["reliability"]
+        assert sum(told["held"]) == pytest.approx(1)
+        row = next(line for line in section.splitlines() if line.startswith(f"| {name} "))
+        assert row.split("|")[2].split() == [f"{value:.2f}" for value in told["held"]]
+        assert "reliability" not in methods["mode: paper"]
+
+
+def test_confidence_that_knows_the_error_is_as_wrong_as_it_says():
+    rng = np.random.default_rng(0)
+    truth = rng.uniform(0.2, 0.8, (20_000, 1)) * [1.0, 0.8, 0.5]
+    sigma = rng.uniform(0.02, 0.3, 20_000)
+    albedo = truth * np.exp(sigma * rng.standard_normal(20_000))[:, None]
+    told = Reliability.of(1 / (1 + (sigma / 0.1) ** 2), albedo, truth)
+    assert np.allclose(told.measured, told.expected, rtol=0.15)
+    assert told.held[0] > 0.4
+    assert np.all(np.diff(told.held) < 0)
+    blind = Reliability.of(np.zeros(20_000), albedo, truth)
+    assert np.isinf(blind.expected).all()
+    assert np.allclose(blind.held, 0.2, atol=0.03)
+
+
+def test_albedos_under_two_lights_differ_less_than_photos(tmp_path):
+    page = two_lights.main(["--tiny", "--workspace", str(tmp_path), "--to", str(tmp_path / "to")])
+    row = next(
+        line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("| courtyard")
+    )
+    photos, albedos, ratio = row.split("|")[2:5]
+    assert float(ratio) == pytest.approx(
+        np.mean([float(v) for v in albedos.split()]) / np.mean([float(v) for v in photos.split()]), abs=0.03
+    )
+    assert float(ratio) < 0.6
+    assert next((tmp_path / "to").glob("*.png")).stat().st_size > 1000
 
 
 def test_views_relit_from_the_albedo_are_nearer_to_the_truth_than_from_the_photos(report, tmp_path):

@@ -1,11 +1,11 @@
 """Albedo against truth on many scenes: ``python -m benchmarks.accuracy [--quick] [--rows …] [--to FOLDER]``.
 
 Renders the scenes (kept in ``workspaces/accuracy``), decomposes them by every method with its defaults, and
-writes ``accuracy.md`` with a picture of each, and ``accuracy.json``. `--quick` takes the five rows of the
-paper only, at a tenth of its size; scans need ``UNSHADE_DATA``. `--ablations` adds `mode: transfer` with one
-of its parts left out at a time. `--natural` takes scenes like the world instead, on which methods are
-developed; `--unseen SEED` scenes like them, drawn by a seed that nobody has looked at. `--tiny` only shows
-that everything works.
+writes ``accuracy.md`` with a picture of each, and ``accuracy.json`` (or ``natural``, ``unseen-SEED``).
+`--quick` takes the five rows of the paper only, at a tenth of its size; scans need ``UNSHADE_DATA``.
+`--ablations` adds `mode: transfer` with one of its parts left out at a time. `--natural` takes scenes like
+the world instead, on which methods are developed; `--unseen SEED` scenes like them, drawn by a seed that
+nobody has looked at. `--tiny` only shows that everything works.
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ def main(argv: Sequence[str] | None = None) -> Path:
     """Render, decompose, judge, write; returns the page."""
     given = arguments(argv)
     methods = METHODS + (ABLATIONS if given.ablations else ())
+    name = "natural" if given.natural else "accuracy" if given.unseen is None else f"unseen-{given.unseen}"
     judged = []
     for row, size in scenes_of(given):
         judged.append(judge_row(laboratory_of(row, size, given.workspace), row, methods))
-        page = write_report(given.to, judged)
+        page = write_report(given.to, judged, name)
     return page
 
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.judging import Judge, maps_in
+from benchmarks.accuracy.reliability import Reliability
+from benchmarks.paper.judging import Judge, Maps, maps_in
 from benchmarks.paper.laboratory import Laboratory
 from benchmarks.paper.methods import SOLVED_WELL, Estimate, cartoon
 from benchmarks.paper.pictures import figure
 from benchmarks.paper.rows import Row
+from pipeline.json_text import finite_or_null
 from stages.evaluation.scores import Scores
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.solver_settings import weights_at
@@ -58,16 +60,18 @@ ABLATIONS = (
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What a method made of a row, in how long, and what its record says."""
+    """What a method made of a row, in how long, what its record says, and what its confidence is worth."""
 
     method: str
     scores: Scores
     seconds: float
     facts: dict[str, Any] = field(default_factory=dict)
+    reliability: Reliability | None = None
 
     def as_json(self) -> dict[str, Any]:
         """For machines."""
-        return {"scores": self.scores.as_json(), "seconds": round(self.seconds, 1)}
+        told = {} if self.reliability is None else {"reliability": finite_or_null(asdict(self.reliability))}
+        return {"scores": self.scores.as_json(), "seconds": round(self.seconds, 1), **told}
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,25 +104,40 @@ def judge_row(laboratory: Laboratory, row: Row, methods: Sequence[Method]) -> Ju
     judged, estimates = [], []
     for method in methods:
         begun = time.monotonic()
-        albedo, facts = _albedo(laboratory, row, judge, method)
+        albedo, facts, confidence = _albedo(laboratory, row, judge, method)
         seconds, scores = time.monotonic() - begun, judge.scores(albedo)
-        judged.append(Judged(method.name, scores, seconds, facts))
+        reliability = None if confidence is None else _reliability(judge, confidence, albedo)
+        judged.append(Judged(method.name, scores, seconds, facts, reliability))
         if method != IMAGE:
             estimates.append(Estimate(method.name, "", albedo, scores))
     return JudgedRow(row.name, about, tuple(judged), figure(judge, estimates, shown=(0.5,)))
 
 
-def _albedo(laboratory: Laboratory, row: Row, judge: Judge, method: Method):
+def _albedo(
+    laboratory: Laboratory, row: Row, judge: Judge, method: Method
+) -> tuple[Maps, dict[str, Any], Maps | None]:
+    """Albedo, records, and confidence where there is one."""
     if method.name == "cartoon-texture":
-        return cartoon(judge, CARTOON_FIDELITY, laboratory.threads).albedo, {}
+        return cartoon(judge, CARTOON_FIDELITY, laboratory.threads).albedo, {}, None
     if method.settings is None:
-        return judge.images, {}
+        return judge.images, {}, None
     settings = dict(method.settings)
     if settings["mode"] == "paper":
         settings |= _best_weights(settings, row, judge)
     results = laboratory.run_with(row, settings, method.lighting)
     facts = results.facts.get("lighting", {}) | results.facts["decomposition"]
-    return maps_in(results.paths[method.artefact], judge.names), facts
+    told = maps_in(results.paths["confidence"], judge.names) if method == OURS else None
+    return maps_in(results.paths[method.artefact], judge.names), facts, told
+
+
+def _reliability(judge: Judge, confidence: Maps, albedo: Maps) -> Reliability:
+    """Of all views together, inside their masks."""
+    true = {name: judge.true_albedo(name) for name in judge.names}
+    stacked = (
+        np.concatenate([maps[name][judge.masks[name]] for name in judge.names])
+        for maps in (confidence, albedo, true)
+    )
+    return Reliability.of(*stacked)
 
 
 def _best_weights(settings: dict[str, Any], row: Row, judge: Judge) -> dict[str, float]:

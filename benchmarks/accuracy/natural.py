@@ -62,9 +62,11 @@ FIRST_UNSEEN_PAINT = 1000  # paints below are those of the scenes above
 
 def natural_rows(data: Path | None) -> tuple[tuple[Row, Size], ...]:
     """Make the rows to develop on; without the data folder only those of our own subjects and lights."""
-    scenes = [(_row(data, *scene), SCAN_SIZE) for scene in NATURAL_SCENES if _at_hand(data, *scene[:2])]
+    scenes = [
+        (natural_row(data, *scene), SCAN_SIZE) for scene in NATURAL_SCENES if _at_hand(data, *scene[:2])
+    ]
     photos = [
-        (_row(data, *scene, {}, photographed=True), PHOTO_SIZE)
+        (natural_row(data, *scene, {}, photographed=True), PHOTO_SIZE)
         for scene in PHOTOGRAPHED_SCENES
         if _at_hand(data, *scene[:2])
     ]
@@ -89,7 +91,9 @@ def unseen_rows(data: Path | None, seed: int, count: int = 8) -> tuple[tuple[Row
         render |= [{}, {}, GLOSSY, UNEVEN_GLOSS][rng.integers(4)]
         render |= {"sensor_noise": float(rng.choice([0.0, 0.01, 0.03, 0.06]))}
         geometry = [{}, SMOOTHED][rng.integers(2)]
-        rows.append((_row(data, subject, light, render, geometry, f"unseen-{seed}-{number}-"), SCAN_SIZE))
+        rows.append(
+            (natural_row(data, subject, light, render, geometry, f"unseen-{seed}-{number}-"), SCAN_SIZE)
+        )
     return tuple(rows)
 
 
@@ -102,7 +106,7 @@ def _at_hand(data: Path | None, subject: str, light: str) -> bool:
     return data is not None or (subject in OWN_SUBJECTS and light in SKIES)
 
 
-def _row(
+def natural_row(
     data: Path | None,
     subject: str,
     light: str,
@@ -111,6 +115,7 @@ def _row(
     prefix: str = "",
     photographed: bool = False,
 ) -> Row:
+    """Make the row of a subject under a light of these settings of the render and of the geometry."""
     own_light = light in SKIES
     sources = {} if subject in OWN_SUBJECTS else {"object": data / SCANS[subject]}
     if not own_light:

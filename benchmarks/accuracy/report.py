@@ -29,15 +29,19 @@ parts have none. Detail: bands of log brightness inside the masks; error 0 and g
 flat albedo, – where the truth has no such detail. Lamps (four, one, Figs. 4 to 7) stand four radii away, all
 other light is infinitely far."""
 
+RELIABILITY = """Pixels in fifths, the least confident first. Held: share of the squared error. Then per fifth
+the relative error of brightness, root mean square, and in brackets the median of what the confidence c stands
+for, 0.1 √(1/c − 1); ∞ for pixels whose data did not count."""
 
-def write_report(to: Path, rows: Sequence[JudgedRow]) -> Path:
-    """Write `accuracy.md`, `accuracy.json` and a picture per row into a folder; returns the page."""
+
+def write_report(to: Path, rows: Sequence[JudgedRow], name: str = "accuracy") -> Path:
+    """Write a page, its numbers as JSON and a picture per row into a folder; returns the page."""
     to.mkdir(parents=True, exist_ok=True)
     for row in rows:
         write_png8(to / f"{row.name}.png", row.picture)
     numbers = {row.name: {one.method: one.as_json() for one in row.judged} for row in rows}
-    (to / "accuracy.json").write_text(json.dumps(numbers, indent=1), encoding="utf-8")
-    page = to / "accuracy.md"
+    (to / f"{name}.json").write_text(json.dumps(numbers, indent=1), encoding="utf-8")
+    page = to / f"{name}.md"
     page.write_text(page_of(rows), encoding="utf-8")
     return page
 
@@ -56,6 +60,9 @@ def page_of(rows: Sequence[JudgedRow]) -> str:
         _table(rows, lambda one: _numbers(one.scores.leak, 2)),
         "## `mode: transfer` against `mode: paper` and the image",
         _ratios(rows),
+        "## Confidence of `mode: transfer`",
+        RELIABILITY,
+        _reliability(rows),
         "## Seconds (the first that needs it makes `transfer`, too; 0 where all was there already)",
         _table(rows, lambda one: f"{one.seconds:.0f}"),
         "## Pictures",
@@ -67,6 +74,18 @@ def page_of(rows: Sequence[JudgedRow]) -> str:
 def _table(rows: Sequence[JudgedRow], cell: Callable[[Judged], str]) -> str:
     methods = [one.method for one in rows[0].judged]
     return markdown(["scene", *methods], [[row.name, *map(cell, row.judged)] for row in rows])
+
+
+def _reliability(rows: Sequence[JudgedRow]) -> str:
+    table = []
+    for row in rows:
+        told = row.by(OURS).reliability
+        errors = (
+            f"{measured:.3f} ({expected:.3f})" if np.isfinite(expected) else f"{measured:.3f} (∞)"
+            for measured, expected in zip(told.measured, told.expected, strict=True)
+        )
+        table.append([row.name, _numbers(told.held, 2), *errors])
+    return markdown(["scene", "held", "least confident", "second", "third", "fourth", "most"], table)
 
 
 def _numbers(values: Sequence[float], digits: int) -> str:
