@@ -267,6 +267,23 @@ def test_colour_of_texture_comes_back():
         assert np.corrcoef(one, two)[0, 1] > 0.95
 
 
+def test_behind_a_highlight_is_what_the_other_views_see_there():
+    views, stone = several_views(3), np.exp(fractal(11, 0.2)).reshape(-1, 1)
+    shading = np.tile(relief(), (3, 1))
+    truth = (PAINT * stone).astype(np.float32)
+    image = np.tile(truth, (3, 1)) * shading
+    glare = np.zeros(SHAPE, bool)
+    glare[40:80, 30:90] = True
+    own = np.flatnonzero(glare)
+    image[own] = 40.0
+    trusted = np.ones(len(image), bool)
+    trusted[own] = False
+    found = detail_of(image, shading, views=views, trusted=trusted)
+    error = [np.std(np.log(found[at + own, 1] / truth[own, 1])) for at in (0, len(truth))]
+    assert error[0] < 1.2 * error[1]  # as well as the view that shows it
+    assert error[0] < 0.3 * np.std(np.log(truth[own, 1]))
+
+
 def test_what_is_not_trusted_keeps_its_albedo_and_says_nothing():
     shading, rng = relief(), np.random.default_rng(1)
     trusted = rng.random(len(shading)) > 0.2

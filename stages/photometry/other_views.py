@@ -52,6 +52,29 @@ class OtherViews:
         return np.where(own > 0, (values + own * self.mean(values)) / (1 + own), values).astype(np.float32)
 
 
+def borrowed(views: StackedViews, values: np.ndarray, trusted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Take from other views what a view does not show: behind a highlight, a passer-by, at a grazing angle.
+
+    Parameters
+    ----------
+    views : StackedViews
+    values : ndarray, shape (N, c)
+        That the same surface has in all views.
+    trusted : ndarray, shape (N,), bool
+
+    Returns
+    -------
+    tuple of ndarray, shape (N, c), float32, and ndarray, shape (N,), bool
+        The values, for pixels that are not trusted the mean of the trusted ones they are linked to; and which
+        pixels have values by either way.
+    """
+    count = _sum_over_links(views, trusted.astype(np.float32))
+    others = _sum_over_links(views, np.where(trusted[:, None], values, 0).astype(np.float32))
+    lent = ~trusted & (count > 0)
+    values = np.where(lent[:, None], others / np.maximum(count, 1)[:, None], values)
+    return values.astype(np.float32), trusted | lent
+
+
 def noise_between_views(difference: np.ndarray, texture: np.ndarray) -> float:
     """Standard deviation of what views do not share, where surface has no texture.
 
