@@ -105,7 +105,7 @@ def write_view(view: View) -> str:
 
 FULL_RESOLUTION = Stage(
     name="full_resolution",
-    version=3,
+    version=4,
     about="The albedo at the photos' own resolution.",
     settings=FullResolutionSettings,
     takes=("images", "model", "cameras", "albedo", "mask", "scales"),

@@ -1,4 +1,8 @@
-"""The albedo at the photo's own resolution: what is finer than a working pixel comes from the photo."""
+"""The albedo at the photo's own resolution: what is finer than a working pixel comes from the photo.
+
+As far as the albedo has taken over what the photo shows just above a working pixel: where it has not, at the
+rim of a shadow or where there is noise alone, what is finer still is no more paint than that.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,9 @@ from scipy.ndimage import distance_transform_edt
 from stages.scene.resize import reduce_by_area
 
 DARK = 0.02  # of the photo's mean: in darker pixels, detail is noise
+FINEST_PX = 1.0  # σ, working pixels: what is finer is compared
+AROUND_PX = 2.0  # σ of the surroundings that it is compared in
+PLAIN = 0.005  # of the logarithm: where a photo changes by less there is nothing to compare, and all is kept
 
 
 def at_full_resolution(
@@ -35,8 +42,8 @@ def at_full_resolution(
 
     Notes
     -----
-    ``ρ↑ · I / (I↓)↑``: ↓ the mean over a working pixel, ↑ bilinear. Light hardly changes within a working
-    pixel, so whatever the photo shows there is paint; and an edge of paint, which ρ↑ and (I↓)↑ blur alike, is
+    ``ρ↑ · (I / (I↓)↑)^(k↑)``: ↓ the mean over a working pixel, ↑ bilinear, k what `taken_over` says. Where
+    the albedo has all that the photo shows, k is 1, and an edge of paint, which ρ↑ and (I↓)↑ blur alike, is
     as sharp as in the photo. Outside the mask both go on as at the nearest pixel that lies wholly inside, so
     that no background mixes in. The map itself where the sizes are equal.
     """
@@ -48,11 +55,41 @@ def at_full_resolution(
     coarse, inner = reduce_by_area(photo, mask.shape), cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) > 0
     inner = inner if inner.any() else mask
     floor = DARK * max(float(coarse[inner].mean()), 1e-12)
-    blurred = _enlarged(_filled(coarse, inner), photo)
+    shown = _filled(coarse, inner)
+    blurred = _enlarged(shown, photo)
     detail = (np.maximum(photo, 0) + floor) / (np.maximum(blurred, 0) + floor)
-    fine = _enlarged(_filled(albedo, inner), photo) * np.clip(detail, 1 / most_contrast, most_contrast)
+    detail = np.clip(detail, 1 / most_contrast, most_contrast)
+    smooth = _filled(albedo, inner)
+    share = _enlarged(taken_over(smooth, shown), photo)
+    fine = _enlarged(smooth, photo) * detail ** share[..., None]
     known = kept & (_enlarged(mask.astype(np.float32), photo) >= 0.5)
     return np.where(known[..., None], fine, 0).astype(np.float32), known
+
+
+def taken_over(albedo: np.ndarray, photo: np.ndarray) -> np.ndarray:
+    """Measure how much an albedo has of what the photo shows in its finest octave, around every pixel.
+
+    Parameters
+    ----------
+    albedo, photo : ndarray, shape (h, w, 3), float32
+        Linear.
+
+    Returns
+    -------
+    ndarray, shape (h, w), float32
+        From 0 to 1: ``(⟨a, b⟩ + ε²)/(⟨b, b⟩ + ε²)``, a and b what is finer than `FINEST_PX` of the mean
+        logarithms of albedo and photo, ⟨⟩ the mean around a pixel, ε `PLAIN`.
+    """
+    a, b = (_finest(image) for image in (albedo, photo))
+    both, own = (cv2.GaussianBlur(product, (0, 0), AROUND_PX) + PLAIN**2 for product in (a * b, b * b))
+    return np.clip(both / own, 0, 1)
+
+
+def _finest(image: np.ndarray) -> np.ndarray:
+    """What is finer than `FINEST_PX` of the logarithm's mean over the channels; dark pixels hardly differ."""
+    floor = DARK * np.maximum(image.mean(axis=(0, 1)), 1e-12)
+    logs = np.log(np.maximum(image, 0) + floor).mean(axis=2).astype(np.float32)
+    return logs - cv2.GaussianBlur(logs, (0, 0), FINEST_PX)
 
 
 def _enlarged(image: np.ndarray, photo: np.ndarray) -> np.ndarray:
