@@ -195,7 +195,7 @@ def _tell(job: Job, stored: StoredTransfer, found: Illumination) -> None:
     bright = f"; the brightest material reflects {found.brightest:.2f}" if found.brightest else ""
     job.say(
         f"Found {lights}, {far}: views differ by {found.gains.spread:.2f} "
-        f"(still_light={job.settings.still_light:g}, moving_light={job.settings.moving_light:g}){bright}."
+        f"(still_light={job.settings.still_up_to:g}, moving_light={job.settings.moving_light:g}){bright}."
     )
 
 

@@ -284,6 +284,25 @@ def test_behind_a_highlight_is_what_the_other_views_see_there():
     assert error[0] < 0.3 * np.std(np.log(truth[own, 1]))
 
 
+@pytest.mark.parametrize(("count", "untrusted"), [(2, 1), (3, 3)])
+def test_what_is_lent_bears_no_witness(count, untrusted):
+    """Of noise, of the shading's error, of what trusted pixels show: as if it had not been lent."""
+    views, rng = several_views(count), np.random.default_rng(4)
+    image = noisy(np.tile(PAINT.astype(np.float32), (count * np.prod(SHAPE), 1)), 0.1)
+    blobs = rng.random((untrusted, 8, 8)).repeat(SHAPE[0] // 8, 1).repeat(SHAPE[1] // 8 + 1, 2) < 0.1
+    trusted = np.ones((count, *SHAPE), bool)
+    trusted[:untrusted] = ~blobs[:, : SHAPE[0], : SHAPE[1]]
+    trusted = trusted.ravel()
+    alone = StackedViews(views.starts, views.basis, views.masks, {})
+    linked, unlinked = (
+        found_in(image, np.ones_like(image), views=each, trusted=trusted) for each in (views, alone)
+    )
+    assert linked.doubt.noise[0] > 0.8 * unlinked.doubt.noise[0] > 0.02
+    off = np.std(np.log(linked.albedo[:, 1] / PAINT[1])[trusted])
+    assert off < 0.35 * np.std(np.log(image[:, 1]))
+    assert np.std(np.log(linked.albedo[:, 1] / PAINT[1])[~trusted]) < 1.5 * off
+
+
 def test_what_is_not_trusted_keeps_its_albedo_and_says_nothing():
     shading, rng = relief(), np.random.default_rng(1)
     trusted = rng.random(len(shading)) > 0.2

@@ -64,6 +64,32 @@ def test_a_light_between_lies_between_and_goes_over_into_both_ends(lit):  # noqa
         assert np.abs(nearly - towards).mean() < 0.02 * apart
 
 
-def test_light_moves_from_where_it_no_longer_stands_still():
-    with pytest.raises(ValidationError, match="more than still_light"):
-        LightingSettings(still_light=0.3, moving_light=0.3)
+def test_the_albedo_makes_no_step_either_where_something_lies_in_a_photo(lit):  # noqa: F811
+    """What one photo darkens is left out by degrees as well, as far as one light serves all."""
+    views, sky, albedo, shading, _ = lit
+    image = photo_of(albedo, shading)
+    dim = np.arange(len(image)) < views.starts[1]
+    rows, columns = views.positions().T
+    image[dim & (columns > np.quantile(columns, 0.6))] *= 0.7
+    image[dim & (np.abs(rows - np.median(rows)) < 8) & (np.abs(columns - np.median(columns)) < 8)] *= 0.2
+    images = [np.ascontiguousarray(image[:, c], np.float32) for c in range(3)]
+    trusting = looks(np.ones(len(albedo), bool))
+    spread = decompose_by_sky(views, images, [sky], trusting, HOW).light.gains.spread
+
+    def found(apart: float) -> np.ndarray:
+        still = spread - 0.1 * apart
+        return decompose_by_sky(
+            views, images, [sky], trusting, replace(HOW, lighting=Lighting("auto", still, still + 0.1))
+        ).albedo
+
+    steps = [np.abs(np.log(found(at + 0.01) / found(at))).mean() for at in (0.3, 0.495)]
+    assert max(steps) < 0.02
+
+
+def test_still_light_is_less_than_moving_light_whichever_of_the_two_is_given():
+    assert LightingSettings().still_up_to == pytest.approx(0.2)
+    assert LightingSettings(moving_light=0.15).still_up_to == pytest.approx(0.1)
+    assert LightingSettings(still_light=0.0).still_up_to == 0
+    for given in ({"still_light": 0.3}, {"still_light": 0.1, "moving_light": 0.1}):
+        with pytest.raises(ValidationError, match="less than moving_light"):
+            LightingSettings(**given)

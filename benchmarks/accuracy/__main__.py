@@ -19,7 +19,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in an
 
 from benchmarks.accuracy.methods import ABLATIONS, METHODS, judge_row  # noqa: E402
 from benchmarks.accuracy.natural import natural_rows, unseen_rows  # noqa: E402
-from benchmarks.accuracy.report import write_report  # noqa: E402
+from benchmarks.accuracy.report import LIKE_THE_WORLD, OF_THE_PAPER_AND_SCANS, UNSEEN, write_report  # noqa: E402
 from benchmarks.accuracy.scenes import laboratory_of, paper_rows, scan_rows  # noqa: E402
 from benchmarks.paper.laboratory import QUARTER, TENTH, TINY, Size  # noqa: E402
 from benchmarks.paper.rows import Row  # noqa: E402
@@ -31,11 +31,15 @@ def main(argv: Sequence[str] | None = None) -> Path:
     """Render, decompose, judge, write; returns the page."""
     given = arguments(argv)
     methods = METHODS + (ABLATIONS if given.ablations else ())
-    name = "natural" if given.natural else "accuracy" if given.unseen is None else f"unseen-{given.unseen}"
+    page_and_head = ("accuracy", OF_THE_PAPER_AND_SCANS)
+    if given.natural:
+        page_and_head = ("natural", LIKE_THE_WORLD)
+    elif given.unseen is not None:
+        page_and_head = (f"unseen-{given.unseen}", UNSEEN)
     judged = []
     for row, size in scenes_of(given):
         judged.append(judge_row(laboratory_of(row, size, given.workspace), row, methods))
-        page = write_report(given.to, judged, name)
+        page = write_report(given.to, judged, *page_and_head)
     return page
 
 

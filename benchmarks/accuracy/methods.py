@@ -131,10 +131,11 @@ def _albedo(
 
 
 def _reliability(judge: Judge, confidence: Maps, albedo: Maps) -> Reliability:
-    """Of all views together, inside their masks."""
+    """Of all views together, where the scores are."""
     true = {name: judge.true_albedo(name) for name in judge.names}
+    inside = {name: judge.judged(name) for name in judge.names}
     stacked = (
-        np.concatenate([maps[name][judge.masks[name]] for name in judge.names])
+        np.concatenate([maps[name][inside[name]] for name in judge.names])
         for maps in (confidence, albedo, true)
     )
     return Reliability.of(*stacked)

@@ -62,13 +62,11 @@ FIRST_UNSEEN_PAINT = 1000  # paints below are those of the scenes above
 
 def natural_rows(data: Path | None) -> tuple[tuple[Row, Size], ...]:
     """Make the rows to develop on; without the data folder only those of our own subjects and lights."""
-    scenes = [
-        (natural_row(data, *scene), SCAN_SIZE) for scene in NATURAL_SCENES if _at_hand(data, *scene[:2])
-    ]
+    scenes = [(natural_row(data, *scene), SCAN_SIZE) for scene in NATURAL_SCENES if at_hand(data, *scene[:2])]
     photos = [
         (natural_row(data, *scene, {}, photographed=True), PHOTO_SIZE)
         for scene in PHOTOGRAPHED_SCENES
-        if _at_hand(data, *scene[:2])
+        if at_hand(data, *scene[:2])
     ]
     return (*scenes, *photos)
 
@@ -102,7 +100,8 @@ def _shuffled(rng: np.random.Generator, names: tuple[str, ...] | list[str], coun
     return [str(name) for name in np.concatenate(rounds)[:count]]
 
 
-def _at_hand(data: Path | None, subject: str, light: str) -> bool:
+def at_hand(data: Path | None, subject: str, light: str) -> bool:
+    """Whether all that a scene needs is there: without the data folder, of our own."""
     return data is not None or (subject in OWN_SUBJECTS and light in SKIES)
 
 

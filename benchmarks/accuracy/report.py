@@ -16,40 +16,47 @@ from stages.evaluation.part_variance import PartVariance, variance_ratios
 from stages.scene.photos import write_png8
 from stages.transfer import TransferSettings
 
-HEAD = """# Albedo against truth, scene by scene
+OF_THE_PAPER_AND_SCANS = """# Albedo against truth, scene by scene
 
-Written by `python -m benchmarks.accuracy`. Linear values; si-RMSE after one scale per channel for all views.
-Every method has the λ and μ that are best on Fig. 3 by the same rule (docs/paper), kept for all scenes but
-where the paper itself divides λ by 12 (Figs. 5 to 7); `mode: transfer` has its defaults, everywhere. So
-stripes and fine paint have the λ of flat paint, with which the paper's energy often does worse than the image
-itself: compare with that as well. The defaults of `mode: transfer` were decided on scenes of this page and on
-three photographed objects (benchmarks.mit_berkeley); for scenes that were not looked at before see
-docs/transfer.md. Leak: slope of log albedo on log true shading inside parts of one paint; scenes without such
+Written by `python -m benchmarks.accuracy`. The defaults of `mode: transfer` were decided on scenes of this
+page, on those of `--natural` and on three photographed objects (benchmarks.mit_berkeley). Lamps (four, one,
+Figs. 4 to 7) stand four radii away, all other light is infinitely far."""
+LIKE_THE_WORLD = """# Albedo against truth: scenes like the world
+
+Written by `python -m benchmarks.accuracy --natural`. Stone, wood, rust, stains, prints, plaster under skies
+and in rooms; the defaults of `mode: transfer` were decided on scenes of this page, too."""
+UNSEEN = """# Albedo against truth: scenes that nobody had looked at
+
+Written by `python -m benchmarks.accuracy --unseen SEED`, once: nothing was decided on them."""
+HOW_TO_READ = """Linear values; si-RMSE after one scale per channel for all views. Every method has the λ
+and μ that are best on Fig. 3 by the same rule (docs/paper), kept for all scenes but where the paper itself
+divides λ by 12 (Figs. 5 to 7); `mode: transfer` has its defaults, everywhere. So stripes and fine paint
+have the λ of flat paint, with which the paper's energy often does worse than the image itself: compare with
+that as well. Leak: slope of log albedo on log true shading inside parts of one paint; scenes without such
 parts have none. Detail: bands of log brightness inside the masks; error 0 and gain 1 at best, 1 and 0 for a
-flat albedo, – where the truth has no such detail. Lamps (four, one, Figs. 4 to 7) stand four radii away, all
-other light is infinitely far."""
-
+flat albedo, – where the truth has no such detail."""
 RELIABILITY = """Pixels in fifths, the least confident first. Held: share of the squared error. Then per fifth
 the relative error of brightness, root mean square, and in brackets the median of what the confidence c stands
 for, 0.1 √(1/c − 1); ∞ for pixels whose data did not count."""
 
 
-def write_report(to: Path, rows: Sequence[JudgedRow], name: str = "accuracy") -> Path:
-    """Write a page, its numbers as JSON and a picture per row into a folder; returns the page."""
+def write_report(to: Path, rows: Sequence[JudgedRow], name: str, head: str) -> Path:
+    """Write a page under a head, its numbers as JSON, a picture per row into a folder; returns the page."""
     to.mkdir(parents=True, exist_ok=True)
     for row in rows:
         write_png8(to / f"{row.name}.png", row.picture)
     numbers = {row.name: {one.method: one.as_json() for one in row.judged} for row in rows}
     (to / f"{name}.json").write_text(json.dumps(numbers, indent=1), encoding="utf-8")
     page = to / f"{name}.md"
-    page.write_text(page_of(rows), encoding="utf-8")
+    page.write_text(page_of(rows, head), encoding="utf-8")
     return page
 
 
-def page_of(rows: Sequence[JudgedRow]) -> str:
+def page_of(rows: Sequence[JudgedRow], head: str) -> str:
     """The whole page, without its pictures."""
     parts = [
-        HEAD,
+        head,
+        HOW_TO_READ,
         "## si-RMSE (red green blue)",
         _table(rows, lambda one: _numbers(one.scores.si_rmse, 3)),
         f"## Detail: error of log brightness per octave ({_octaves(rows)})",

@@ -18,7 +18,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in an
 
 import numpy as np  # noqa: E402
 
-from benchmarks.accuracy.natural import NATURAL_SCENES, natural_row  # noqa: E402
+from benchmarks.accuracy.natural import NATURAL_SCENES, at_hand, natural_row  # noqa: E402
 from benchmarks.accuracy.scenes import SCAN_SIZE, laboratory_of  # noqa: E402
 from benchmarks.paper.judging import maps_in  # noqa: E402
 from benchmarks.paper.laboratory import TINY, Size  # noqa: E402
@@ -65,10 +65,10 @@ class Pair:
 def main(argv: Sequence[str] | None = None) -> Path:
     """Render, decompose, compare, write; returns the page."""
     given = arguments(argv)
-    data = Path(os.environ["UNSHADE_DATA"]) if "UNSHADE_DATA" in os.environ else None
+    data = Path(os.environ["UNSHADE_DATA"]) if "UNSHADE_DATA" in os.environ and not given.tiny else None
     given.to.mkdir(parents=True, exist_ok=True)
     size, compared = TINY if given.tiny else SCAN_SIZE, []
-    for rows in pairs(data)[: 1 if given.tiny else None]:
+    for rows in pairs(data):
         compared.append(compare(rows, size, given.workspace))
         write_png8(given.to / f"{compared[-1].name}.png", compared[-1].picture)
         page = given.to / "two_lights.md"
@@ -77,21 +77,19 @@ def main(argv: Sequence[str] | None = None) -> Path:
 
 
 def pairs(data: Path | None) -> list[tuple[Row, Row]]:
-    """Make the rows; without the data folder only one, of our own subject and lights."""
-    own = [(number, light) for number, light in OTHER_LIGHTS if data or _is_ours(number, light)]
-    return [tuple(_under(data, number, light) for light in (None, other)) for number, other in own]
+    """Make the rows; without the data folder only those of our own subjects and lights."""
+    told = []
+    for number, other in OTHER_LIGHTS:
+        subject, light, *_ = NATURAL_SCENES[number]
+        if at_hand(data, subject, light) and at_hand(data, subject, other):
+            told.append((_under(data, number, light), _under(data, number, other)))
+    return told
 
 
-def _is_ours(number: int, light: str) -> bool:
-    """Whether nothing of it comes from the data folder."""
-    subject, first, *_ = NATURAL_SCENES[number]
-    return subject in ("bust", "relief", "courtyard") and {first, light} <= {"dome", "sun_and_sky"}
-
-
-def _under(data: Path | None, number: int, light: str | None) -> Row:
-    """A scene under another light than its own, or under that."""
-    subject, own, *rest = NATURAL_SCENES[number]
-    return natural_row(data, subject, light or own, *rest)
+def _under(data: Path | None, number: int, light: str) -> Row:
+    """A scene under a light."""
+    subject, _, *rest = NATURAL_SCENES[number]
+    return natural_row(data, subject, light, *rest)
 
 
 def compare(rows: tuple[Row, Row], size: Size, workspace: Path) -> Pair:
@@ -133,7 +131,7 @@ def page_of(compared: Sequence[Pair]) -> str:
 def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """What was asked for."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--tiny", action="store_true", help="one pair, too small to mean much")
+    parser.add_argument("--tiny", action="store_true", help="our own pair, too small to mean much")
     parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "accuracy")
     parser.add_argument("--to", type=Path, default=ROOT / "workspaces" / "accuracy" / "report")
     return parser.parse_args(argv)

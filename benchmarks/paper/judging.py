@@ -54,13 +54,17 @@ class Judge:
                 name,
                 albedo[name],
                 self.true_albedo(name),
-                self.masks[name] & read_mask(self.truth / "mask" / f"{name}.png"),
+                self.judged(name),
                 read_part_map(self.truth / "parts" / f"{name}.png", len(self.part_names)),
                 read_exr(self.truth / "shading" / f"{name}.exr"),
             )
             for name in self.names
         ]
         return score_albedo(views, self.part_names, self.correspondences)
+
+    def judged(self, name: str) -> np.ndarray:
+        """Pixels of a view that methods are judged on, (h, w), bool: of its mask, those of known truth."""
+        return self.masks[name] & read_mask(self.truth / "mask" / f"{name}.png")
 
     def true_albedo(self, name: str) -> np.ndarray:
         """True albedo of a view, (h, w, 3), linear."""

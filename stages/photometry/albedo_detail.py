@@ -22,7 +22,7 @@ from stages.photometry.detail_octaves import (
 from stages.photometry.observations import UNLIT
 from stages.photometry.octaves import response_to_noise
 from stages.photometry.other_views import borrowed
-from stages.photometry.shading_doubt import DARK, ShadingDoubt, log_quotient
+from stages.photometry.shading_doubt import DARK, ShadingDoubt
 from stages.photometry.stack import StackedViews
 
 MEASURED = 2  # octaves in which views are compared for noise; in coarser ones it is white
@@ -68,7 +68,7 @@ def with_detail(
     image, shading : ndarray, shape (N, 3)
         Scaled, without gloss.
     trusted : ndarray, shape (N,), bool
-        Pixels whose data count. The others have the detail that is seen of their surface in other views; what
+        Pixels whose data count. The others have the detail that is kept of their surface in other views; what
         no other view shows keeps its albedo.
     settings : DetailSettings
 
@@ -94,22 +94,13 @@ def with_detail(
     light = np.maximum(shading, UNLIT * max(float(np.median(shading)), 1e-6))
     detailed = np.maximum(albedo, 0).astype(np.float32)
     explained = detailed * light
-    image, trusted = _as_other_views_show(views, image, light, trusted)
     scene = DetailScene(views, image, light, explained, trusted, settings)
     kept, variance, doubt = _kept(scene)
+    (kept, known), (variance, _) = (borrowed(views, each, trusted) for each in (kept, variance[:, None]))
     added = (explained + DARK) * np.expm1(channels_of(kept)) / light
-    detailed = np.where(trusted[:, None], np.maximum(detailed + added, 0), detailed).astype(np.float32)
-    variance = variance / np.maximum(scene.response, LEAST_RESPONSE) ** 2
+    detailed = np.where(known[:, None], np.maximum(detailed + added, 0), detailed).astype(np.float32)
+    variance = variance[:, 0] / np.maximum(scene.response, LEAST_RESPONSE) ** 2
     return Detail(detailed, (variance + _apart(scene, detailed)).astype(np.float32), doubt)
-
-
-def _as_other_views_show(
-    views: StackedViews, image: np.ndarray, light: np.ndarray, trusted: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """What the photos would show of pixels that are not trusted, by the others; and which are known then."""
-    logs, known = borrowed(views, log_quotient(image, light), trusted)
-    shown = np.exp(logs) * (light + DARK) - DARK
-    return np.where((known & ~trusted)[:, None], shown, image).astype(np.float32), known
 
 
 def _apart(scene: DetailScene, albedo: np.ndarray) -> np.ndarray:

@@ -39,7 +39,7 @@ def appearance_of(
     shading: np.ndarray,
     trusted: np.ndarray,
     edges: PaintEdges,
-    glossy: bool,
+    glossy: float,
 ) -> Appearance:
     """Tell surface by what the shading leaves over, and by what its views make of that.
 
@@ -53,8 +53,8 @@ def appearance_of(
         Pixels by which views are compared.
     edges : PaintEdges
         Its step of chroma.
-    glossy : bool
-        Whether there may be gloss of some paints: they were found, or not looked for.
+    glossy : float
+        How far there may be gloss of some paints, 0 to 1: they were found, or could not be looked for.
 
     Notes
     -----
@@ -67,7 +67,7 @@ def appearance_of(
     them differ both ways: ``disputed = (1 − g) (1 − exp(−(e / 0.05)²))``, g the share of paint. Glossy curls,
     whose highlights differ both ways, too, pass for paint; where there may be such, they are told from
     texture by how much views differ at all, ``d = mean |excess|``: ``textured = g exp(−(d / 0.05)²)``, and
-    elsewhere ``g exp(−(e / 0.05)²)``.
+    elsewhere ``g exp(−(e / 0.05)²)``; between the two by degrees.
     """
     brightness, light = (np.maximum(each.mean(axis=1), 0) for each in (image, shading))
     lit, seen = np.log(np.maximum(light, NO_SHADING)), np.log(brightness + DARK)
@@ -84,10 +84,10 @@ def appearance_of(
     sure = trusted & (light > DIM * np.median(light))
     quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # the same in any amount of light
     excess = Linked.of(views, sure).excess(quotient)
-    return Appearance(
-        textured=grained * _near(patch_means(views, np.abs(excess) if glossy else excess)),
-        disputed=(1 - grained) * (1 - _near(patch_means(views, excess))),
-    )
+    agreed = _near(patch_means(views, excess))
+    alike = agreed if glossy == 0 else _near(patch_means(views, np.abs(excess)))
+    mixed = agreed + np.float32(glossy) * (alike - agreed)
+    return Appearance(textured=grained * mixed, disputed=(1 - grained) * (1 - agreed))
 
 
 def rise(share: np.ndarray, ends: tuple[float, float]) -> np.ndarray:

@@ -12,7 +12,7 @@ HALF_OFF = 0.3  # share of the photo that the model leaves unexplained, at which
 
 
 def confidence_of(variance: np.ndarray, trusted: np.ndarray) -> np.ndarray:
-    """From 0 (a guess from the neighbourhood) to 1, (N,), float32: ``1/(1 + σ²/0.1²)``.
+    """From 0 (a guess from neighbours and other views) to 1, (N,), float32: ``1/(1 + σ²/0.1²)``.
 
     Parameters
     ----------

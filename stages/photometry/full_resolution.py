@@ -14,8 +14,8 @@ from stages.scene.resize import reduce_by_area
 
 DARK = 0.02  # of the photo's mean: in darker pixels, detail is noise
 FINEST_PX = 1.0  # σ, working pixels: what is finer is compared
-AROUND_PX = 2.0  # σ of the surroundings that it is compared in
-PLAIN = 0.005  # of the logarithm: where a photo changes by less there is nothing to compare, and all is kept
+AROUND_PX = 1.0  # σ of the surroundings that it is compared in
+PLAIN = 0.002  # of the logarithm: where a photo changes by less there is nothing to compare, and all is kept
 
 
 def at_full_resolution(
@@ -77,11 +77,12 @@ def taken_over(albedo: np.ndarray, photo: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape (h, w), float32
-        From 0 to 1: ``(⟨a, b⟩ + ε²)/(⟨b, b⟩ + ε²)``, a and b what is finer than `FINEST_PX` of the mean
-        logarithms of albedo and photo, ⟨⟩ the mean around a pixel, ε `PLAIN`.
+        From 0 to 1: ``(⟨a sign b⟩ + ε)/(⟨|b|⟩ + ε)``, a and b what is finer than `FINEST_PX` of the mean
+        logarithms of albedo and photo, ⟨⟩ the mean around a pixel, ε `PLAIN`. By sizes rather than squares,
+        so that the rim of a shadow takes little with it of the texture beside it.
     """
     a, b = (_finest(image) for image in (albedo, photo))
-    both, own = (cv2.GaussianBlur(product, (0, 0), AROUND_PX) + PLAIN**2 for product in (a * b, b * b))
+    both, own = (cv2.GaussianBlur(part, (0, 0), AROUND_PX) + PLAIN for part in (a * np.sign(b), np.abs(b)))
     return np.clip(both / own, 0, 1)
 
 

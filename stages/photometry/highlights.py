@@ -84,7 +84,7 @@ def brightening(linked: Linked, image: np.ndarray) -> float:
     return float(np.sqrt(above / below)) if below > 0 else 1.0
 
 
-def darkened(linked: Linked, image: np.ndarray) -> np.ndarray:
+def darkened(linked: Linked, image: np.ndarray, times: float = DARKENED) -> np.ndarray:
     """Pixels that most other views contradict: they see the same surface, and far brighter.
 
     Parameters
@@ -93,6 +93,8 @@ def darkened(linked: Linked, image: np.ndarray) -> np.ndarray:
         What is the same surface.
     image : ndarray, shape (N, 3)
         Scaled, under one light; gains of the views divided out.
+    times : float
+        How many times as bright the others must see it.
 
     Returns
     -------
@@ -102,17 +104,17 @@ def darkened(linked: Linked, image: np.ndarray) -> np.ndarray:
     -----
     One walks through the picture, the photographer's shadow falls on the stone, a background was painted
     black: to the views that see the place as it is, it would be a highlight of theirs. Over most of its links
-    a pixel sees less than a third, and it is black, or most links of the square around it, or of one close
-    by, say so too; gloss hardly ever does as much (see docs/transfer.md). A square is asked where pixels have
-    more links than one: of two views alone, either may be the one that is wrong. What is dark wherever it is
-    seen stays.
+    a pixel sees less than a third (1/`times`), and it is black, or most links of the square around it, or of
+    one close by, say so too; gloss hardly ever does as much (see docs/transfer.md). A square is asked where
+    pixels have more links than one: of two views alone, either may be the one that is wrong. What is dark
+    wherever it is seen stays.
     """
     seen = _log_brightness(image)
     balance = np.zeros(len(seen), np.int32)
     for one, other in trusted_links(linked.views, linked.trusted):
         difference = seen[other] - seen[one]
-        add_at(balance, one, np.where(difference > np.log(DARKENED), 1, -1))
-        add_at(balance, other, np.where(-difference > np.log(DARKENED), 1, -1))
+        add_at(balance, one, np.where(difference > np.log(times), 1, -1))
+        add_at(balance, other, np.where(-difference > np.log(times), 1, -1))
     place = linked.enough & (linked.links > VOTERS) & (means_around(linked.views, balance, SIZE_PX) > 0)
     close = means_around(linked.views, place, SIZE_PX) > 0
     return place | (balance > 0) & (close | (image.max(axis=1) <= BLACK))

@@ -124,7 +124,7 @@ class Illumination:
         looked_at: SkyScene,
         light: SkyLight,
         of_pixel: np.ndarray,
-        glossy: bool,
+        glossy: float,
         **found: Any,
     ) -> Illumination:
         """Complete what was found by what photos, with the gains of their pixels, (N, 3), and a scene say."""
@@ -184,7 +184,7 @@ def find_illumination(
     sheen = None
     if differences is not None:
         sheen, found = photos.sheen(scene, found, differences, how, step) or (None, found)
-    glossy = differences is None if sheen is None else not sheen.glossy.all()
+    glossy = float(differences is None if sheen is None else not sheen.glossy.all())
     del differences  # many lobes
     if sheen is not None:
         photos = photos.without_sheen(sheen, photos.mirror(scene, found))
@@ -205,7 +205,7 @@ def find_illumination(
         scene,
         light,
         of_pixel,
-        glossy,
+        max(glossy, photos.apart),  # lights of their own cannot be told from gloss
         scene=best,
         disagreements=left,
         gains=gains,
@@ -258,7 +258,7 @@ def illumination_by(
     else:
         unit = np.float32(known.scale)
         light = SkyLight(found.radiance / unit, shading * of_pixel / unit)
-    glossy = not settings.sheen if sheen is None else not sheen.glossy.all()
+    glossy = float(not settings.sheen if sheen is None else not sheen.glossy.all())
     return Illumination.of(
         photos,
         scene,
@@ -351,7 +351,7 @@ def _sought_anew(
     )
 
 
-def _observations(photos: Photos, shading: np.ndarray, of_pixel: np.ndarray, glossy: bool) -> Observations:
+def _observations(photos: Photos, shading: np.ndarray, of_pixel: np.ndarray, glossy: float) -> Observations:
     """What is seen, and counts, under this light, with the gains of the pixels' views."""
     lit = photos.looks.without(shading.mean(axis=1) <= UNLIT * np.median(shading))
     return Observations(photos.seen * of_pixel, photos.matt * of_pixel, lit.trusted, glossy)

@@ -8,6 +8,8 @@ from pydantic import ValidationInfo, field_validator
 
 from pipeline import Settings, UserError, setting
 
+STILL = 2 / 3  # of `moving_light`
+
 
 class LightingSettings(Settings):
     """Settings of the `lighting` stage: light of at least 0 from all around, found before the albedo."""
@@ -18,20 +20,21 @@ class LightingSettings(Settings):
         "lamps are carried about or clouds pass. auto: by `still_light` and `moving_light`; light that is "
         "brighter in only a few of many views passes for gloss there.",
     )
-    still_light: float = setting(
-        0.2,
-        "`lights: auto`: where the same surface point differs by no more than this from view to view, after "
-        "gains, one light serves all views. Photos of still things have .05 to .2 (flare, gloss, clouds).",
-        unit="typical difference of the logarithms",
-        ge=0,
-    )
     moving_light: float = setting(
         0.3,
-        "`lights: auto`: from here on each view has its own light, unless views rise further above one "
-        "another than they fall below: that is gloss, which only adds. Moved lamps or things have .3 to .7. "
-        "Between the two, both are found and mixed, by degrees.",
+        "`lights: auto`: where the same surface point differs by as much as this from view to view, after "
+        "gains, each view has its own light, unless views rise further above one another than they fall "
+        "below: that is gloss, which only adds. Moved lamps or things have .3 to .7.",
         unit="typical difference of the logarithms",
         gt=0,
+    )
+    still_light: float | None = setting(
+        None,
+        "`lights: auto`: up to this difference one light serves all views; photos of still things have .05 "
+        "to .2 (flare, gloss, clouds). Between this and `moving_light` both are found and mixed, by degrees. "
+        "none: two thirds of `moving_light`.",
+        unit="typical difference of the logarithms",
+        ge=0,
     )
     sheen: bool = setting(
         True,
@@ -82,13 +85,18 @@ class LightingSettings(Settings):
         "albedo is absolute.",
     )
 
-    @field_validator("moving_light")
+    @field_validator("still_light")
     @classmethod
-    def _more_than_still(cls, moving: float, others: ValidationInfo) -> float:
-        still = others.data.get("still_light")  # missing where it is refused itself
-        if still is not None and moving <= still:
-            raise ValueError(f"more than still_light, which is {still:g}")
-        return moving
+    def _less_than_moving(cls, still: float | None, others: ValidationInfo) -> float | None:
+        moving = others.data.get("moving_light")  # missing where it is refused itself
+        if still is not None and moving is not None and still >= moving:
+            raise ValueError(f"less than moving_light, which is {moving:g}")
+        return still
+
+    @property
+    def still_up_to(self) -> float:
+        """`still_light`, or what it is by default."""
+        return STILL * self.moving_light if self.still_light is None else self.still_light
 
 
 def check_known_light(settings: LightingSettings, kind: str) -> None:

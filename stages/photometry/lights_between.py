@@ -36,8 +36,8 @@ def mixed_with_own_lights(
     Returns
     -------
     tuple of Photos and FoundLight
-        One light for each view. Shading is linear in light, so that the shading by the mixture is the mixture
-        of both shadings, each of mean 1; of gloss, as much is taken off.
+        One light for each view, from as far away as the one. Shading is linear in light, so that the shading
+        by the mixture is the mixture of both shadings, each of mean 1; of gloss, as much is taken off.
     """
     weight = np.float32(shared.apart)
     own = _of_mean_one(apart, scene, apart.light(scene, settings, step))
@@ -45,12 +45,11 @@ def mixed_with_own_lights(
     found = FoundLight(
         (1 - weight) * one.radiance + weight * own.radiance, (1 - weight) * one.bounced + weight * own.bounced
     )
-    heavier = apart if weight > 0.5 else shared
     photos = replace(
         apart,
         seen=(1 - weight) * shared.seen + weight * apart.seen,
         matt=(1 - weight) * shared.matt + weight * apart.matt,
-        looks=replace(shared.looks, trusted=heavier.looks.trusted),
+        looks=shared.looks,
     )
     return photos, found
 

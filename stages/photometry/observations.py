@@ -21,11 +21,11 @@ class Observations:
         Without highlights as well, where one light serves all views.
     trusted : ndarray, shape (N,), bool
         Pixels whose data count.
-    glossy : bool
-        Whether there may be gloss of some paints: they were found, or not looked for.
+    glossy : float
+        How far there may be gloss of some paints, 0 to 1: they were found, or could not be looked for.
     """
 
     seen: np.ndarray
     matt: np.ndarray
     trusted: np.ndarray
-    glossy: bool
+    glossy: float

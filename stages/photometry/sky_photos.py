@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from stages.photometry.highlights import Linked, brightening, darkened, without_highlights
+from stages.photometry.highlights import DARKENED, Linked, brightening, darkened, without_highlights
 from stages.photometry.light_in_gloss import light_in_gloss
 from stages.photometry.light_search import Search, disagreements, sky_light
 from stages.photometry.paints import paints_of
@@ -18,6 +18,7 @@ from stages.photometry.stack import StackedViews
 from stages.photometry.view_differences import MOST_EXPLAINED, Differences, MirrorStrength
 
 MATT, GLOSSY = 1.04, 1.06  # `brightening` up to which views do not differ by gloss, and from which they do
+NEVER = 10.0  # power of `DARKENED` that nothing in a photo reaches
 TURNS = 2  # of taking the sheen off and finding light and sheen together
 PAINT_GLOSSY = 0.98  # one strength, that knows less of the light, leaves no more of a paint's differences
 STRENGTHS = (0.01, 1.0)  # of a mirror: less is not seen, more is views too near one another to tell
@@ -109,12 +110,16 @@ class Photos:
         return cls(views, looks, seen, seen, one_light, rise, apart)
 
     def as_lit(self) -> Photos:
-        """Make them out to be in a light each if nothing speaks for one; else in one."""
+        """Take the photos for lit by one light, unless that has no weight at all."""
         return self.each_in_its_own_light() if self.apart == 1 else self.in_one_light()
 
     def in_one_light(self) -> Photos:
-        """Leave out what is `darkened`, and take highlights off."""
-        looks = self.looks.without(darkened(Linked.of(self.views, self.looks.trusted), self.seen))
+        """Leave out what is `darkened`, and take highlights off.
+
+        The less weight one light has, the darker a place must be: lights of their own darken places, too.
+        """
+        linked = Linked.of(self.views, self.looks.trusted)
+        looks = self.looks.without(darkened(linked, self.seen, DARKENED ** min(1 / (1 - self.apart), NEVER)))
         return replace(
             self, looks=looks, matt=without_highlights(Linked.of(self.views, looks.trusted), self.seen)
         )

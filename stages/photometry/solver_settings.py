@@ -93,7 +93,7 @@ def as_illumination(settings: LightingSettings) -> IlluminationSettings:
             brightest=settings.brightest,
             weights=PairWeights(settings.neutrality, settings.evenness),
         ),
-        lighting=Lighting(settings.lights, settings.still_light, settings.moving_light),
+        lighting=Lighting(settings.lights, settings.still_up_to, settings.moving_light),
         sheen=settings.sheen,
     )
 

@@ -27,8 +27,8 @@ class StoredLight:
         What the surface's mirror adds of the light, per channel; 0 where no sheen was found.
     sheen_roughness : float
         α of GGX; 0 where no sheen was found.
-    glossy : bool
-        Whether there may be gloss of some paints: they were found, or not looked for.
+    glossy : float
+        How far there may be gloss of some paints, 0 to 1: they were found, or could not be looked for.
     trusted : bool
         Whether there were trusted pixels; if there were none, all had to do, and the albedo is a guess.
     brightest : float
@@ -40,7 +40,7 @@ class StoredLight:
     mean_shading: np.ndarray
     sheen_strength: np.ndarray
     sheen_roughness: float
-    glossy: bool
+    glossy: float
     trusted: bool
     brightest: float
 
