@@ -238,7 +238,7 @@ def _write(job: Job, opened: Opened, stored: StoredTransfer, found: Illumination
 
 LIGHTING = Stage(
     name="lighting",
-    version=3,
+    version=4,
     about="The light of all views, its distance, gains and gloss, and what each pixel is worth under it.",
     settings=LightingSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),

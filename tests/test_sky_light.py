@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry import sky_decomposition
+from stages.photometry import highlights, sky_decomposition
 from stages.photometry.albedo_under_light import albedo_under_light
 from stages.photometry.alike_pairs import COLOUR, Pairs, alike_pairs, sample_of
 from stages.photometry.appearance import appearance_of
@@ -19,6 +20,7 @@ from stages.photometry.illumination import explained_best
 from stages.photometry.light_from_pairs import ENOUGH, PairObjective, PairWeights, Sample, believed
 from stages.photometry.light_search import Search, disagreements, sky_light
 from stages.photometry.paint_edges import (
+    DARK,
     PaintEdges,
     agreement_of_links,
     colour_change,
@@ -676,6 +678,20 @@ def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
     assert np.mean(np.abs(matt / (image * noise) - 1) < 1e-6) > 0.9
     alone = replace(views, links={pair: block for pair, block in views.links.items() if 0 not in pair})
     assert np.array_equal(without_highlights(Linked.of(alone, everything), glossy)[first], glossy[first])
+
+
+def test_a_highlight_goes_without_leaving_a_colour_of_its_own(lit, monkeypatch):
+    """Where views differ either way in green alone, green is hardly believed by itself."""
+    views, everything = lit[0], np.ones(len(lit[2]), bool)
+    image = photo_of(lit[2], lit[3])
+    lobe = near_the_middle_of_the_first(lit, 20) & (np.arange(len(image)) < views.starts[1])
+    image[lobe] *= 1.6
+    channels = itertools.cycle([0.0, 0.2, 0.0])
+    monkeypatch.setattr(highlights, "_misfit", lambda _, excess: np.full(len(excess), next(channels)))
+    clean = without_highlights(Linked.of(views, everything), image)
+    taken = np.log((image + DARK) / (clean + DARK))[near_the_middle_of_the_first(lit, 10) & lobe]
+    assert taken.mean() > 0.2
+    assert np.ptp(taken.mean(axis=0)) < 0.15 * taken.mean()
 
 
 def with_sheen(lit) -> np.ndarray:

@@ -39,21 +39,26 @@ def without_highlights(linked: Linked, image: np.ndarray) -> np.ndarray:
 
     Notes
     -----
-    Matt surface looks the same from everywhere, and gloss only adds. Per channel, with ``l = log(I + d)``:
-    ``l ← l − max(0, m − s − 0.02)``, m from `Linked.excess`, s the root mean square of what is negative
-    among m around (less where hardly anything is). Views that see each other's fine paint half a pixel off
-    differ in both directions alike, and keep what they have. Highlights of a few pixels are cut by half.
+    Matt surface looks the same from everywhere, and gloss only adds. With ``l = log(I + d)`` and m its
+    `Linked.excess`, per channel: ``l ← l − t max(0, m)``, ``t = Σ max(0, m − s − 0.02) / Σ max(0, m)`` over
+    the channels, s the root mean square of what is negative among m around (less where hardly anything is).
+    One t for all channels, so that the colour moves straight to that which the others see: a window that
+    shows the sky does not turn green. Views that see each other's fine paint half a pixel off differ in both
+    directions alike, and keep what they have. Highlights of a few pixels are cut by half.
     """
-    matt = np.empty_like(image)
-    for c, seen in enumerate(image.T):
-        before = np.log(np.maximum(seen, 0) + DARK)
-        after = before
-        for _ in range(ROUNDS):
-            excess = linked.excess(after)
-            after = after - np.maximum(0, excess - _misfit(linked.views, excess) - TOLERANCE)
-        gloss = (np.maximum(seen, 0) + DARK) * (1 - np.exp(after - before))
-        matt[:, c] = np.where(linked.trusted, np.maximum(seen - gloss, np.minimum(seen, 0)), seen)
-    return matt
+    seen = np.maximum(image, 0)
+    before = np.log(seen + DARK)
+    after = before
+    for _ in range(ROUNDS):
+        excess = np.stack([linked.excess(channel) for channel in after.T], axis=1)
+        misfit = np.stack([_misfit(linked.views, channel) for channel in excess.T], axis=1)
+        above = np.maximum(excess, 0)
+        beyond = np.maximum(excess - misfit - TOLERANCE, 0).sum(axis=1, keepdims=True)
+        share = beyond / np.maximum(above.sum(axis=1, keepdims=True), 1e-9)
+        after = (after - share * above).astype(np.float32)
+    gloss = (seen + DARK) * (1 - np.exp(after - before))
+    matt = np.maximum(image - gloss, np.minimum(image, 0))
+    return np.where(linked.trusted[:, None], matt, image).astype(np.float32)
 
 
 def brightening(linked: Linked, image: np.ndarray) -> float:
