@@ -22,12 +22,12 @@ import open3d as o3d
 
 from benchmarks.similarity import Similarity, similarity
 from pipeline import Job, Silence, UserError
+from stages.formats.colmap.depth_maps import read_map
+from stages.formats.colmap.model import cameras_of, pinhole_model, read_model, registered
+from stages.formats.images.photos import read_photo, write_png_srgb8
+from stages.formats.meshes.triangle_meshes import read_mesh, to_open3d
 from stages.mvs import MVS
 from stages.scene.cameras import Camera, footprint, normals_in_world, rays_in_world
-from stages.scene.colmap_model import cameras_of, pinhole_model, read_model, registered
-from stages.scene.depth_maps import read_map
-from stages.scene.meshes import read_mesh, to_open3d
-from stages.scene.photos import read_photo, write_png_srgb8
 
 
 def newest(workspace: Path, stage: str) -> Path:

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.similarity import similarity
 from pipeline import UserError
 from pipeline.store import Store
-from stages.scene.colmap_model import find_model, read_model, registered
+from stages.formats.colmap.model import find_model, read_model, registered
 from stages.scene.datasets import dataset_folder
 
 LARGEST_CENTRE_MM = 5.0

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from stages.formats.colmap.model import pinhole_model
+from stages.formats.images.exr import write_exr
+from stages.formats.images.photos import encode_srgb8
+from stages.formats.meshes.triangle_meshes import Surface
 from stages.scene.cameras import Camera, footprint
-from stages.scene.colmap_model import pinhole_model
-from stages.scene.exr import write_exr
-from stages.scene.meshes import Surface
-from stages.scene.photos import encode_srgb8
-from stages.synthetic.meshes import write_compact_ply
 from stages.synthetic.render import Quality, Scene
 from stages.synthetic.sample import (
     DISTANCE,
@@ -27,6 +26,7 @@ from stages.synthetic.sample import (
     rounded,
     sample_scene,
 )
+from stages.synthetic.subjects.small_ply import write_compact_ply
 from stages.synthetic.truth import PaintedSurface, Truth
 
 LINEAR_VIEWS = ("001", "003", "004", "009")

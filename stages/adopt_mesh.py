@@ -23,9 +23,9 @@ class AdoptMeshSettings(Settings):
 
 def run(job: Job) -> None:
     """Read the mesh, whatever its format, and keep it as PLY; corners that are one become one."""
+    from stages.formats.meshes.mesh_files import read_mesh_file
+    from stages.formats.meshes.triangle_meshes import without_strays, write_mesh
     from stages.geometry.creases import shared_corners
-    from stages.scene.mesh_files import read_mesh_file
-    from stages.scene.meshes import without_strays, write_mesh
 
     given = read_mesh_file(job.inputs["mesh_file"])
     surface, crease_deg = without_strays(given), job.settings.crease_deg

@@ -12,7 +12,7 @@ from stages.scene.wording import listed
 if TYPE_CHECKING:
     import pycolmap
 
-    from stages.scene.colmap_assembly import PosedImage
+    from stages.formats.colmap.assembly import PosedImage
 
 
 class AdoptModelSettings(Settings):
@@ -35,9 +35,9 @@ class AdoptModelSettings(Settings):
 
 def run(job: Job) -> None:
     """Find the model, match it with the photos, save it in binary under the photos' names."""
-    from stages.scene.colmap_assembly import assemble
-    from stages.scene.colmap_model import find_model, read_model, registered, write_model
-    from stages.scene.photo_turns import read_as_stored, says_which, write_as_stored
+    from stages.formats.colmap.assembly import assemble
+    from stages.formats.colmap.model import find_model, read_model, registered, write_model
+    from stages.formats.images.photo_turns import read_as_stored, says_which, write_as_stored
 
     folder = find_model(job.inputs["colmap"])
     model = read_model(folder)
@@ -73,8 +73,8 @@ def run(job: Job) -> None:
 
 def _photo_of_each(job: Job, names: list[str], source: Path) -> dict[str, str]:
     """The photo of every image of the model: the same name, or the same but for the extension."""
+    from stages.formats.images.photo_folder import find_photos
     from stages.scene.cameras import view_name
-    from stages.scene.photo_folder import find_photos
 
     by_view = {view_name(photo): photo for photo in find_photos(job.inputs["images"])}
     found = {name: by_view[view_name(name)] for name in names if view_name(name) in by_view}
@@ -100,7 +100,7 @@ def _size_in_model(
 
     `told` are the names of those that a model of our own means as stored.
     """
-    from stages.scene.photos import orientation_of, photo_size
+    from stages.formats.images.photos import orientation_of, photo_size
 
     upright, stored = photo_size(path), photo_size(path, as_stored=True)
     fits = [_off_px(size, camera) <= settings.size_tolerance_px for size in (stored, upright)]
@@ -132,7 +132,7 @@ def _at_size(image: pycolmap.Image, name: str, camera: pycolmap.Camera, size: tu
     import numpy as np
     import pycolmap
 
-    from stages.scene.colmap_assembly import PosedImage, points2d_of
+    from stages.formats.colmap.assembly import PosedImage, points2d_of
 
     scale = np.array(size) / (camera.width, camera.height)
     resized = pycolmap.Camera(camera.todict())

@@ -30,9 +30,9 @@ def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsil
     """Find, save and count the links of one pair; picklable. Memory: 120 B per pixel of two views."""
     import scipy.sparse as sp
 
+    from stages.formats.images.exr import read_exr
+    from stages.formats.images.photos import read_mask
     from stages.geometry.overlap import correspondences
-    from stages.scene.exr import read_exr
-    from stages.scene.photos import read_mask
 
     maps = []
     for camera in (camera_i, camera_j):
@@ -44,7 +44,7 @@ def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsil
 
 def run(job: Job) -> None:
     """Open the cameras, link every pair, write the index."""
-    from stages.scene.camera_file import read_cameras
+    from stages.formats.artefacts.camera_file import read_cameras
 
     settings: CorrespondenceSettings = job.settings
     cameras = read_cameras(job.inputs["cameras"])

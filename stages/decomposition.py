@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     import numpy as np
     import scipy.sparse as sp
 
-    from stages.photometry.energy import EnergyWeights
-    from stages.photometry.pixel_transfer import PixelTransfer
+    from stages.formats.artefacts.transfer_file import StoredTransfer
+    from stages.photometry.paper.energy import EnergyWeights
     from stages.photometry.solutions import Solved
     from stages.photometry.stack import StackedViews
+    from stages.photometry.transport.pixel_transfer import PixelTransfer
     from stages.scene.cameras import Camera
-    from stages.scene.transfer_file import StoredTransfer
 
 CHANNELS = ("red", "green", "blue")
 
@@ -41,14 +41,14 @@ def _under_light(job: Job) -> None:
     """`mode: transfer`: the albedo, under the light that the stage before has found."""
     import numpy as np
 
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.artefacts.light_file import read_light
+    from stages.formats.artefacts.link_files import numbered_links
+    from stages.formats.artefacts.view_files import read_arrays, read_maps, ways_to_cameras
+    from stages.formats.images.photos import read_mask
     from stages.photometry import transfer_solutions
     from stages.photometry.observations import Observations
     from stages.photometry.stack import stack_views
-    from stages.scene.camera_file import read_cameras
-    from stages.scene.light_file import read_light
-    from stages.scene.link_files import numbered_links
-    from stages.scene.photos import read_mask
-    from stages.scene.view_files import read_arrays, read_maps, ways_to_cameras
 
     cameras, light = read_cameras(job.inputs["cameras"]), read_light(job.inputs["found_light"])
     masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
@@ -76,11 +76,11 @@ def _with_its_light(job: Job) -> None:
     """Light that is found together with the albedo: the paper's, or harmonics with transfer vectors."""
     import numpy as np
 
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.artefacts.lighting_file import write_lighting
+    from stages.formats.artefacts.link_files import numbered_links
+    from stages.formats.artefacts.view_files import read_views, scaled_channels, write_maps
     from stages.photometry.stack import stack_views
-    from stages.scene.camera_file import read_cameras
-    from stages.scene.lighting_file import write_lighting
-    from stages.scene.link_files import numbered_links
-    from stages.scene.view_files import read_views, scaled_channels, write_maps
 
     cameras = read_cameras(job.inputs["cameras"])
     masks, normals, pixels = [], [], []
@@ -133,11 +133,11 @@ def _by_transfer(
     """`light: harmonics`: Eq. 2 as it stands, with transfer vectors for ν; all data count."""
     import numpy as np
 
+    from stages.formats.artefacts.transfer_file import read_transfer
+    from stages.formats.artefacts.view_files import read_surface_points, ways_to_cameras
+    from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.pixel_blends import pixels_on_proxy
     from stages.photometry import transfer_solutions
-    from stages.scene.meshes import read_mesh
-    from stages.scene.transfer_file import read_transfer
-    from stages.scene.view_files import read_surface_points, ways_to_cameras
 
     settings: DecompositionSettings = job.settings
     stored = read_transfer(job.inputs["transfer"])
@@ -163,8 +163,8 @@ def _pixel_transfer(
     job: Job, stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray
 ) -> PixelTransfer:
     """What the masked pixels see, in harmonics."""
-    from stages.photometry.pixel_transfer import PixelTransfer
-    from stages.photometry.sky_scenes import proxy_in
+    from stages.photometry.transport.lit_scenes import proxy_in
+    from stages.photometry.transport.pixel_transfer import PixelTransfer
     from stages.scene.wording import tell_seen_from_behind
 
     degree = int(given_or(job.settings.degree, stored.blocked.shape[1] ** 0.5 - 1))
@@ -180,7 +180,7 @@ def _write_albedo(
 
     `scale`: that unit, over the shading's where this is not a mean of 1; of all channels or of each.
     """
-    from stages.scene.view_files import write_maps
+    from stages.formats.artefacts.view_files import write_maps
 
     maps = {"albedo": solved.albedo * scale}
     if solved.albedo_tv is not None:
@@ -197,9 +197,9 @@ def _write_albedo(
 
 def _write_pictures(job: Job, cameras: list[Camera], solved: Solved) -> None:
     """Harmonic light as pictures of all directions."""
-    from stages.photometry.environment import picture_of_light
+    from stages.formats.artefacts.view_files import write_pictures_of_light
+    from stages.photometry.transport.environment import picture_of_light
     from stages.scene.upright import upright_from_world
-    from stages.scene.view_files import write_pictures_of_light
 
     directions, lights = solved.sampled_light()
     upright = directions @ upright_from_world(cameras).T
@@ -210,8 +210,8 @@ def _write_pictures(job: Job, cameras: list[Camera], solved: Solved) -> None:
 
 def _write_history(job: Job, solved: Solved) -> None:
     """`energy.json`; what did not converge is said."""
-    from stages.photometry.alternation import Outcome
-    from stages.photometry.energy_history import LEGEND, UNDER_LIGHT
+    from stages.photometry.paper.alternation import Outcome
+    from stages.photometry.paper.energy_history import LEGEND, UNDER_LIGHT
 
     content = {
         "legend": UNDER_LIGHT if solved.light is None else LEGEND,

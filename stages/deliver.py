@@ -35,8 +35,8 @@ def common_white(folder: Path, masks: Path, names: list[str], quantile: float) -
     """The linear value that becomes PNG white, and the median, over the masked pixels of all views' EXRs."""
     import numpy as np
 
-    from stages.scene.exr import read_exr
-    from stages.scene.photos import read_mask
+    from stages.formats.images.exr import read_exr
+    from stages.formats.images.photos import read_mask
 
     samples = []
     for name in names:
@@ -58,9 +58,9 @@ def tell_dark_pictures(job: Job, kind: str, white: float, middle: float) -> None
 
 def run(job: Job) -> None:
     """Encode, one view at a time."""
-    from stages.scene.camera_file import read_cameras
-    from stages.scene.contact_sheet import contact_sheet
-    from stages.scene.photos import write_png8
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.images.contact_sheet import contact_sheet
+    from stages.formats.images.photos import write_png8
 
     settings: DeliverSettings = job.settings
     cameras = read_cameras(job.inputs["cameras"])
@@ -98,8 +98,8 @@ def evenly(names: list[str], count: int) -> list[str]:
 
 def deliver_maps(job: Job, kind: str, name: str, white: float) -> np.ndarray:
     """Write one map as 16-bit PNG; returns it scaled so that white is 1, linear."""
-    from stages.scene.exr import read_exr
-    from stages.scene.photos import write_png_srgb16
+    from stages.formats.images.exr import read_exr
+    from stages.formats.images.photos import write_png_srgb16
 
     scaled = read_exr(job.inputs[kind] / f"{name}.exr") / white
     write_png_srgb16(job.outputs[f"{kind}_png"] / f"{name}.png", scaled)
@@ -111,10 +111,10 @@ def deliver_dense_view(job: Job, camera: Camera, albedo: np.ndarray) -> None:
 
     With the maps there, COLMAP's `stereo_fusion` makes an albedo-coloured point cloud of it.
     """
+    from stages.formats.colmap.depth_maps import write_map
+    from stages.formats.images.exr import read_exr
+    from stages.formats.images.photos import write_png_srgb8
     from stages.scene.cameras import normals_in_cam
-    from stages.scene.depth_maps import write_map
-    from stages.scene.exr import read_exr
-    from stages.scene.photos import write_png_srgb8
 
     dense, file = job.outputs["dense"], f"{camera.name}.png.geometric.bin"
     write_png_srgb8(dense / "images" / f"{camera.name}.png", albedo)
@@ -125,9 +125,9 @@ def deliver_dense_view(job: Job, camera: Camera, albedo: np.ndarray) -> None:
 
 def sheet_row(job: Job, camera: Camera, albedo: np.ndarray, shading: np.ndarray) -> list[np.ndarray]:
     """Photo, albedo, shading and normals of one view as 8-bit pictures."""
-    from stages.scene.exr import read_exr
-    from stages.scene.photos import encode_srgb8, read_mask
-    from stages.scene.resize import reduce_by_area
+    from stages.formats.images.exr import read_exr
+    from stages.formats.images.photos import encode_srgb8, read_mask
+    from stages.formats.images.resize import reduce_by_area
 
     photo = reduce_by_area(read_exr(job.inputs["linear"] / f"{camera.name}.exr"), camera.shape)
     mask = read_mask(job.inputs["mask"] / f"{camera.name}.png")
@@ -139,8 +139,8 @@ def sheet_row(job: Job, camera: Camera, albedo: np.ndarray, shading: np.ndarray)
 
 def write_dense_model(job: Job, cameras: list[Camera]) -> None:
     """The sparse model and settings that turn the albedo images into a COLMAP workspace."""
-    from stages.scene.colmap_model import pinhole_model, read_model, write_model
-    from stages.scene.dense_workspace import write_stereo_settings
+    from stages.formats.colmap.dense_workspace import write_stereo_settings
+    from stages.formats.colmap.model import pinhole_model, read_model, write_model
 
     model = pinhole_model(cameras, read_model(job.inputs["workspace"] / "sparse"))
     write_model(model, job.outputs["dense"] / "sparse")

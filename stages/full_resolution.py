@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, setting
+from stages.formats.images.photo_settings import MOST_TIMES_BRIGHT
 from stages.scene.distributions import PICTURES, PYCOLMAP
-from stages.scene.photo_settings import MOST_TIMES_BRIGHT
 
 if TYPE_CHECKING:
     from stages.geometry.lenses import Lens
@@ -48,11 +48,11 @@ class View:
 
 def run(job: Job) -> None:
     """Hand the views to workers. Memory per worker: some 70 B per pixel of a photo."""
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.colmap.model import read_model, registered
+    from stages.formats.images.photo_turns import read_as_stored
     from stages.geometry.lenses import lens_of
-    from stages.scene.camera_file import read_cameras
     from stages.scene.cameras import view_name
-    from stages.scene.colmap_model import read_model, registered
-    from stages.scene.photo_turns import read_as_stored
 
     model = read_model(job.inputs["model"])
     images = {view_name(image.name): image for image in registered(model)}
@@ -84,11 +84,11 @@ def run(job: Job) -> None:
 
 def write_view(view: View) -> str:
     """Write one view's albedo as EXR and PNG; returns its size, as in 3072x2048."""
+    from stages.formats.images.exr import read_exr, write_exr
+    from stages.formats.images.masked_photos import read_masked_photo
+    from stages.formats.images.photos import read_mask, write_png_srgb16
     from stages.geometry.lenses import focal_px_of, through_pinhole
     from stages.photometry.full_resolution import at_full_resolution
-    from stages.scene.exr import read_exr, write_exr
-    from stages.scene.masked_photos import read_masked_photo
-    from stages.scene.photos import read_mask, write_png_srgb16
 
     finer = max(1.0, focal_px_of(view.lens) / view.camera.focal_px)
     camera = view.camera.scaled(round(view.camera.width * finer), round(view.camera.height * finer))

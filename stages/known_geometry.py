@@ -23,8 +23,8 @@ def run(job: Job) -> None:
     """Read the true mesh, smooth it, keep it as the mesh that every later stage believes."""
     import numpy as np
 
-    from stages.scene.meshes import read_mesh, write_mesh
-    from stages.synthetic.smoothing import laplacian_smoothing
+    from stages.formats.meshes.triangle_meshes import read_mesh, write_mesh
+    from stages.synthetic.subjects.smoothing import laplacian_smoothing
 
     truth = read_mesh(job.inputs["true_mesh"])
     known = laplacian_smoothing(truth, job.settings.smoothing)

@@ -13,13 +13,13 @@ from stages.scene.distributions import OPEN3D, PICTURES
 if TYPE_CHECKING:
     import numpy as np
 
-    from stages.photometry.illumination import Illumination
-    from stages.photometry.known_light import KnownLight
-    from stages.photometry.sky import Eyes
-    from stages.photometry.sky_light import SkyScene
+    from stages.formats.artefacts.transfer_file import StoredTransfer
+    from stages.photometry.lighting.illumination import Illumination
+    from stages.photometry.lighting.known_light import KnownLight
+    from stages.photometry.lighting.light_estimate import SkyScene
     from stages.photometry.stack import StackedViews
+    from stages.photometry.transport.directional_transport import Eyes
     from stages.scene.cameras import Camera
-    from stages.scene.transfer_file import StoredTransfer
 
 GRAZING = 0.1  # cosine: more than 84° off its normal, surface shows mostly its neighbourhood
 SATURATED = 0.98  # of white, linear: the photo shows less than there was
@@ -56,13 +56,13 @@ def run(job: Job) -> None:
     """
     import numpy as np
 
-    from stages.photometry.illumination import find_illumination, illumination_by
-    from stages.photometry.light_search import REFINED
-    from stages.photometry.reflectance import SCALE
-    from stages.photometry.sky_photos import TURNS, Looks
-    from stages.scene.photos import read_environment
-    from stages.scene.transfer_file import read_transfer
-    from stages.scene.view_files import ways_to_cameras
+    from stages.formats.artefacts.transfer_file import read_transfer
+    from stages.formats.artefacts.view_files import ways_to_cameras
+    from stages.formats.images.photos import read_environment
+    from stages.photometry.lighting.illumination import find_illumination, illumination_by
+    from stages.photometry.lighting.light_search import REFINED
+    from stages.photometry.lighting.lit_photos import TURNS, Looks
+    from stages.photometry.lighting.reflectance import SCALE
 
     known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
     opened, stored = _open(job), read_transfer(job.inputs["transfer"])
@@ -92,10 +92,10 @@ def run(job: Job) -> None:
 def _open(job: Job) -> Opened:
     import numpy as np
 
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.artefacts.link_files import numbered_links
+    from stages.formats.artefacts.view_files import read_views, scaled_channels
     from stages.photometry.stack import stack_views
-    from stages.scene.camera_file import read_cameras
-    from stages.scene.link_files import numbered_links
-    from stages.scene.view_files import read_views, scaled_channels
 
     cameras = read_cameras(job.inputs["cameras"])
     masks, normals, pixels = [], [], []
@@ -113,10 +113,10 @@ def _open(job: Job) -> Opened:
 
 def _scenes(job: Job, opened: Opened, stored: StoredTransfer) -> list[SkyScene]:
     """What the pixels see, under light from each distance; points and blends on the way there are let go."""
+    from stages.formats.artefacts.view_files import read_surface_points
+    from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.pixel_blends import pixels_on_proxy
-    from stages.photometry.sky_scenes import sky_scenes
-    from stages.scene.meshes import read_mesh
-    from stages.scene.view_files import read_surface_points
+    from stages.photometry.transport.lit_scenes import sky_scenes
     from stages.scene.wording import tell_seen_from_behind
 
     points = read_surface_points(job.inputs, opened.cameras, opened.views.masks)
@@ -128,7 +128,7 @@ def _scenes(job: Job, opened: Opened, stored: StoredTransfer) -> list[SkyScene]:
 
 def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -> KnownLight:
     """The light in this picture, as the photos are scaled."""
-    from stages.photometry.known_light import KnownLight
+    from stages.photometry.lighting.known_light import KnownLight
     from stages.scene.upright import upright_from_world
 
     scale = 1 / opened.scale if settings.known_scale == "fixed" else None
@@ -137,9 +137,9 @@ def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -
 
 def _eyes(job: Job, stored: StoredTransfer) -> Eyes:
     """Of the proxy's vertices, and the proxy in their way."""
+    from stages.formats.meshes.triangle_meshes import Surface
     from stages.geometry.occluders import Occluders
-    from stages.photometry.sky import Eyes
-    from stages.scene.meshes import Surface
+    from stages.photometry.transport.directional_transport import Eyes
 
     proxy = Occluders(Surface(stored.vertices, stored.faces), job.threads)
     return Eyes(stored.eyes - proxy.origin, stored.normals, proxy.blocked, proxy.origin, job.executor)
@@ -203,11 +203,11 @@ def _write(job: Job, opened: Opened, stored: StoredTransfer, found: Illumination
     """The light as numbers and as pictures of all directions, the shading, and what is left of the photos."""
     import numpy as np
 
-    from stages.photometry.environment import picture_of_light
-    from stages.scene.light_file import StoredLight, write_light
-    from stages.scene.lighting_file import LightAround, write_light_around
+    from stages.formats.artefacts.light_file import StoredLight, write_light
+    from stages.formats.artefacts.lighting_file import LightAround, write_light_around
+    from stages.formats.artefacts.view_files import write_arrays, write_maps, write_pictures_of_light
+    from stages.photometry.transport.environment import picture_of_light
     from stages.scene.upright import upright_from_world
-    from stages.scene.view_files import write_arrays, write_maps, write_pictures_of_light
 
     views, directions, lights = (opened.cameras, opened.views.masks), found.directions, found.light.radiance
     write_maps(job.outputs["shading"], *views, found.light.shading, job.executor.map)

@@ -47,9 +47,9 @@ class MeshSettings(Settings):
 
 def run(job: Job) -> None:
     """Open the fused points and the cameras, reconstruct, save the mesh."""
+    from stages.formats.colmap.model import cameras_of, read_model
+    from stages.formats.meshes.triangle_meshes import read_points, write_mesh
     from stages.geometry import surface as s
-    from stages.scene.colmap_model import cameras_of, read_model
-    from stages.scene.meshes import read_points, write_mesh
 
     settings: MeshSettings = job.settings
     cameras = cameras_of(read_model(job.inputs["workspace"] / "sparse"))

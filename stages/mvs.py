@@ -9,7 +9,7 @@ from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.distributions import OPEN3D, PYCOLMAP
 
 if TYPE_CHECKING:
-    from stages.geometry.fusion import FusedPoints
+    from stages.stereo.fusion import FusedPoints
     from stages.stereo.workspace import Workspace
 
 
@@ -137,7 +137,7 @@ def engine_of(settings: Settings) -> Mapping[str, str]:
 
 def run(job: Job) -> None:
     """Open the workspace, let the chosen engine work, save depth maps and the fused cloud."""
-    from stages.scene.point_clouds import write_points
+    from stages.formats.meshes.point_clouds import write_points
     from stages.stereo import sparse_points
     from stages.stereo.workspace import open_workspace
 

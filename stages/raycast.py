@@ -56,13 +56,13 @@ def run(job: Job) -> None:
     """Open mesh and cameras, cast each view's rays, save the maps. Memory: one view and the mesh."""
     import numpy as np
 
+    from stages.formats.artefacts.camera_file import write_cameras
+    from stages.formats.images.exr import write_exr
+    from stages.formats.images.masks import kept_at
+    from stages.formats.images.photos import write_mask
+    from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.mesh_fit import gaps_at_points
     from stages.geometry.rays import RayCaster
-    from stages.scene.camera_file import write_cameras
-    from stages.scene.exr import write_exr
-    from stages.scene.masks import kept_at
-    from stages.scene.meshes import read_mesh
-    from stages.scene.photos import write_mask
     from stages.stereo.workspace import open_workspace
 
     settings: RaycastSettings = job.settings

@@ -30,16 +30,16 @@ def run(job: Job) -> None:
     """Open surface, albedo and light; shade; save. Memory: some 150 B per masked pixel."""
     import numpy as np
 
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.artefacts.transfer_file import read_transfer
+    from stages.formats.artefacts.view_files import read_maps, read_surface_points, write_maps, write_previews
+    from stages.formats.images.photos import read_environment, read_mask
+    from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.pixel_blends import pixels_on_proxy
     from stages.photometry.relighting import relit, turned_light
-    from stages.photometry.sky_scenes import sky_scenes
-    from stages.scene.camera_file import read_cameras
-    from stages.scene.meshes import read_mesh
-    from stages.scene.photos import read_environment, read_mask
-    from stages.scene.transfer_file import read_transfer
+    from stages.photometry.transport.lit_scenes import sky_scenes
     from stages.scene.upright import upright_from_world
-    from stages.scene.view_files import read_maps, read_surface_points, write_maps, write_previews
-    from stages.solvers.threading_layer import use_threads
+    from stages.solvers.kernels.threading_layer import use_threads
 
     settings: RelightSettings = job.settings
     picture = read_environment(job.inputs["light"])  # what is no light is said at once
@@ -63,7 +63,7 @@ def run(job: Job) -> None:
 
 def _brightest(job: Job) -> float:
     """What the brightest material reflects: as asked for, as found with the light, or bright."""
-    from stages.scene.light_file import read_light
+    from stages.formats.artefacts.light_file import read_light
 
     asked: float | None = job.settings.brightest
     if asked is None and "found_light" in job.inputs:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from stages.scene.cameras import Camera
     from stages.synthetic.photograph import Noise
-    from stages.synthetic.subject import Subject
+    from stages.synthetic.subjects.subject import Subject
     from stages.synthetic.truth import PaintedSurface, Truth
 
 
@@ -21,8 +21,8 @@ def run(job: Job) -> None:
     """Build, pose, photograph and measure; save the images as a pipeline wants them, the truth beside."""
     import numpy as np
 
-    from stages.scene.colmap_model import pinhole_model, write_model
-    from stages.scene.meshes import write_mesh
+    from stages.formats.colmap.model import pinhole_model, write_model
+    from stages.formats.meshes.triangle_meshes import write_mesh
     from stages.synthetic.photograph import NoiseTarget, mean_level, photograph
     from stages.synthetic.render import Quality, Scene, use_threads
     from stages.synthetic.staging import (
@@ -84,8 +84,8 @@ def _require_mitsuba() -> None:
 
 def _subject(job: Job) -> Subject:
     """What is rendered: the object that was given, or one of our own."""
-    from stages.scene.mesh_files import read_mesh_file
-    from stages.synthetic.subject import built_subject, mesh_subject
+    from stages.formats.meshes.mesh_files import read_mesh_file
+    from stages.synthetic.subjects.subject import built_subject, mesh_subject
 
     settings: RenderSettings = job.settings
     if "object" not in job.inputs:
@@ -95,7 +95,7 @@ def _subject(job: Job) -> Subject:
 
 def _own_colours(job: Job) -> np.ndarray | None:
     """Those that the object brings, (V, 3); None where the paint is another."""
-    from stages.scene.meshes import read_vertex_colours
+    from stages.formats.meshes.triangle_meshes import read_vertex_colours
 
     if job.settings.paint != "vertex":
         return None
@@ -106,7 +106,7 @@ def _own_colours(job: Job) -> np.ndarray | None:
 
 def _surroundings(job: Job) -> np.ndarray | None:
     """The picture of all directions, (h, 2h, 3), linear; None where the light is another."""
-    from stages.scene.photos import read_photo
+    from stages.formats.images.photos import read_photo
 
     if job.settings.light != "environment":
         return None
@@ -131,8 +131,8 @@ def _write_truths(
 
     Pixels that touch `metal` are kept out of the mask of what is judged, not out of the photos'.
     """
-    from stages.scene.exr import write_exr
-    from stages.scene.photos import write_mask, write_png8
+    from stages.formats.images.exr import write_exr
+    from stages.formats.images.photos import write_mask, write_png8
 
     truths, folder = [], job.outputs["truth"]
     with job.progress("truth", len(cameras)) as step:
@@ -152,8 +152,8 @@ def _write_image(job: Job, camera: Camera, truth: Truth, image: np.ndarray) -> N
     """Save an image, and the true shading: image over albedo where the albedo is known well enough."""
     import numpy as np
 
+    from stages.formats.images.exr import write_exr
     from stages.scene.albedo_floor import ALBEDO_FLOOR
-    from stages.scene.exr import write_exr
 
     known = truth.albedo >= ALBEDO_FLOOR
     shading = np.where(known, image / np.where(known, truth.albedo, 1), 0).astype(np.float32)

@@ -36,9 +36,9 @@ def run(job: Job) -> None:
 
 def _survey(job: Job) -> list[Photo]:
     """The readable photos, with their reduced copies in `scratch`; the others are named aloud."""
+    from stages.formats.images.photo_folder import find_photos, unread_photos
     from stages.motion.database import copy_name
     from stages.motion.photo_set import exposure_for_matching, survey, write_linear_copy
-    from stages.scene.photo_folder import find_photos, unread_photos
 
     settings: SfmSettings = job.settings
     folder = job.inputs["images"]
@@ -119,7 +119,7 @@ def _match(job: Job, database: Path, count: int) -> None:
 
 def _map(job: Job, database: Path, photos: Sequence[Photo]) -> pycolmap.Reconstruction:
     """The largest model of the best attempt; what it lacks is said."""
-    from stages.scene.colmap_model import registered
+    from stages.formats.colmap.model import registered
 
     models = _map_globally(job, database) if job.settings.mapper == "global" else []
     if not models:
@@ -201,9 +201,9 @@ def _adjust(job: Job, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction
 
 def _publish(job: Job, model: pycolmap.Reconstruction, database: Path, photos: Sequence[Photo]) -> None:
     """Model and database under the photos' own names."""
+    from stages.formats.colmap.model import registered, write_model
+    from stages.formats.images.photo_turns import write_as_stored
     from stages.motion.database import publish
-    from stages.scene.colmap_model import registered, write_model
-    from stages.scene.photo_turns import write_as_stored
 
     for image in model.images.values():
         image.name = photos[image.image_id - 1].name

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from stages.formats.meshes.triangle_meshes import Surface
     from stages.geometry.occluders import Occluders
-    from stages.photometry.sky import Eyes
-    from stages.photometry.transfer import Occlusion
-    from stages.scene.meshes import Surface
+    from stages.photometry.transport.directional_transport import Eyes
+    from stages.photometry.transport.transfer_vectors import Occlusion
 
 
 Distance = Annotated[float, Field(ge=1.5)]  # nearer, the light would be inside what it lights
@@ -84,12 +84,12 @@ def run(job: Job) -> None:
     """Look from the vertices of the mesh into the sky. Memory: 16 B per blocked ray, and 100 MB a thread."""
     import numpy as np
 
+    from stages.formats.artefacts.transfer_file import StoredTransfer, write_transfer
+    from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.occluders import Occluders
     from stages.geometry.proxy import blend_of, roughness_of, short_edged_with_proxy
     from stages.geometry.rays import vertex_normals
-    from stages.photometry.sky import Eyes
-    from stages.scene.meshes import read_mesh
-    from stages.scene.transfer_file import StoredTransfer, write_transfer
+    from stages.photometry.transport.directional_transport import Eyes
 
     settings: TransferSettings = job.settings
     mesh = read_mesh(job.inputs["mesh"])
@@ -130,7 +130,7 @@ def run(job: Job) -> None:
 
 def _surface_seen(eyes: Eyes, occluders: Occluders, job: Job) -> Occlusion:
     """What vertices see of each other instead of the sky."""
-    from stages.photometry.transfer import occlusion, points_at_once
+    from stages.photometry.transport.transfer_vectors import occlusion, points_at_once
 
     count, asked = len(eyes.normals), (job.settings.degree, job.settings.directions)
     with job.progress("rays", -(-count // points_at_once(job.settings.directions))) as step:
@@ -141,7 +141,7 @@ def _sky_seen(eyes: Eyes, centre: np.ndarray, radii: Sequence[float], job: Job) 
     """In which directions vertices see each of the spheres that light may come from: (D, P, ⌈M/8⌉) bits."""
     import numpy as np
 
-    from stages.photometry.sky import even_directions, sphere_of
+    from stages.photometry.transport.directional_transport import even_directions, sphere_of
 
     directions = even_directions(job.settings.sky_directions)
     with job.progress("directions", len(radii) * -(-len(directions) // 8)) as step:

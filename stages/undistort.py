@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from stages.formats.images.photo_settings import MOST_TIMES_BRIGHT
 from stages.scene.distributions import PICTURES, PYCOLMAP
-from stages.scene.photo_settings import MOST_TIMES_BRIGHT
 from stages.scene.wording import listed
 
 if TYPE_CHECKING:
@@ -54,10 +54,10 @@ class View:
 
 def run(job: Job) -> None:
     """Choose the pinhole cameras, resample view by view, write the workspace."""
+    from stages.formats.colmap.dense_workspace import write_stereo_settings
+    from stages.formats.colmap.model import pinhole_model, read_model, registered, write_model
+    from stages.formats.images.photo_turns import read_as_stored
     from stages.geometry.lenses import lens_of
-    from stages.scene.colmap_model import pinhole_model, read_model, registered, write_model
-    from stages.scene.dense_workspace import write_stereo_settings
-    from stages.scene.photo_turns import read_as_stored
 
     model = read_model(job.inputs["model"])
     workspace = job.outputs["workspace"]
@@ -130,11 +130,11 @@ class Undistorted:
 
 def undistort_view(view: View) -> Undistorted:
     """Write one view's linear image, 8-bit image and mask."""
+    from stages.formats.images.exr import write_exr
+    from stages.formats.images.masked_photos import read_masked_photo
+    from stages.formats.images.photo_remarks import remarks_on
+    from stages.formats.images.photos import write_mask, write_png_srgb8
     from stages.geometry.lenses import through_pinhole
-    from stages.scene.exr import write_exr
-    from stages.scene.masked_photos import read_masked_photo
-    from stages.scene.photo_remarks import remarks_on
-    from stages.scene.photos import write_mask, write_png_srgb8
 
     size = view.lens["width"], view.lens["height"]
     *photo, impossible = read_masked_photo(
@@ -154,8 +154,8 @@ def _pinhole_cameras(model: pycolmap.Reconstruction, settings: UndistortSettings
     """The pinhole camera of every posed image at working size, sorted by image name."""
     import pycolmap
 
+    from stages.formats.colmap.model import PINHOLES, camera_of, registered
     from stages.geometry.undistortion import working_size
-    from stages.scene.colmap_model import PINHOLES, camera_of, registered
 
     options = pycolmap.UndistortCameraOptions(blank_pixels=settings.blank_pixels)
     pinholes = {}
@@ -170,7 +170,7 @@ def _pinhole_cameras(model: pycolmap.Reconstruction, settings: UndistortSettings
 
 def _find_masks(job: Job, names: list[str]) -> dict[str, Path]:
     """The mask of every photo that has one; photos without are named aloud."""
-    from stages.scene.photo_folder import find_mask
+    from stages.formats.images.photo_folder import find_mask
 
     folder = job.inputs.get("masks")
     if folder is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.scene.meshes import Surface
+from stages.formats.meshes.triangle_meshes import Surface
 
 
 def bowl(depth: float, rings: int = 30, around: int = 60) -> Surface:

@@ -14,7 +14,7 @@ from pipeline import Job, Silence, Stage
 # As the command line does before numpy is imported: BLAS on more threads sums in another order.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-from stages.solvers.threading_layer import use_threads  # noqa: E402
+from stages.solvers.kernels.threading_layer import use_threads  # noqa: E402
 
 
 @pytest.fixture(scope="session")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.solvers.half_edges import HalfEdges
-from stages.solvers.primal_dual_graph import PrimalDual
-from stages.solvers.primal_dual_problem import Problem, Steps
-from stages.solvers.sliced_graph import sliced_graph, slices_of
+from stages.solvers.primal_dual.graph import PrimalDual
+from stages.solvers.primal_dual.half_edges import HalfEdges
+from stages.solvers.primal_dual.problem import Problem, Steps
+from stages.solvers.primal_dual.sliced_graph import sliced_graph, slices_of
 
 STEPS = Steps(scale=0.1)
 

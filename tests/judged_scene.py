@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from stages.evaluation.judged_views import JudgedView, judge_view
-from stages.scene.exr import write_exr
-from stages.scene.photos import write_mask, write_png8
+from stages.formats.images.exr import write_exr
+from stages.formats.images.photos import write_mask, write_png8
 
 PARTS = ("hair", "face", "shirt")
 ALBEDO = np.array([[1, 0.0314, 0], [1, 0.5333, 0.3608], [0.0196, 0.0549, 1]], np.float32)

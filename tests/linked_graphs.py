@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from scipy.optimize import linprog
 
 from stages.photometry.stack import StackedViews, stack_views
-from stages.solvers.half_edges import HalfEdges
+from stages.solvers.primal_dual.half_edges import HalfEdges
 
 
 def random_views(rng: np.random.Generator, view_count: int = 3, side: int = 7) -> StackedViews:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import maxflow
 import numpy as np
 
-from stages.solvers.half_edges import HalfEdges
+from stages.solvers.primal_dual.half_edges import HalfEdges
 
 
 def best_by_cuts(

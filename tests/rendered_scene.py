@@ -11,13 +11,13 @@ import numpy as np
 from pipeline import Job
 from pipeline.store import Store
 from stages.cli import main
+from stages.formats.images.exr import read_exr
+from stages.formats.images.photos import read_mask
+from stages.formats.meshes.triangle_meshes import Surface
 from stages.render import RENDER
 from stages.scene.cameras import Camera
-from stages.scene.exr import read_exr
-from stages.scene.meshes import Surface
-from stages.scene.photos import read_mask
-from stages.synthetic.isosurface import closed_surface
 from stages.synthetic.render_settings import RenderSettings
+from stages.synthetic.subjects.isosurface import closed_surface
 from stages.synthetic.views import arc_of_views
 
 TINY = {"spacing": 0.03, "views": 1, "width_px": 24, "height_px": 32, "arc_deg": 0.0, "noise": 1.0}

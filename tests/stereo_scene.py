@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from stages.geometry.dense_stereo import ViewPlan
+from stages.formats.colmap.model import pinhole_model
+from stages.formats.images.photos import write_png_srgb8
 from stages.scene.cameras import Camera, project, rays_in_world
-from stages.scene.colmap_model import pinhole_model
-from stages.scene.photos import write_png_srgb8
+from stages.stereo.depth.dense_stereo import ViewPlan
 
 CENTRE, RADIUS = np.array([0.0, 0.1, 4.0]), 0.7
 WALL_NORMAL, WALL_OFFSET = np.array([0.3, 0.1, -0.9486833]), -4.6  # n·X = offset

@@ -19,13 +19,13 @@ from benchmarks.accuracy.report import light_distance, worst_variance
 from benchmarks.accuracy.scenes import laboratory_of, paper_rows
 from benchmarks.paper.laboratory import TINY, Results
 from stages.evaluation.part_variance import part_variances
+from stages.formats.colmap.model import pinhole_model
+from stages.formats.images.exr import write_exr
+from stages.formats.images.photos import read_photo, write_mask
+from stages.formats.meshes.triangle_meshes import read_mesh, read_vertex_colours, write_mesh
 from stages.motion.sfm_settings import SfmSettings
-from stages.photometry.environment import directions_of_picture
-from stages.scene.colmap_model import pinhole_model
-from stages.scene.exr import write_exr
-from stages.scene.meshes import read_mesh, read_vertex_colours, write_mesh
-from stages.scene.photos import read_photo, write_mask
-from stages.synthetic.natural_paint import NATURAL_PAINTS
+from stages.photometry.transport.environment import directions_of_picture
+from stages.synthetic.paints.natural_paint import NATURAL_PAINTS
 from stages.synthetic.render_settings import RenderSettings
 from stages.synthetic.views import arc_of_views
 from tests.bowls import bowl

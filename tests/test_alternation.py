@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.albedo_step import albedo_step, albedo_system
-from stages.photometry.alternation import (
+from stages.photometry.paper.albedo_step import albedo_step, albedo_system
+from stages.photometry.paper.alternation import (
     AlternationSettings,
     Descent,
     Outcome,
@@ -20,14 +20,14 @@ from stages.photometry.alternation import (
     decompose_channels,
     start,
 )
-from stages.photometry.energy import EnergyWeights, energy_terms, smoothed_energy
-from stages.photometry.energy_history import descent_as_json
-from stages.photometry.harmonics import shading_basis
-from stages.photometry.light_step import light_step
+from stages.photometry.paper.energy import EnergyWeights, energy_terms, smoothed_energy
+from stages.photometry.paper.energy_history import descent_as_json
+from stages.photometry.paper.harmonics import shading_basis
+from stages.photometry.paper.light_step import light_step
 from stages.photometry.stack import StackedViews, stack_views
-from stages.solvers.correspondence_operator import correspondence_matrix
-from stages.solvers.difference_operators import difference_matrices
-from stages.solvers.reweighted_least_squares import l1_weights
+from stages.solvers.least_squares.correspondence_operator import correspondence_matrix
+from stages.solvers.least_squares.difference_operators import difference_matrices
+from stages.solvers.least_squares.reweighted_least_squares import l1_weights
 from tests.sphere_scene import sphere_scene
 
 WEIGHTS = EnergyWeights(smoothness=2.0, consistency=2.0, delta=1e-4)

@@ -41,15 +41,16 @@ SLOW_TO_IMPORT = {
     "trimesh",
 }
 FOLDERS_BELOW = {  # which folders of stages/ each folder may import
-    "command": {"command", "evaluation", "scene"},
-    "evaluation": {"evaluation", "scene"},
+    "command": {"command", "evaluation", "formats", "scene"},
+    "evaluation": {"evaluation", "formats", "scene"},
     "scene": {"scene"},
+    "formats": {"formats", "scene"},
     "solvers": {"solvers", "scene"},
-    "motion": {"motion", "scene"},
-    "stereo": {"stereo", "geometry", "solvers", "scene"},
-    "geometry": {"geometry", "solvers", "scene"},
-    "photometry": {"photometry", "solvers", "scene"},
-    "synthetic": {"synthetic", "scene", "geometry"},
+    "motion": {"motion", "formats", "scene"},
+    "stereo": {"stereo", "geometry", "solvers", "formats", "scene"},
+    "geometry": {"geometry", "solvers", "formats", "scene"},
+    "photometry": {"photometry", "solvers", "formats", "scene"},
+    "synthetic": {"synthetic", "geometry", "formats", "scene"},
 }
 DISTRIBUTIONS = {  # of what is imported by another name than it is installed by
     "cv2": {"opencv-python-headless"},

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.scene.camera_file import read_cameras, write_cameras
+from stages.formats.artefacts.camera_file import read_cameras, write_cameras
 from stages.scene.cameras import (
     Camera,
     back_project,

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import label
 
-from stages.photometry.cartoon_texture import cartoon_texture
-from stages.solvers.primal_dual_cartoon import (
+from benchmarks.cartoon.cartoon_texture import cartoon_texture
+from benchmarks.cartoon.primal_dual import (
     CartoonOutcome,
     CartoonSettings,
     cartoon,

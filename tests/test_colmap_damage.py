@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pipeline import UserError
-from stages.scene.colmap_files import check_binary_files
-from stages.scene.colmap_model import read_model, write_model
+from stages.formats.colmap.binary_files import check_binary_files
+from stages.formats.colmap.model import read_model, write_model
 from tests.short_writes import no_file_longer_than
 from tests.test_colmap_model import distorted_model
 

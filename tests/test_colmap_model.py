@@ -10,8 +10,7 @@ import pytest
 
 from pipeline import UserError
 from stages.adopt_model import ADOPT_MODEL
-from stages.scene.cameras import project
-from stages.scene.colmap_model import (
+from stages.formats.colmap.model import (
     cameras_of,
     check_image_name,
     find_model,
@@ -19,7 +18,8 @@ from stages.scene.colmap_model import (
     read_model,
     registered,
 )
-from stages.scene.photos import write_png_srgb8
+from stages.formats.images.photos import write_png_srgb8
+from stages.scene.cameras import project
 
 WIDTH, HEIGHT = 120, 90
 NO_SPACES = [f"sub/photo_{index}.jpg" for index in range(4)]  # COLMAP's text files cut names at a space

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.confidence import confidence, confidence_of, views_that_see_it
+from stages.photometry.albedo.confidence import confidence, confidence_of, views_that_see_it
 from stages.photometry.stack import stack_views
 
 

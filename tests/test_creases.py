@@ -8,10 +8,10 @@ import pytest
 
 from pipeline import UserError
 from stages.adopt_mesh import ADOPT_MESH
+from stages.formats.meshes.mesh_files import read_mesh_file
+from stages.formats.meshes.triangle_meshes import Surface, from_open3d, read_mesh, to_open3d, write_mesh
 from stages.geometry.creases import shared_corners
 from stages.geometry.rays import vertex_normals
-from stages.scene.mesh_files import read_mesh_file
-from stages.scene.meshes import Surface, from_open3d, read_mesh, to_open3d, write_mesh
 
 BOX = from_open3d(o3d.geometry.TriangleMesh.create_box(2.0, 3.0, 5.0))
 SPHERE = from_open3d(o3d.geometry.TriangleMesh.create_sphere(1.0, 20))

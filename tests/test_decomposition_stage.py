@@ -13,17 +13,23 @@ import scipy.sparse as sp
 from pipeline import Job, Stage, UserError
 from stages.correspondence import CORRESPONDENCE, CorrespondenceSettings
 from stages.decomposition import DECOMPOSITION, DecompositionSettings
+from stages.formats.artefacts.camera_file import write_cameras
+from stages.formats.artefacts.light_file import StoredLight, read_light, write_light
+from stages.formats.artefacts.lighting_file import LightAround, write_light_around
+from stages.formats.artefacts.link_files import numbered_links
+from stages.formats.artefacts.view_files import (
+    read_arrays,
+    read_maps,
+    scaled_channels,
+    write_arrays,
+    write_maps,
+)
+from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.photos import write_mask
 from stages.lighting import _unclipped
-from stages.photometry.harmonics import shading_basis
-from stages.scene.camera_file import write_cameras
+from stages.photometry.paper.harmonics import shading_basis
 from stages.scene.cameras import Camera
-from stages.scene.exr import read_exr, write_exr
-from stages.scene.light_file import StoredLight, read_light, write_light
-from stages.scene.lighting_file import LightAround, write_light_around
-from stages.scene.link_files import numbered_links
-from stages.scene.photos import write_mask
 from stages.scene.upright import mean_camera_up
-from stages.scene.view_files import read_arrays, read_maps, scaled_channels, write_arrays, write_maps
 from tests.raw_exr import write_raw_exr
 from tests.sphere_scene import SphereScene, camera_looking_at_origin, sphere_scene
 

@@ -7,11 +7,11 @@ import pytest
 
 from pipeline import UserError
 from stages.deliver import common_white, evenly
+from stages.formats.images.contact_sheet import CAPTION_PX, MARGIN_PX, contact_sheet
+from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.masks import kept_at
+from stages.formats.images.photos import write_mask
 from stages.raycast import chosen_views
-from stages.scene.contact_sheet import CAPTION_PX, MARGIN_PX, contact_sheet
-from stages.scene.exr import read_exr, write_exr
-from stages.scene.masks import kept_at
-from stages.scene.photos import write_mask
 
 
 def test_white_is_one_quantile_over_the_masked_pixels_of_all_views(tmp_path):

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.divided_light import MOST_CELLS, bright_cells, divided
-from stages.photometry.environment import picture_of_light
-from stages.photometry.light_from_pairs import contrast
-from stages.photometry.light_search import sky_light
-from stages.photometry.sky import AROUND, Eyes, Sphere, even_directions, honeycomb
-from stages.photometry.sky_light import FoundLight, SkyScene
-from stages.photometry.sky_photos import Lighting
-from stages.photometry.transfer import Occlusion, Proxy
+from stages.photometry.lighting.direction_refinement import MOST_CELLS, bright_cells, divided
+from stages.photometry.lighting.light_estimate import FoundLight, SkyScene
+from stages.photometry.lighting.light_from_pairs import contrast
+from stages.photometry.lighting.light_search import sky_light
+from stages.photometry.lighting.lit_photos import Lighting
+from stages.photometry.transport.directional_transport import AROUND, Eyes, Sphere, even_directions, honeycomb
+from stages.photometry.transport.environment import picture_of_light
+from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import sphere_scene
 from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, looks, normals_of, photo_of

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.energy import (
+from stages.photometry.paper.energy import (
     EnergyTerms,
     EnergyWeights,
     consistency_term,

@@ -11,8 +11,8 @@ import pytest
 import scipy.sparse as sp
 
 from stages.cli import main
-from stages.scene.exr import read_exr, write_exr
-from stages.scene.photos import write_mask, write_png_srgb8, write_png_srgb16
+from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.photos import write_mask, write_png_srgb8, write_png_srgb16
 from tests.judged_scene import NAMES, truth_views, write_truth
 from tests.raw_exr import write_raw_exr
 

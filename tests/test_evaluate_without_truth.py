@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from stages.cli import main
-from stages.scene.exr import read_exr, write_exr
-from stages.scene.photos import write_mask, write_png_srgb16
+from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.photos import write_mask, write_png_srgb16
 from tests.raw_exr import write_raw_exr
 
 NAMES, SHAPE = ("a/früh am morgen", "b.2"), (60, 80)

@@ -12,14 +12,14 @@ import pytest
 
 from stages.correspondence import CORRESPONDENCE
 from stages.decomposition import DECOMPOSITION, DecompositionSettings
-from stages.photometry import fast_alternation
-from stages.photometry.alternation import AlternationSettings, Outcome, decompose_channels
-from stages.photometry.energy import EnergyTerms, EnergyWeights, energy_terms
-from stages.photometry.fast_alternation import FastDescent, FastSettings, solve
-from stages.photometry.saddle import graph_of
+from stages.formats.images.exr import read_exr
+from stages.photometry.joint import fast_alternation
+from stages.photometry.joint.fast_alternation import FastDescent, FastSettings, solve
+from stages.photometry.joint.problem_assembly import graph_of
+from stages.photometry.joint.stopping_rule import left_to_gain
+from stages.photometry.paper.alternation import AlternationSettings, Outcome, decompose_channels
+from stages.photometry.paper.energy import EnergyTerms, EnergyWeights, energy_terms
 from stages.photometry.stack import StackedViews
-from stages.photometry.stopping_rule import left_to_gain
-from stages.scene.exr import read_exr
 from tests.linked_graphs import exact_energy
 from tests.sphere_scene import SphereScene, sphere_scene
 from tests.test_decomposition_stage import write_scene

@@ -10,17 +10,17 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stages.photometry.energy import EnergyWeights
-from stages.photometry.pyramid import Level, coarser, pyramid
-from stages.photometry.saddle import EdgeWeights, graph_of, problem_of
+from stages.photometry.joint.problem_assembly import EdgeWeights, graph_of, problem_of
+from stages.photometry.joint.pyramid import Level, coarser, pyramid
+from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.stack import StackedViews, stack_views
-from stages.solvers.gram_matrices import gram_matrices
-from stages.solvers.half_edges import aggregated, from_edges
-from stages.solvers.primal_dual_graph import PrimalDual
-from stages.solvers.primal_dual_problem import Steps
-from stages.solvers.sliced_graph import WINDOW, sliced_graph, slices_of
-from stages.solvers.slices import BLOCK, Slices
-from stages.solvers.threading_layer import use_threads
+from stages.solvers.kernels.sliced_ellpack import BLOCK, Slices
+from stages.solvers.kernels.threading_layer import use_threads
+from stages.solvers.least_squares.gram_matrices import gram_matrices
+from stages.solvers.primal_dual.graph import PrimalDual
+from stages.solvers.primal_dual.half_edges import aggregated, from_edges
+from stages.solvers.primal_dual.problem import Steps
+from stages.solvers.primal_dual.sliced_graph import WINDOW, sliced_graph, slices_of
 from tests.fixed_light import STEPS, albedo_of, fixed_light
 from tests.linked_graphs import exact_energy, random_views, variation
 from tests.sphere_scene import sphere_scene

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.photos import encode_srgb8, write_mask
+from stages.formats.images.resize import reduce_by_area
 from stages.full_resolution import View, write_view
 from stages.photometry.full_resolution import at_full_resolution
 from stages.scene.cameras import Camera
-from stages.scene.exr import read_exr, write_exr
-from stages.scene.photos import encode_srgb8, write_mask
-from stages.scene.resize import reduce_by_area
 from tests.raw_exr import write_raw_exr
 from tests.rendered_scene import TINY, unshade, write_config
 

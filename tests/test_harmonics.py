@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.photometry.harmonics import clamped_cosine, real_harmonics, shading_basis
+from stages.photometry.paper.harmonics import clamped_cosine, real_harmonics, shading_basis
 
 
 def sphere_quadrature(rings: int = 16) -> tuple[np.ndarray, np.ndarray]:

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from stages.cli import main
-from stages.photometry.environment import directions_of_picture
-from stages.photometry.illumination import IlluminationSettings, illumination_by
-from stages.photometry.known_light import FINE_DEG, STEP_DEG, KnownLight, _lowest
-from stages.photometry.sky_light import SkySettings
-from stages.photometry.sky_photos import Lighting, Looks
-from stages.scene.exr import read_exr, write_exr
-from stages.scene.photos import read_mask
-from stages.scene.view_files import ways_to_cameras
+from stages.formats.artefacts.view_files import ways_to_cameras
+from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.photos import read_mask
+from stages.photometry.lighting.illumination import IlluminationSettings, illumination_by
+from stages.photometry.lighting.known_light import FINE_DEG, STEP_DEG, KnownLight, _lowest
+from stages.photometry.lighting.light_estimate import SkySettings
+from stages.photometry.lighting.lit_photos import Lighting, Looks
+from stages.photometry.transport.environment import directions_of_picture
 from tests.rendered_scene import TINY, artefact, unshade, write_config
 from tests.sphere_scene import sphere_scene
 from tests.test_sky_light import error, normals_of, open_scene

@@ -6,8 +6,8 @@ import numpy as np
 import open3d as o3d
 import pytest
 
+from stages.formats.meshes.triangle_meshes import Surface, from_open3d
 from stages.geometry.proxy import faces_of_fewer_vertices, short_edged_with_proxy
-from stages.scene.meshes import Surface, from_open3d
 from stages.transfer import TRANSFER, TransferSettings
 
 
@@ -61,7 +61,7 @@ def test_faces_are_asked_for_in_proportion():
 def test_meshes_of_hundreds_of_thousands_of_vertices_pass_through_transfer(
     make_job, tmp_path, shape, vertices
 ):
-    from stages.scene.meshes import write_mesh
+    from stages.formats.meshes.triangle_meshes import write_mesh
 
     write_mesh(tmp_path / "mesh.ply", SHAPES[shape](sphere(vertices)))
     few = TransferSettings(directions=16, sky_directions=16, light_distances=())

@@ -8,12 +8,12 @@ import numpy as np
 import pycolmap
 import pytest
 
+from stages.formats.colmap.model import pinhole_model
+from stages.formats.meshes.triangle_meshes import Surface, write_mesh
 from stages.geometry.mesh_fit import gaps_at_points
 from stages.geometry.rays import RayCaster
 from stages.raycast import APART, RAYCAST
 from stages.scene.cameras import Camera, project
-from stages.scene.colmap_model import pinhole_model
-from stages.scene.meshes import Surface, write_mesh
 from stages.stereo.workspace import open_workspace
 from tests.test_surface import SQUARE, camera
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stages.photometry.energy import EnergyWeights
-from stages.photometry.saddle import graph_of
+from stages.photometry.joint.problem_assembly import graph_of
+from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.stack import stack_pixels
-from stages.solvers.half_edges import HalfEdges
-from stages.solvers.threading_layer import use_threads
+from stages.solvers.kernels.threading_layer import use_threads
+from stages.solvers.primal_dual.half_edges import HalfEdges
 from tests.fixed_light import albedo_of, fixed_light
 from tests.linked_graphs import exact_energy, random_views, variation
 from tests.minimum_cuts import best_by_cuts

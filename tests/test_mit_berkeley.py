@@ -16,11 +16,11 @@ from benchmarks.mit_berkeley.objects import (
 from benchmarks.mit_berkeley.sources import write_sources
 from pipeline import UserError
 from pipeline.terminal import Terminal
+from stages.formats.colmap.model import cameras_of, read_model
+from stages.formats.images.photo_folder import find_photos
+from stages.formats.images.photos import read_photo
+from stages.formats.meshes.triangle_meshes import read_mesh
 from stages.geometry.rays import RayCaster
-from stages.scene.colmap_model import cameras_of, read_model
-from stages.scene.meshes import read_mesh
-from stages.scene.photo_folder import find_photos
-from stages.scene.photos import read_photo
 
 
 def test_a_plane_has_its_one_normal_up_to_its_rim_and_around_holes():

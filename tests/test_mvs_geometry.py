@@ -8,21 +8,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.geometry.dense_stereo import Scene, fuse_views, padded, sources_of
-from stages.geometry.fusion import Agreement
-from stages.geometry.geometric_consistency import confirmed, consistent_views
-from stages.geometry.inverse_depth import (
+from stages.scene.cameras import back_project, normals_in_world, project
+from stages.solvers.kernels.threading_layer import use_threads
+from stages.stereo.depth.dense_stereo import Scene, fuse_views, padded, sources_of
+from stages.stereo.depth.inverse_depth import (
     depth_from_planes,
     fit_planes,
     j_from_i,
     normals_from_planes,
     resample_planes,
 )
-from stages.geometry.patch_match import Refinement, refine
-from stages.geometry.plane_sweep import WORST, inverse_depth_planes, matching_costs, pixels_per_inverse_depth
-from stages.geometry.semi_global import Penalties, aggregate, winner
-from stages.geometry.sparse_surface import oriented_normals
-from stages.geometry.view_selection import (
+from stages.stereo.depth.patch_match import Refinement, refine
+from stages.stereo.depth.plane_sweep import (
+    WORST,
+    inverse_depth_planes,
+    matching_costs,
+    pixels_per_inverse_depth,
+)
+from stages.stereo.depth.semi_global import Penalties, aggregate, winner
+from stages.stereo.fusion import Agreement
+from stages.stereo.geometric_consistency import confirmed, consistent_views
+from stages.stereo.sparse_surface import oriented_normals
+from stages.stereo.view_selection import (
     AngleWeight,
     SparsePoints,
     depth_range,
@@ -30,8 +37,6 @@ from stages.geometry.view_selection import (
     points_from_poses,
     select_sources,
 )
-from stages.scene.cameras import back_project, normals_in_world, project
-from stages.solvers.threading_layer import use_threads
 from tests import stereo_scene
 
 VIEWS = stereo_scene.cameras()

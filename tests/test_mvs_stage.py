@@ -11,11 +11,11 @@ import pycolmap
 import pytest
 
 from pipeline import UserError
+from stages.formats.artefacts.array_store import ArrayStore
+from stages.formats.colmap.depth_maps import read_map, write_map
+from stages.formats.meshes.triangle_meshes import read_points
 from stages.mvs import MVS, MvsSettings, engine_of
-from stages.scene.array_store import ArrayStore
 from stages.scene.cameras import footprint, normals_in_world
-from stages.scene.depth_maps import read_map, write_map
-from stages.scene.meshes import read_points
 from tests import stereo_scene
 
 VIEWS = stereo_scene.cameras()

@@ -6,15 +6,21 @@ import numpy as np
 import pytest
 from scipy.ndimage import minimum_filter
 
-from stages.scene.meshes import Surface
-from stages.synthetic.architecture import build_courtyard, build_relief
+from stages.formats.meshes.triangle_meshes import Surface
 from stages.synthetic.lights import Dome, Light
-from stages.synthetic.natural_paint import NATURAL_PAINTS, TEXTURES, names_of_quilt, natural_paint, quilt
+from stages.synthetic.paints.natural_paint import (
+    NATURAL_PAINTS,
+    TEXTURES,
+    names_of_quilt,
+    natural_paint,
+    quilt,
+)
+from stages.synthetic.paints.solid_noise import cell_borders, fractal_noise, octave_wavelengths, smooth_noise
+from stages.synthetic.paints.textures.pattern import Scale
 from stages.synthetic.render import Quality, Scene
 from stages.synthetic.render_settings import RenderSettings
-from stages.synthetic.solid_noise import cell_borders, fractal_noise, octave_wavelengths, smooth_noise
-from stages.synthetic.subdivision import subdivided
-from stages.synthetic.textures.pattern import Scale
+from stages.synthetic.subjects.architecture import build_courtyard, build_relief
+from stages.synthetic.subjects.subdivision import subdivided
 from stages.synthetic.truth import PaintedSurface
 from tests.rendered_scene import ball, towards_origin
 

@@ -6,10 +6,10 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stages.solvers.conjugate_gradient import conjugate_gradient
-from stages.solvers.correspondence_operator import correspondence_matrix
-from stages.solvers.difference_operators import difference_matrices, first_pixels, neighbours
-from stages.solvers.reweighted_least_squares import (
+from stages.solvers.least_squares.conjugate_gradient import conjugate_gradient
+from stages.solvers.least_squares.correspondence_operator import correspondence_matrix
+from stages.solvers.least_squares.difference_operators import difference_matrices, first_pixels, neighbours
+from stages.solvers.least_squares.reweighted_least_squares import (
     NormalEquations,
     l1_weights,
     smoothed_absolute,

@@ -14,10 +14,10 @@ from PIL import Image, ImageCms
 
 from pipeline import UserError
 from stages.adopt_model import ADOPT_MODEL, AdoptModelSettings
-from stages.scene.masked_photos import read_masked_photo
-from stages.scene.photo_remarks import remarks_on
-from stages.scene.photo_turns import read_as_stored, write_as_stored
-from stages.scene.photos import encode_srgb8, photo_size, read_photo, upright
+from stages.formats.images.masked_photos import read_masked_photo
+from stages.formats.images.photo_remarks import remarks_on
+from stages.formats.images.photo_turns import read_as_stored, write_as_stored
+from stages.formats.images.photos import encode_srgb8, photo_size, read_photo, upright
 from stages.undistort import UNDISTORT, UndistortSettings
 from tests.raw_exr import write_raw_exr
 

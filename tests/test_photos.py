@@ -15,10 +15,10 @@ import pytest
 from PIL import Image, ImageOps
 
 from pipeline import UserError
-from stages.scene.colour import linear_from_srgb
-from stages.scene.exr import write_exr
-from stages.scene.photo_folder import find_mask, find_photos, unread_photos
-from stages.scene.photos import (
+from stages.formats.images.colour import linear_from_srgb
+from stages.formats.images.exr import write_exr
+from stages.formats.images.photo_folder import find_mask, find_photos, unread_photos
+from stages.formats.images.photos import (
     encode_srgb8,
     encode_srgb16,
     photo_size,

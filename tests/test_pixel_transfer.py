@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.pixel_blends import blend_of_pixels
 from stages.geometry.proxy import blend_of, short_edged_with_proxy
 from stages.geometry.rays import vertex_normals
-from stages.photometry.harmonics import shading_basis
-from stages.photometry.pixel_transfer import (
+from stages.photometry.paper.harmonics import shading_basis
+from stages.photometry.transport.pixel_transfer import (
     Bounces,
     PixelTransfer,
     at_vertices,
     nearest_shown,
     on_absolute_scale,
 )
-from stages.photometry.transfer import Occlusion, Proxy
-from stages.scene.meshes import Surface
+from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.bowls import bowl
 
 VERTICES, PIXELS = 5, 12

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from stages.cli import main
-from stages.photometry.reflectance import SCALE, reflectance_of
-from stages.scene.exr import read_exr
-from stages.scene.photos import read_mask
+from stages.formats.images.exr import read_exr
+from stages.formats.images.photos import read_mask
+from stages.photometry.lighting.reflectance import SCALE, reflectance_of
 from tests.rendered_scene import artefact, write_config
 
 COURTYARD = {

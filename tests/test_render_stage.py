@@ -16,20 +16,20 @@ from scipy.ndimage import center_of_mass, label
 
 from pipeline.store import Store
 from stages.cli import main
+from stages.formats.artefacts.part_maps import read_part_map
+from stages.formats.colmap.model import cameras_of, read_model
+from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.photos import read_mask
+from stages.formats.meshes.triangle_meshes import Surface, read_mesh, to_open3d, write_mesh
 from stages.geometry.rays import RayCaster
 from stages.known_geometry import KNOWN_GEOMETRY, KnownGeometrySettings
 from stages.scene.cameras import Camera, project
-from stages.scene.colmap_model import cameras_of, read_model
-from stages.scene.exr import read_exr, write_exr
-from stages.scene.meshes import Surface, read_mesh, to_open3d, write_mesh
-from stages.scene.part_maps import read_part_map
-from stages.scene.photos import read_mask
-from stages.synthetic.bust import PARTS
 from stages.synthetic.lights import ONE_LAMP, SKY_DOME, Light, lamps_around
-from stages.synthetic.paint import STRIPE, TABLE_1, paint_by_part
+from stages.synthetic.paints.paint import STRIPE, TABLE_1, paint_by_part
 from stages.synthetic.photograph import NoiseTarget, mean_level, photograph
 from stages.synthetic.render import Quality, Scene
-from stages.synthetic.subject import bust_subject
+from stages.synthetic.subjects.bust import PARTS
+from stages.synthetic.subjects.subject import bust_subject
 from stages.synthetic.truth import PaintedSurface, Truth
 from stages.synthetic.views import arc_of_views
 from tests.rendered_scene import TINY, artefact, ball, rendered, unshade, view, write_config

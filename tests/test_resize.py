@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.scene.resize import reduce_by_area
+from stages.formats.images.resize import reduce_by_area
 
 
 def test_whole_blocks_are_averaged():

@@ -16,15 +16,15 @@ from benchmarks.fountain_poses import Poses, errors, model_poses
 from benchmarks.similarity import similarity
 from pipeline import UserError
 from pipeline.config import check_settings
+from stages.formats.colmap.model import read_model, registered
+from stages.formats.images.exr import write_exr
+from stages.formats.images.photos import encode_srgb8, encode_srgb16, write_png_srgb8
 from stages.motion.database import copy_name
 from stages.motion.features import in_full_photo
 from stages.motion.mapping import attempts, free_principal_point
 from stages.motion.matching import all_pairs, in_batches, sequential_pairs
 from stages.motion.photo_set import Photo, camera_groups, exposure_for_matching, initial_cameras
 from stages.motion.sfm_settings import CAMERA_PARAMS, SfmSettings
-from stages.scene.colmap_model import read_model, registered
-from stages.scene.exr import write_exr
-from stages.scene.photos import encode_srgb8, encode_srgb16, write_png_srgb8
 from stages.sfm import SFM
 from tests import painted_corner
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from stages import transfer
+from stages.formats.artefacts.transfer_file import read_transfer
+from stages.formats.meshes.triangle_meshes import Surface, read_mesh, write_mesh
 from stages.geometry.pixel_blends import pixels_on_proxy
 from stages.geometry.proxy import roughly_decimated, roughness_of, short_edged_with_proxy
 from stages.geometry.short_edges import with_short_edges
-from stages.photometry.sky import even_directions
-from stages.scene.meshes import Surface, read_mesh, write_mesh
-from stages.scene.transfer_file import read_transfer
+from stages.photometry.transport.directional_transport import even_directions
 from tests.bowls import bowl
 
 TETRAHEDRON = Surface(

@@ -14,11 +14,11 @@ import pytest
 from pipeline.digest import DigestMemo
 from pipeline.store import PARTIAL
 from stages.cli import main
-from stages.scene.depth_maps import write_map
-from stages.scene.exr import write_exr
-from stages.scene.meshes import write_mesh
-from stages.scene.photos import write_mask, write_png_srgb16
-from stages.scene.point_clouds import write_points
+from stages.formats.colmap.depth_maps import write_map
+from stages.formats.images.exr import write_exr
+from stages.formats.images.photos import write_mask, write_png_srgb16
+from stages.formats.meshes.point_clouds import write_points
+from stages.formats.meshes.triangle_meshes import write_mesh
 from tests.short_writes import no_file_longer_than
 from tests.test_surface import SQUARE
 

@@ -8,9 +8,15 @@ import scipy.sparse as sp
 
 from stages.geometry.occluders import Occluders
 from stages.geometry.rays import vertex_normals
-from stages.photometry.environment import directions_of_picture, picture_of_light
-from stages.photometry.harmonics import real_harmonics, shading_basis
-from stages.photometry.sky import SkyTransport, Sphere, even_directions, offsets_in, visible_directions
+from stages.photometry.paper.harmonics import real_harmonics, shading_basis
+from stages.photometry.transport.directional_transport import (
+    SkyTransport,
+    Sphere,
+    even_directions,
+    offsets_in,
+    visible_directions,
+)
+from stages.photometry.transport.environment import directions_of_picture, picture_of_light
 from tests.bowls import bowl
 
 COUNT = 1024

@@ -9,17 +9,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry import highlights, sky_decomposition
-from stages.photometry.albedo_under_light import albedo_under_light
-from stages.photometry.alike_pairs import COLOUR, Pairs, alike_pairs, sample_of
-from stages.photometry.appearance import appearance_of
-from stages.photometry.energy import EnergyWeights
-from stages.photometry.fast_alternation import FastSettings
-from stages.photometry.highlights import Linked, brightening, darkened, without_highlights
-from stages.photometry.illumination import explained_best
-from stages.photometry.light_from_pairs import ENOUGH, PairObjective, PairWeights, Sample, believed
-from stages.photometry.light_search import Search, disagreements, sky_light
-from stages.photometry.paint_edges import (
+from stages.formats.artefacts.view_files import ways_to_cameras
+from stages.photometry.albedo import under_light as sky_decomposition
+from stages.photometry.albedo.appearance import appearance_of
+from stages.photometry.albedo.paint_edges import (
     DARK,
     PaintEdges,
     agreement_of_links,
@@ -27,15 +20,23 @@ from stages.photometry.paint_edges import (
     in_white_light,
     smoothness_of_edges,
 )
-from stages.photometry.saddle import ALIKE, EdgeWeights, graph_of
-from stages.photometry.sky import even_directions
-from stages.photometry.sky_light import FoundLight, SkyScene, SkySettings
-from stages.photometry.sky_photos import Lighting, Looks, Photos
-from stages.photometry.soft_paint import soft_paint
+from stages.photometry.albedo.smooth_albedo import albedo_under_light
+from stages.photometry.albedo.soft_paint import soft_paint
+from stages.photometry.joint.fast_alternation import FastSettings
+from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights, graph_of
+from stages.photometry.lighting.illumination import explained_best
+from stages.photometry.lighting.light_estimate import FoundLight, SkyScene, SkySettings
+from stages.photometry.lighting.light_from_pairs import ENOUGH, PairObjective, PairWeights, Sample, believed
+from stages.photometry.lighting.light_search import Search, disagreements, sky_light
+from stages.photometry.lighting.lit_photos import Lighting, Looks, Photos
+from stages.photometry.lighting.pair_sampling import COLOUR, Pairs, alike_pairs, sample_of
+from stages.photometry.lighting.view_gains import view_gains
+from stages.photometry.paper.energy import EnergyWeights
+from stages.photometry.specular import highlights
+from stages.photometry.specular.highlights import Linked, brightening, darkened, without_highlights
 from stages.photometry.stack import StackedViews, stack_views
-from stages.photometry.transfer import Occlusion, Proxy
-from stages.photometry.view_gains import view_gains
-from stages.scene.view_files import ways_to_cameras
+from stages.photometry.transport.directional_transport import even_directions
+from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.by_sky import BySky, decompose_by_sky
 from tests.sphere_scene import SphereScene, sphere_scene
 

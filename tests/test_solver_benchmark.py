@@ -17,8 +17,8 @@ from benchmarks.solver.growth import slope
 from benchmarks.solver.inner_solvers import INNER_SOLVERS
 from benchmarks.solver.ours import endless, timed
 from benchmarks.solver.starts import STARTS, apart, distances, energy, rows, solve_from
-from stages.photometry.albedo_step import albedo_system
-from stages.photometry.saddle import graph_of
+from stages.photometry.joint.problem_assembly import graph_of
+from stages.photometry.paper.albedo_step import albedo_system
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stages.photometry.alternation import Outcome
-from stages.photometry.stopping_rule import FEWEST, Round, left_to_gain, verdict
+from stages.photometry.joint.stopping_rule import FEWEST, Round, left_to_gain, verdict
+from stages.photometry.paper.alternation import Outcome
 
 LIMIT = 3.0  # what the energies below fall to
 

@@ -20,9 +20,9 @@ from stages import dataflow
 from stages.cli import main
 from stages.command.request import request_of
 from stages.command.words import Plan
-from stages.scene.exr import read_exr
-from stages.scene.meshes import read_points
-from stages.scene.photos import read_mask, read_photo, write_png_srgb8
+from stages.formats.images.exr import read_exr
+from stages.formats.images.photos import read_mask, read_photo, write_png_srgb8
+from stages.formats.meshes.triangle_meshes import read_points
 
 ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data"
@@ -85,7 +85,7 @@ def test_from_photos_to_albedo(finished):
 
 def test_albedo_times_shading_is_near_the_photo_and_nothing_lies_outside_the_mask(finished):
     """Eq. 1, where the robust data term says it should hold: for most pixels."""
-    from stages.scene.resize import reduce_by_area
+    from stages.formats.images.resize import reduce_by_area
 
     (linear,) = (finished / "cache/undistort").glob("*/linear")
     for path in sorted((finished / "output/albedo").glob("*.exr"))[:3]:
@@ -216,7 +216,7 @@ def test_known_cameras_a_mesh_and_linear_images_need_no_sfm_and_no_mvs(tmp_path,
 
 
 def test_masks_restrict_what_is_decomposed(tmp_path, capsys):
-    from stages.scene.photos import photo_size, write_mask
+    from stages.formats.images.photos import photo_size, write_mask
 
     for path in (SAMPLE / "linear/images").glob("*.exr"):
         width, height = photo_size(path)

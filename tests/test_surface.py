@@ -11,11 +11,11 @@ import pytest
 from scipy.spatial import cKDTree
 
 from pipeline import UserError
+from stages.formats.meshes.mesh_files import read_mesh_file
+from stages.formats.meshes.triangle_meshes import Surface, from_open3d, read_mesh, read_points, write_mesh
 from stages.geometry import surface as s
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
 from stages.scene.cameras import Camera, back_project
-from stages.scene.mesh_files import read_mesh_file
-from stages.scene.meshes import Surface, from_open3d, read_mesh, read_points, write_mesh
 
 SQUARE = Surface(
     np.array([[-1, -1, 4], [1, -1, 4], [1, 1, 4], [-1, 1, 4]], float),

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scipy.ndimage import minimum_filter
 
+from stages.formats.meshes.triangle_meshes import Surface
 from stages.scene.cameras import Camera, pixel_centres, project
-from stages.scene.meshes import Surface
-from stages.synthetic.bust import PARTS, build_bust, solid_distance
-from stages.synthetic.isosurface import closed_surface
 from stages.synthetic.lights import Dome, Lamp, Light, dome_radiance
-from stages.synthetic.paint import TABLE_1, paint_by_part, paint_for_matching
+from stages.synthetic.paints.paint import TABLE_1, paint_by_part, paint_for_matching
+from stages.synthetic.paints.solid_noise import nearest_cell, smooth_noise
 from stages.synthetic.render import Quality, Scene
 from stages.synthetic.sample import exposure, halved, rounded, sample_cameras
 from stages.synthetic.sensor_noise import with_sensor_noise
-from stages.synthetic.solid_noise import nearest_cell, smooth_noise
+from stages.synthetic.subjects.bust import PARTS, build_bust, solid_distance
+from stages.synthetic.subjects.isosurface import closed_surface
 from stages.synthetic.truth import PaintedSurface
 from stages.synthetic.views import arc_of_views
 

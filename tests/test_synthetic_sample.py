@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stages.formats.colmap.model import cameras_of, read_model
+from stages.formats.images.exr import read_exr
+from stages.formats.images.photo_folder import find_photos
+from stages.formats.images.photos import read_photo
+from stages.formats.meshes.triangle_meshes import read_mesh
 from stages.geometry.rays import RayCaster
 from stages.scene.cameras import Camera, footprint, view_name
-from stages.scene.colmap_model import cameras_of, read_model
-from stages.scene.exr import read_exr
-from stages.scene.meshes import read_mesh
-from stages.scene.photo_folder import find_photos
-from stages.scene.photos import read_photo
 from stages.synthetic.sample import halved, rounded, sample_cameras, sample_scene
 from stages.synthetic.truth import PaintedSurface
 

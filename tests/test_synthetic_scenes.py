@@ -9,10 +9,9 @@ import open3d as o3d
 import pytest
 
 from pipeline import UserError
-from stages.photometry.environment import directions_of_picture
+from stages.formats.meshes.triangle_meshes import Surface, read_vertex_colours, to_open3d, write_mesh
+from stages.photometry.transport.environment import directions_of_picture
 from stages.scene.cameras import project
-from stages.scene.meshes import Surface, read_vertex_colours, to_open3d, write_mesh
-from stages.synthetic.bust import PARTS
 from stages.synthetic.lights import (
     FOUR_LAMPS,
     ONE_LAMP,
@@ -26,10 +25,11 @@ from stages.synthetic.lights import (
     dome_picture,
     lamps_around,
 )
-from stages.synthetic.paint import STRIPE, with_stripes
+from stages.synthetic.paints.paint import STRIPE, with_stripes
 from stages.synthetic.render import Gloss, Quality, Scene
-from stages.synthetic.smoothing import laplacian_smoothing
-from stages.synthetic.subject import bust_subject, mesh_subject
+from stages.synthetic.subjects.bust import PARTS
+from stages.synthetic.subjects.smoothing import laplacian_smoothing
+from stages.synthetic.subjects.subject import bust_subject, mesh_subject
 from stages.synthetic.truth import PaintedSurface
 from stages.synthetic.views import arc_of_views, framed
 from tests.rendered_scene import ball, towards_origin

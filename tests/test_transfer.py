@@ -3,11 +3,18 @@
 import numpy as np
 import pytest
 
+from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.occluders import Occluders
 from stages.geometry.rays import vertex_normals
-from stages.photometry.harmonics import real_harmonics, shading_basis
-from stages.photometry.transfer import Occlusion, around, bounced, cosine_spiral, occlusion, tangents
-from stages.scene.meshes import Surface
+from stages.photometry.paper.harmonics import real_harmonics, shading_basis
+from stages.photometry.transport.transfer_vectors import (
+    Occlusion,
+    around,
+    bounced,
+    cosine_spiral,
+    occlusion,
+    tangents,
+)
 from tests.bowls import bowl, cone
 
 DIRECTIONS = 512

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from stages.cli import main
+from stages.formats.artefacts.transfer_file import read_transfer
+from stages.formats.images.exr import read_exr
+from stages.formats.images.photos import read_mask
 from stages.lighting import _eyes
-from stages.photometry.sky import Sphere, even_directions
-from stages.scene.exr import read_exr
-from stages.scene.photos import read_mask
-from stages.scene.transfer_file import read_transfer
+from stages.photometry.transport.directional_transport import Sphere, even_directions
 from tests.rendered_scene import TINY, artefact, unshade, write_config
 
 DOME = TINY | {"views": 4, "width_px": 54, "height_px": 96, "arc_deg": 90.0, "noise": 0.03, "spacing": 0.02}

@@ -8,11 +8,11 @@ import pycolmap
 import pytest
 
 from pipeline import UserError
+from stages.formats.colmap.model import cameras_of, read_model, registered
+from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.photos import encode_srgb8, read_mask, read_photo, write_mask, write_png_srgb8
 from stages.geometry.undistortion import oversampling, resample, working_size
 from stages.scene.cameras import pixel_centres
-from stages.scene.colmap_model import cameras_of, read_model, registered
-from stages.scene.exr import read_exr, write_exr
-from stages.scene.photos import encode_srgb8, read_mask, read_photo, write_mask, write_png_srgb8
 from stages.undistort import UNDISTORT, UndistortSettings
 from tests import painted_corner
 from tests.raw_exr import write_raw_exr

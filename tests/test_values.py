@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from pipeline import json_text
 from stages.cli import main
 from stages.deliver import DELIVER
-from stages.scene.exr import read_exr, write_exr
-from stages.scene.masked_photos import read_masked_photo
-from stages.scene.photos import write_png_srgb8
+from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.masked_photos import read_masked_photo
+from stages.formats.images.photos import write_png_srgb8
 from tests.raw_exr import write_raw_exr
 
 ROOT = Path(__file__).parent.parent

@@ -9,10 +9,10 @@ from typing import Any
 import stages
 from benchmarks.paper.laboratory import Laboratory, Results, results_of
 from benchmarks.paper.rows import Row
+from stages.formats.colmap.model import cameras_of, read_model
+from stages.formats.images.exr import read_exr
+from stages.formats.images.photos import read_mask, write_png_srgb8
 from stages.photometry.decomposition_settings import DecompositionSettings
-from stages.scene.colmap_model import cameras_of, read_model
-from stages.scene.exr import read_exr
-from stages.scene.photos import read_mask, write_png_srgb8
 from stages.synthetic.sample import exposure
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.accuracy.scenes import SCAN_SIZE, SCANS
 from benchmarks.paper.laboratory import Size
 from benchmarks.paper.rows import Row
-from stages.synthetic.natural_paint import NATURAL_PAINTS
+from stages.synthetic.paints.natural_paint import NATURAL_PAINTS
 
 Section = dict[str, Any]
 

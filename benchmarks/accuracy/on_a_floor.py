@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from stages.scene.mesh_files import read_mesh_file
-from stages.scene.meshes import Surface, write_mesh
-from stages.synthetic.subject import mesh_subject
+from stages.formats.meshes.mesh_files import read_mesh_file
+from stages.formats.meshes.triangle_meshes import Surface, write_mesh
+from stages.synthetic.subjects.subject import mesh_subject
 
 OF_THE_SCAN = np.array([(0.35, 0.35, 0.35), (0.6, 0.25, 0.2), (0.5, 0.5, 0.45), (0.2, 0.3, 0.5)])  # linear
 OF_THE_FLOOR, OF_THE_BOX = (0.6, 0.45, 0.3), (0.25, 0.4, 0.6)

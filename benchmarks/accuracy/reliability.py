@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.evaluation.scaled_error import least_squares_scale
-from stages.photometry.confidence import HALF_KNOWN
+from stages.photometry.albedo.confidence import HALF_KNOWN
 
 CLASSES = 5
 DARK = 1e-3  # of the brightest true albedo, under the logarithm

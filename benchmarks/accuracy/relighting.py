@@ -28,10 +28,10 @@ from pipeline import Job  # noqa: E402
 from pipeline.terminal import Terminal  # noqa: E402
 from stages.evaluation.judged_views import judge_view  # noqa: E402
 from stages.evaluation.scaled_error import psnr_h  # noqa: E402
+from stages.formats.artefacts.camera_file import read_cameras  # noqa: E402
+from stages.formats.images.contact_sheet import contact_sheet  # noqa: E402
+from stages.formats.images.photos import encode_srgb8, read_mask, write_png8  # noqa: E402
 from stages.relight import RELIGHT, RelightSettings  # noqa: E402
-from stages.scene.camera_file import read_cameras  # noqa: E402
-from stages.scene.contact_sheet import contact_sheet  # noqa: E402
-from stages.scene.photos import encode_srgb8, read_mask, write_png8  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 OTHER_LIGHT = {  # of a row, a picture of light that it does not stand in

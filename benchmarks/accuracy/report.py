@@ -13,7 +13,7 @@ from benchmarks.accuracy.methods import IMAGE, OURS, PAPER, Judged, JudgedRow
 from benchmarks.paper.tables import markdown
 from stages.evaluation.judged_views import above_floor
 from stages.evaluation.part_variance import PartVariance, variance_ratios
-from stages.scene.photos import write_png8
+from stages.formats.images.photos import write_png8
 from stages.transfer import TransferSettings
 
 OF_THE_PAPER_AND_SCANS = """# Albedo against truth, scene by scene

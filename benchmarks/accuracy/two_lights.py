@@ -25,9 +25,9 @@ from benchmarks.paper.laboratory import TINY, Size  # noqa: E402
 from benchmarks.paper.rows import Row  # noqa: E402
 from benchmarks.paper.tables import markdown  # noqa: E402
 from stages.evaluation.agreement import relative_difference  # noqa: E402
-from stages.scene.camera_file import read_cameras  # noqa: E402
-from stages.scene.contact_sheet import contact_sheet  # noqa: E402
-from stages.scene.photos import encode_srgb8, read_mask, write_png8  # noqa: E402
+from stages.formats.artefacts.camera_file import read_cameras  # noqa: E402
+from stages.formats.images.contact_sheet import contact_sheet  # noqa: E402
+from stages.formats.images.photos import encode_srgb8, read_mask, write_png8  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 OTHER_LIGHTS = (  # for the scenes of that number among `NATURAL_SCENES`

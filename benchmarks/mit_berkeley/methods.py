@@ -12,6 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 
 import stages
+from benchmarks.cartoon.cartoon_texture import cartoon_texture
+from benchmarks.cartoon.primal_dual import CartoonSettings
 from benchmarks.mit_berkeley.objects import LAMPS, LampObject
 from benchmarks.mit_berkeley.sources import write_sources
 from benchmarks.paper.judging import maps_in
@@ -20,11 +22,9 @@ from pipeline.run import Listener
 from stages.decomposition import DecompositionSettings
 from stages.evaluation.judged_views import judge_view
 from stages.evaluation.scaled_error import lmse, si_rmse
-from stages.photometry.alternation import AlternationSettings, Descent, advance, start
-from stages.photometry.cartoon_texture import cartoon_texture
-from stages.photometry.energy import EnergyWeights
+from stages.photometry.paper.alternation import AlternationSettings, Descent, advance, start
+from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.stack import StackedViews, stack_pixels, stack_views, unstack_pixels
-from stages.solvers.primal_dual_cartoon import CartoonSettings
 
 PAPER = DecompositionSettings()  # δ, conjugate gradients and the stopping rule; λ and μ are chosen here
 # The article's steps and limit, and steps that suit values in [0, 255] better, with a longer breath.

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.io import loadmat
 
 from pipeline import UserError
+from stages.formats.images.resize import reduce_by_area
 from stages.scene.datasets import DATA_VARIABLE
-from stages.scene.resize import reduce_by_area
 
 FOLDER = Path("gt-mit-berkeley-intrinsic") / "MIT-Berkeley-Laboratory"
 LAMPS = 10

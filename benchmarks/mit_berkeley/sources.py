@@ -8,10 +8,10 @@ import numpy as np
 import pycolmap
 
 from benchmarks.mit_berkeley.objects import LampObject
-from stages.scene.colmap_assembly import PosedImage, assemble
-from stages.scene.exr import write_exr
-from stages.scene.meshes import Surface, write_mesh
-from stages.scene.photos import write_mask
+from stages.formats.colmap.assembly import PosedImage, assemble
+from stages.formats.images.exr import write_exr
+from stages.formats.images.photos import write_mask
+from stages.formats.meshes.triangle_meshes import Surface, write_mesh
 
 DISTANCE = 100.0  # of the cameras, sides of the image: what is orthographic is bent by half a percent
 

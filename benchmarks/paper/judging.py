@@ -12,11 +12,11 @@ from benchmarks.paper.laboratory import Results
 from stages.evaluation.agreement import Correspondences
 from stages.evaluation.judged_views import judge_view
 from stages.evaluation.scores import Scores, score_albedo
-from stages.scene.camera_file import read_cameras
-from stages.scene.exr import read_exr
-from stages.scene.link_files import read_links
-from stages.scene.part_maps import read_part_map, read_part_names
-from stages.scene.photos import read_mask
+from stages.formats.artefacts.camera_file import read_cameras
+from stages.formats.artefacts.link_files import read_links
+from stages.formats.artefacts.part_maps import read_part_map, read_part_names
+from stages.formats.images.exr import read_exr
+from stages.formats.images.photos import read_mask
 
 Maps = Mapping[str, np.ndarray]  # by view name, (h, w, 3), linear
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cartoon.cartoon_texture import cartoon_texture
+from benchmarks.cartoon.primal_dual import CartoonSettings
 from benchmarks.paper.judging import Judge, Maps, maps_in
 from benchmarks.paper.laboratory import Laboratory, Weights
 from benchmarks.paper.rows import Row
 from stages.evaluation.scores import Scores
-from stages.photometry.cartoon_texture import cartoon_texture
-from stages.solvers.primal_dual_cartoon import CartoonSettings
 
 # The same energy by the other solver, far beyond the paper's stopping rule.
 SOLVED_WELL = {"solver": "fast", "fast_tolerance": 3e-4, "fast_gap": 0.02, "fast_max_rounds": 40}

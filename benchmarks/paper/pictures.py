@@ -10,9 +10,9 @@ import numpy as np
 from benchmarks.paper.judging import Judge
 from benchmarks.paper.methods import Estimate
 from stages.evaluation.judged_views import CHANNELS
-from stages.photometry.harmonics import shading_basis
-from stages.scene.contact_sheet import contact_sheet
-from stages.scene.photos import encode_srgb8
+from stages.formats.images.contact_sheet import contact_sheet
+from stages.formats.images.photos import encode_srgb8
+from stages.photometry.paper.harmonics import shading_basis
 
 
 def figure(

@@ -9,11 +9,11 @@ import numpy as np
 from benchmarks.solver.clock import Clock, Look, OutOfTime, Trace
 from benchmarks.solver.compiled_pcg import reweighted_descent
 from benchmarks.solver.problems import RaceProblem
-from stages.photometry.energy import channel_terms, gauge_scale
-from stages.photometry.fast_alternation import threads_for
-from stages.photometry.light_step import light_step
-from stages.photometry.saddle import graph_of
-from stages.solvers.threading_layer import use_threads
+from stages.photometry.joint.fast_alternation import threads_for
+from stages.photometry.joint.problem_assembly import graph_of
+from stages.photometry.paper.energy import channel_terms, gauge_scale
+from stages.photometry.paper.light_step import light_step
+from stages.solvers.kernels.threading_layer import use_threads
 
 NAME = "compiled PCG"
 STEPS = 20

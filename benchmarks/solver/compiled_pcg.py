@@ -5,8 +5,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-import stages.solvers.threading_layer  # noqa: F401
-from stages.solvers.half_edges import HalfEdges
+import stages.solvers.kernels.threading_layer  # noqa: F401
+from stages.solvers.primal_dual.half_edges import HalfEdges
 
 BLOCK = 1024  # pixels that a thread takes at a time
 

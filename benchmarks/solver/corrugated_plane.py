@@ -8,9 +8,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from benchmarks.solver.problems import RaceProblem, weights_of
-from stages.photometry.harmonics import shading_basis
+from stages.formats.artefacts.view_files import scaled_channels
+from stages.photometry.paper.harmonics import shading_basis
 from stages.photometry.stack import stack_views
-from stages.scene.view_files import scaled_channels
 
 VIEWS = 9  # all pairs share nearly all pixels: nearly four links per pixel, a little fewer than the bust has
 SHIFT_PX = 1  # from one view to the next

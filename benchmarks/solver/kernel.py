@@ -10,10 +10,10 @@ import numba
 import numpy as np
 
 from benchmarks.solver.problems import RaceProblem
-from stages.photometry.fast_alternation import FastSettings, start
-from stages.photometry.saddle import finest_level
-from stages.solvers.primal_dual_graph import PrimalDual
-from stages.solvers.threading_layer import use_threads
+from stages.photometry.joint.fast_alternation import FastSettings, start
+from stages.photometry.joint.problem_assembly import finest_level
+from stages.solvers.kernels.threading_layer import use_threads
+from stages.solvers.primal_dual.graph import PrimalDual
 
 COPIED_BYTES = 512 * 2**20  # far more than any cache holds
 REPEATS = 3

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from benchmarks.solver.clock import Look, Trace
 from benchmarks.solver.problems import RaceProblem
-from stages.photometry.fast_alternation import FastDescent, FastSettings, solve
+from stages.photometry.joint.fast_alternation import FastDescent, FastSettings, solve
 
 NAME = "ours"
 NEVER = -1.0  # a tolerance that nothing meets

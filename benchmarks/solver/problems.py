@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from stages.photometry.energy import EnergyWeights
+from stages.formats.artefacts.camera_file import read_cameras
+from stages.formats.artefacts.link_files import numbered_links
+from stages.formats.artefacts.view_files import read_views, scaled_channels
+from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.stack import StackedViews, stack_views
-from stages.scene.camera_file import read_cameras
-from stages.scene.link_files import numbered_links
-from stages.scene.view_files import read_views, scaled_channels
 
 DELTA = 1e-4  # the paper's δ
 

@@ -14,7 +14,7 @@ from benchmarks.solver.growth import Grown, slope
 from benchmarks.solver.picture import chart
 from benchmarks.solver.racing import Race, Rules
 from benchmarks.solver.scaling import ROUNDS, ThreadedSpeed
-from stages.scene.photos import write_png8
+from stages.formats.images.photos import write_png8
 
 INTRODUCTION = """# The decomposition's solvers: energy against time
 

@@ -11,9 +11,9 @@ import numpy as np
 from benchmarks.solver.clock import Clock, Look, OutOfTime, Trace
 from benchmarks.solver.inner_solvers import InnerSolver
 from benchmarks.solver.problems import RaceProblem
-from stages.photometry.albedo_step import albedo_system
-from stages.photometry.energy import EnergyWeights, energy_terms, gauge_scale
-from stages.photometry.light_step import light_step
+from stages.photometry.paper.albedo_step import albedo_system
+from stages.photometry.paper.energy import EnergyWeights, energy_terms, gauge_scale
+from stages.photometry.paper.light_step import light_step
 from stages.photometry.stack import StackedViews
 
 

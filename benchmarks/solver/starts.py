@@ -18,7 +18,7 @@ from benchmarks.solver.__main__ import THREADS, problems_named  # noqa: E402
 from benchmarks.solver.problems import RaceProblem  # noqa: E402
 from pipeline.terminal import Terminal  # noqa: E402
 from stages.evaluation.scaled_error import least_squares_scale  # noqa: E402
-from stages.photometry.fast_alternation import (  # noqa: E402
+from stages.photometry.joint.fast_alternation import (  # noqa: E402
     FastDescent,
     FastSettings,
     finish,
@@ -26,10 +26,10 @@ from stages.photometry.fast_alternation import (  # noqa: E402
     start,
     threads_for,
 )
-from stages.photometry.saddle import finest_level  # noqa: E402
-from stages.solvers.primal_dual_graph import PrimalDual  # noqa: E402
-from stages.solvers.primal_dual_problem import Steps  # noqa: E402
-from stages.solvers.threading_layer import use_threads  # noqa: E402
+from stages.photometry.joint.problem_assembly import finest_level  # noqa: E402
+from stages.solvers.kernels.threading_layer import use_threads  # noqa: E402
+from stages.solvers.primal_dual.graph import PrimalDual  # noqa: E402
+from stages.solvers.primal_dual.problem import Steps  # noqa: E402
 
 STARTS = ("coarse to fine", "ρ = I", "constant")
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import UserError
+from stages.formats.artefacts.part_maps import read_part_map, read_part_names
+from stages.formats.images.photo_folder import ENCODED, LINEAR, find_mask
+from stages.formats.images.photos import read_mask, read_photo
+from stages.formats.images.resize import reduce_by_area
 from stages.scene.cameras import view_name
-from stages.scene.part_maps import read_part_map, read_part_names
-from stages.scene.photo_folder import ENCODED, LINEAR, find_mask
-from stages.scene.photos import read_mask, read_photo
-from stages.scene.resize import reduce_by_area
 from stages.scene.wording import listed
 
 

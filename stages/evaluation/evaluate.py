@@ -14,7 +14,7 @@ from stages.evaluation.agreement import Correspondences
 from stages.evaluation.albedo_folder import AlbedoFolder, open_albedo_folder
 from stages.evaluation.judged_views import JudgedView, check_size, judge_view
 from stages.evaluation.scores import SCALING, Scores, score_albedo
-from stages.scene.link_files import read_links
+from stages.formats.artefacts.link_files import read_links
 from stages.scene.wording import listed
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from stages.scene.meshes import Surface, joined
+from stages.formats.meshes.triangle_meshes import Surface, joined
 
 
 def shared_corners(surface: Surface, crease_deg: float) -> Surface:

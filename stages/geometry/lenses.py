@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pycolmap
 
+from stages.formats.colmap.model import PINHOLES
 from stages.geometry.undistortion import oversampling, resample
 from stages.scene.cameras import Camera
-from stages.scene.colmap_model import PINHOLES
 
 Lens = dict[str, Any]  # a COLMAP camera as keywords, which a worker can be sent
 

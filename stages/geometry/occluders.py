@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import open3d as o3d
 
-from stages.scene.meshes import Surface
+from stages.formats.meshes.triangle_meshes import Surface
 
 
 class Occluders:

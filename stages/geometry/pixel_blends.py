@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sp
 
+from stages.formats.artefacts.transfer_file import StoredTransfer
+from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.short_edges import with_short_edges
-from stages.scene.meshes import Surface
-from stages.scene.transfer_file import StoredTransfer
 
 SurfacePoints = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # faces, barycentric; view by view
 

@@ -6,10 +6,10 @@ import fast_simplification
 import numpy as np
 import open3d as o3d
 
+from stages.formats.meshes.triangle_meshes import Surface, joined
 from stages.geometry.occluders import scene_of
 from stages.geometry.short_edges import ShortEdged, with_short_edges
 from stages.geometry.surface import decimated, mean_edge
-from stages.scene.meshes import Surface, joined
 
 UNIT = 100  # mean edges: in such a length the bound of rough decimation begins at 1/60 of an edge
 AGGRESSIVENESS = 3  # and rises to three edges; with 7, the library's default, far too soon, and without end

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import open3d as o3d
 
+from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.occluders import scene_of
 from stages.scene.cameras import Camera, rays_in_world
-from stages.scene.meshes import Surface
 
 NO_TRIANGLE = np.uint32(0xFFFFFFFF)
 

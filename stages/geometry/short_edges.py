@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.scene.meshes import Surface
+from stages.formats.meshes.triangle_meshes import Surface
 
 STEP = np.sqrt(2)  # a cut across the longest edge halves a face; its edges get so much shorter on average
 

@@ -8,8 +8,8 @@ import numpy as np
 import open3d as o3d
 from scipy.spatial import cKDTree
 
+from stages.formats.meshes.triangle_meshes import Surface, from_open3d, to_open3d
 from stages.scene.cameras import Camera, footprint, project
-from stages.scene.meshes import Surface, from_open3d, to_open3d
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from stages.scene.photos import encode_srgb8, read_photo, write_png_srgb8
+from stages.formats.images.photos import encode_srgb8, read_photo, write_png_srgb8
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from stages.scene.colmap_model import registered
+from stages.formats.colmap.model import registered
 
 
 @contextmanager

@@ -10,9 +10,9 @@ import numpy as np
 import pycolmap
 
 from pipeline import UserError
+from stages.formats.images.photo_folder import LINEAR
+from stages.formats.images.photos import read_photo
 from stages.motion.features import write_reduced
-from stages.scene.photo_folder import LINEAR
-from stages.scene.photos import read_photo
 
 # Of every photo, so many values are enough for a percentile of the whole set.
 EXPOSURE_SAMPLES = 4096

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from stages.scene.resize import reduce_by_area
+from stages.formats.images.resize import reduce_by_area
 
 DARK = 0.02  # of the photo's mean: in darker pixels, detail is noise
 FINEST_PX = 1.0  # σ, working pixels: what is finer is compared

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stages.photometry.environment import directions_of_picture
-from stages.photometry.pixel_transfer import WHITEST, at_vertices, on_absolute_scale
-from stages.photometry.sky_light import SkyScene
-from stages.photometry.transfer import bounced
+from stages.photometry.lighting.light_estimate import SkyScene
+from stages.photometry.transport.environment import directions_of_picture
+from stages.photometry.transport.pixel_transfer import WHITEST, at_vertices, on_absolute_scale
+from stages.photometry.transport.transfer_vectors import bounced
 
 ROWS = 512  # 0.35° each
 

@@ -8,12 +8,12 @@ from stages.photometry.decomposition_settings import DecompositionSettings, give
 from stages.photometry.lighting_settings import LightingSettings
 
 if TYPE_CHECKING:
-    from stages.photometry.alternation import AlternationSettings
-    from stages.photometry.energy import EnergyWeights
-    from stages.photometry.fast_alternation import FastSettings
-    from stages.photometry.illumination import IlluminationSettings
-    from stages.photometry.sky_decomposition import SkyDecomposition
-    from stages.photometry.transfer_alternation import TransferAlternation
+    from stages.photometry.albedo.under_light import SkyDecomposition
+    from stages.photometry.joint.fast_alternation import FastSettings
+    from stages.photometry.joint.transfer_alternation import TransferAlternation
+    from stages.photometry.lighting.illumination import IlluminationSettings
+    from stages.photometry.paper.alternation import AlternationSettings
+    from stages.photometry.paper.energy import EnergyWeights
 
 BEST_ON_FIG_3 = {"paper": (40.0, 1.0), "fast": (12.0, 0.2)}  # λ, μ by solver (docs/paper)
 PAPER_SIDE = 720.0  # px: of 540 × 960, were it a square
@@ -27,7 +27,7 @@ def weights_at(settings: DecompositionSettings, side: float, links_per_pixel: fl
 
     The data count pixels and the smoothness lengths, so the same balance takes a λ in proportion to the side.
     """
-    from stages.photometry.energy import EnergyWeights
+    from stages.photometry.paper.energy import EnergyWeights
 
     if settings.mode == "transfer":
         smoothness, consistency = given_or(settings.lambda_, OWN_LAMBDA), given_or(settings.mu, OWN_MU)
@@ -43,7 +43,7 @@ def weights_at(settings: DecompositionSettings, side: float, links_per_pixel: fl
 
 def as_alternation(settings: DecompositionSettings, weights: EnergyWeights) -> AlternationSettings:
     """For `solver: paper`."""
-    from stages.photometry.alternation import AlternationSettings
+    from stages.photometry.paper.alternation import AlternationSettings
 
     return AlternationSettings(
         weights=weights,
@@ -56,7 +56,7 @@ def as_alternation(settings: DecompositionSettings, weights: EnergyWeights) -> A
 
 def as_fast(settings: DecompositionSettings, weights: EnergyWeights) -> FastSettings:
     """For `solver: fast`."""
-    from stages.photometry.fast_alternation import FastSettings
+    from stages.photometry.joint.fast_alternation import FastSettings
 
     stopping = settings.stopping
     return FastSettings(
@@ -69,8 +69,8 @@ def as_fast(settings: DecompositionSettings, weights: EnergyWeights) -> FastSett
 
 def as_transfer(settings: DecompositionSettings, weights: EnergyWeights) -> TransferAlternation:
     """For `light: harmonics`."""
-    from stages.photometry.pixel_transfer import Bounces
-    from stages.photometry.transfer_alternation import TransferAlternation
+    from stages.photometry.joint.transfer_alternation import TransferAlternation
+    from stages.photometry.transport.pixel_transfer import Bounces
 
     bounces = Bounces(
         int(given_or(settings.bounces, LightingSettings().bounces)),
@@ -81,10 +81,10 @@ def as_transfer(settings: DecompositionSettings, weights: EnergyWeights) -> Tran
 
 def as_illumination(settings: LightingSettings) -> IlluminationSettings:
     """For the light of `light: directions`."""
-    from stages.photometry.illumination import IlluminationSettings
-    from stages.photometry.light_from_pairs import PairWeights
-    from stages.photometry.sky_light import SkySettings
-    from stages.photometry.sky_photos import Lighting
+    from stages.photometry.lighting.illumination import IlluminationSettings
+    from stages.photometry.lighting.light_estimate import SkySettings
+    from stages.photometry.lighting.light_from_pairs import PairWeights
+    from stages.photometry.lighting.lit_photos import Lighting
 
     return IlluminationSettings(
         light=SkySettings(
@@ -100,9 +100,9 @@ def as_illumination(settings: LightingSettings) -> IlluminationSettings:
 
 def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> SkyDecomposition:
     """For the albedo under that light."""
-    from stages.photometry.detail_octaves import DetailSettings
-    from stages.photometry.paint_edges import PaintEdges
-    from stages.photometry.sky_decomposition import SkyDecomposition
+    from stages.photometry.albedo.detail_octaves import DetailSettings
+    from stages.photometry.albedo.paint_edges import PaintEdges
+    from stages.photometry.albedo.under_light import SkyDecomposition
 
     return SkyDecomposition(
         edges=PaintEdges(

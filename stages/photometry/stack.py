@@ -9,16 +9,21 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from stages.photometry.harmonics import shading_basis
-from stages.scene.view_files import images_of
-from stages.solvers.correspondence_operator import (
+from stages.formats.artefacts.view_files import images_of
+from stages.photometry.paper.harmonics import shading_basis
+from stages.solvers.least_squares.correspondence_operator import (
     Links,
     check_links,
     correspondence_matrix,
     linked_pixels,
 )
-from stages.solvers.difference_operators import Pixels, difference_matrices, first_pixels, neighbours
-from stages.solvers.reweighted_least_squares import NormalEquations, without_empty_rows
+from stages.solvers.least_squares.difference_operators import (
+    Pixels,
+    difference_matrices,
+    first_pixels,
+    neighbours,
+)
+from stages.solvers.least_squares.reweighted_least_squares import NormalEquations, without_empty_rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,9 @@ import numpy as np
 import pycolmap
 
 from pipeline import Job, UserError
-from stages.geometry.fusion import FusedPoints
+from stages.formats.colmap.depth_maps import read_map
 from stages.scene.cameras import normals_in_world
-from stages.scene.depth_maps import read_map
+from stages.stereo.fusion import FusedPoints
 from stages.stereo.workspace import Workspace, write_depth_maps
 
 

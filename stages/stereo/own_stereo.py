@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 
 from pipeline import Job, UserError
-from stages.geometry import dense_stereo as stereo
-from stages.geometry.fusion import Agreement, FusedPoints
-from stages.geometry.inverse_depth import depth_from_planes
-from stages.geometry.patch_match import Refinement
-from stages.geometry.semi_global import Penalties
-from stages.geometry.view_selection import (
+from stages.formats.artefacts.array_store import ArrayStore
+from stages.solvers.kernels.threading_layer import use_threads
+from stages.stereo.depth import dense_stereo as stereo
+from stages.stereo.depth.inverse_depth import depth_from_planes
+from stages.stereo.depth.patch_match import Refinement
+from stages.stereo.depth.semi_global import Penalties
+from stages.stereo.fusion import Agreement, FusedPoints
+from stages.stereo.view_selection import (
     AngleWeight,
     SparsePoints,
     depth_range,
     points_from_poses,
     select_sources,
 )
-from stages.scene.array_store import ArrayStore
-from stages.solvers.threading_layer import use_threads
 from stages.stereo.workspace import Workspace, write_depth_maps
 
 FEWEST_POINTS = 10  # a view that sees fewer takes its depth range from all points in front of it

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline import Job, UserError
-from stages.geometry.fusion import FusedPoints
-from stages.geometry.sparse_surface import oriented_normals
+from stages.stereo.fusion import FusedPoints
+from stages.stereo.sparse_surface import oriented_normals
 from stages.stereo.workspace import Workspace, write_depth_maps
 
 

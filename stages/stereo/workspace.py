@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from pipeline import UserError
-from stages.geometry.view_selection import SparsePoints
+from stages.formats.colmap.depth_maps import write_map
+from stages.formats.colmap.model import camera_of, read_model, registered
 from stages.scene.cameras import Camera, normals_in_cam
-from stages.scene.colmap_model import camera_of, read_model, registered
-from stages.scene.depth_maps import write_map
+from stages.stereo.view_selection import SparsePoints
 
 IMAGES_HELD = 16  # decoded images kept at hand: a view, its sources, and some of the next view's
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stages.formats.meshes.triangle_meshes import Surface
 from stages.scene.cameras import Camera
-from stages.scene.meshes import Surface
 from stages.synthetic.lights import Dome, Environment, Lamp, Light, dome_picture
 
 BLOCK = 16  # pixels: the squares that Mitsuba's threads take in turn

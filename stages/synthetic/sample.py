@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import open3d as o3d
 
+from stages.formats.meshes.triangle_meshes import Surface, to_open3d
 from stages.scene.cameras import Camera
-from stages.scene.meshes import Surface, to_open3d
-from stages.synthetic.bust import Bust, build_bust
 from stages.synthetic.lights import Dome, Lamp, Light
-from stages.synthetic.paint import paint_for_matching
+from stages.synthetic.paints.paint import paint_for_matching
 from stages.synthetic.render import Quality
+from stages.synthetic.subjects.bust import Bust, build_bust
 from stages.synthetic.views import arc_of_views
 
 DISTANCE = 3.0

@@ -20,15 +20,15 @@ from stages.synthetic.lights import (
     clear_sky_picture,
     lamps_around,
 )
-from stages.synthetic.natural_paint import NATURAL_PAINTS, natural_paint, quilt
-from stages.synthetic.paint import paint_by_part, paint_for_matching, with_stripes
+from stages.synthetic.paints.natural_paint import NATURAL_PAINTS, natural_paint, quilt
+from stages.synthetic.paints.paint import paint_by_part, paint_for_matching, with_stripes
+from stages.synthetic.paints.solid_noise import fractal_noise
+from stages.synthetic.paints.textures.pattern import Scale
 from stages.synthetic.render import Gloss
 from stages.synthetic.render_settings import RenderSettings
 from stages.synthetic.sensor_noise import with_sensor_noise
-from stages.synthetic.solid_noise import fractal_noise
-from stages.synthetic.subdivision import subdivided
-from stages.synthetic.subject import Subject
-from stages.synthetic.textures.pattern import Scale
+from stages.synthetic.subjects.subdivision import subdivided
+from stages.synthetic.subjects.subject import Subject
 from stages.synthetic.views import arc_of_views, framed
 
 STEEPEST_DEG = 85.0

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.rays import RayCaster, Seen
 from stages.scene.cameras import Camera
-from stages.scene.meshes import Surface
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,209 @@
+"""The views as the flow leaves them on disk: masks, normals, linear values, maps, arrays of their pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipeline import UserError
+from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.photos import read_mask, write_png_srgb8
+from stages.formats.images.resize import reduce_by_area
+from stages.scene.cameras import Camera, rays_in_world
+
+PREVIEW_WHITE = 0.99
+
+
+def read_views(
+    paths: Mapping[str, Path], cameras: Sequence[Camera], each: Callable = map
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Open one view after the other; never more full-size images at a time than there are threads.
+
+    Parameters
+    ----------
+    paths : mapping of str to Path
+        The artefacts `mask`, `normal` and `linear`: folders with a file per camera.
+    cameras : sequence of Camera
+        At the size of masks and normals. An image that is larger is reduced to it.
+    each : callable
+        `map`, or that of an executor.
+
+    Yields
+    ------
+    tuple of three ndarray
+        Ω of shape (h, w), bool; normals in the world, (h, w, 3); linear values of the masked pixels, (·, 3).
+
+    Raises
+    ------
+    UserError
+        An image holds values that are not numbers.
+    """
+
+    def read_view(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        mask = read_mask(paths["mask"] / f"{camera.name}.png")
+        linear = reduce_by_area(read_exr(paths["linear"] / f"{camera.name}.exr"), camera.shape)[mask]
+        bad = int(np.count_nonzero(~np.isfinite(linear)))
+        if bad:
+            raise UserError(
+                f"View {camera.name} has {bad} values in its mask that are not numbers; expected finite "
+                "linear light. Mask these pixels out, or repair the image."
+            )
+        return mask, read_exr(paths["normal"] / f"{camera.name}.exr"), linear
+
+    yield from each(read_view, cameras)
+
+
+def read_maps(
+    folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray], each: Callable = map
+) -> np.ndarray:
+    """Open an EXR per view; values of the masked pixels, (N,) or (N, 3), view after view."""
+
+    def read_view(view: tuple[Camera, np.ndarray]) -> np.ndarray:
+        camera, mask = view
+        return read_exr(folder / f"{camera.name}.exr")[mask]
+
+    return np.concatenate(list(each(read_view, zip(cameras, masks, strict=True))))
+
+
+def read_surface_points(
+    paths: Mapping[str, Path], cameras: Sequence[Camera], masks: Sequence[np.ndarray]
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Where on the mesh the masked pixels of every view are.
+
+    Returns
+    -------
+    tuple of two lists of ndarray
+        Faces, (N_i,); barycentric coordinates (u, v), (N_i, 2).
+    """
+    faces, barycentric = [], []
+    for camera, mask in zip(cameras, masks, strict=True):
+        with np.load(paths["triangles"] / f"{camera.name}.npz", allow_pickle=False) as file:
+            faces.append(file["triangles"][mask])
+            barycentric.append(file["barycentric"][mask])
+    return faces, barycentric
+
+
+def scaled_channels(pixels: np.ndarray) -> tuple[list[np.ndarray], float]:
+    """Divide all images by one number, so that δ means something.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (N, c)
+        Linear values of all masked pixels.
+
+    Returns
+    -------
+    tuple of list of ndarray, shape (N,), float32, and float
+        The channels, and the 99th percentile of all values by which they were divided (of those above 0,
+        where these are fewer than one in a hundred).
+
+    Raises
+    ------
+    UserError
+        The images are black.
+    """
+    bright = float(np.percentile(pixels, 99))
+    if bright <= 0:
+        if not (pixels > 0).any():
+            raise UserError(
+                f"The images are black inside the masks (the brightest value is {pixels.max(initial=0):g}); "
+                "expected some light. Check that the masks are white where the object is."
+            )
+        bright = float(np.percentile(pixels[pixels > 0], 99))  # hardly any of it is lit
+    channels = range(pixels.shape[1])
+    return [np.ascontiguousarray(pixels[:, c], np.float32) / np.float32(bright) for c in channels], bright
+
+
+def ways_to_cameras(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> np.ndarray:
+    """Unit vector from every masked pixel's surface to its camera, world axes, (N, 3), float32."""
+    rays = [rays_in_world(camera)[mask] for camera, mask in zip(cameras, masks, strict=True)]
+    towards = -np.concatenate(rays)
+    return (towards / np.linalg.norm(towards, axis=1, keepdims=True)).astype(np.float32)
+
+
+def images_of(masks: Sequence[np.ndarray], stacked: np.ndarray) -> Iterator[np.ndarray]:
+    """Images (h_i, w_i, …), float32, 0 outside the masks, one after the other, from stacked values (N, …)."""
+    for mask, own in zip(masks, _by_view(masks, stacked), strict=True):
+        yield image_of(mask, own)
+
+
+def write_maps(
+    folder: Path,
+    cameras: Sequence[Camera],
+    masks: Sequence[np.ndarray],
+    stacked: np.ndarray,
+    each: Callable = map,
+) -> None:
+    """Write stacked values, (N,) or (N, 3), as an EXR per view, 0 outside the masks; `each` as above."""
+
+    def write_view(view: tuple[Camera, np.ndarray, np.ndarray]) -> None:
+        camera, mask, own = view
+        write_exr(folder / f"{camera.name}.exr", image_of(mask, own))
+
+    for _ in each(write_view, zip(cameras, masks, _by_view(masks, stacked), strict=True)):
+        pass
+
+
+def write_arrays(
+    folder: Path,
+    cameras: Sequence[Camera],
+    masks: Sequence[np.ndarray],
+    stacked: Mapping[str, np.ndarray],
+    each: Callable = map,
+) -> None:
+    """Write stacked values of some kinds, (N, …) each, as they are: an NPZ per view."""
+    parts = {kind: _by_view(masks, values) for kind, values in stacked.items()}
+
+    def write_view(view: tuple[int, Camera]) -> None:
+        number, camera = view
+        path = folder / f"{camera.name}.npz"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(path, **{kind: own[number] for kind, own in parts.items()})
+
+    for _ in each(write_view, enumerate(cameras)):
+        pass
+
+
+def read_arrays(
+    folder: Path, cameras: Sequence[Camera], kinds: Sequence[str], each: Callable = map
+) -> dict[str, np.ndarray]:
+    """Read some kinds of what `write_arrays` wrote, stacked again."""
+
+    def read_view(camera: Camera) -> list[np.ndarray]:
+        with np.load(folder / f"{camera.name}.npz", allow_pickle=False) as file:
+            return [file[kind] for kind in kinds]
+
+    of_views = zip(*each(read_view, cameras), strict=True)
+    return {kind: np.concatenate(own) for kind, own in zip(kinds, of_views, strict=True)}
+
+
+def write_previews(
+    folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray], stacked: np.ndarray
+) -> None:
+    """Write stacked values, (N, 3), linear, as 8-bit PNGs: a high quantile of all is white."""
+    white = max(float(np.quantile(stacked, PREVIEW_WHITE)), 1e-12) if stacked.size else 1.0
+    for camera, image in zip(cameras, images_of(masks, stacked), strict=True):
+        write_png_srgb8(folder / f"{camera.name}.png", image / white)
+
+
+def write_pictures_of_light(folder: Path, pictures: Mapping[str, np.ndarray]) -> None:
+    """Write pictures of all directions as EXR, linear, and as PNG, the brightest of all being white."""
+    white = max((float(picture.max()) for picture in pictures.values()), default=1.0)
+    for name, picture in pictures.items():
+        write_exr(folder / f"{name}.exr", picture)
+        write_png_srgb8(folder / f"{name}.png", np.maximum(picture, 0) / max(white, 1e-12))
+
+
+def _by_view(masks: Sequence[np.ndarray], stacked: np.ndarray) -> list[np.ndarray]:
+    """Stacked values, (N, …), view by view."""
+    ends = np.cumsum([np.count_nonzero(mask) for mask in masks])
+    return np.split(stacked, ends[:-1])
+
+
+def image_of(mask: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Put one view's values, (·, …), in their places: (h, w, …), float32, 0 outside the mask."""
+    image = np.zeros((*mask.shape, *own.shape[1:]), np.float32)
+    image[mask] = own
+    return image

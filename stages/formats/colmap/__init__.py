@@ -1,0 +1,1 @@
+"""COLMAP's models and dense workspaces."""

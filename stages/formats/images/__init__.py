@@ -1,0 +1,1 @@
+"""Photos, masks and float images: the door where light becomes linear."""

@@ -1,0 +1,97 @@
+"""Photos with their masks, checked against what the model says of them, without values that are no light."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline import UserError
+from stages.formats.images.photo_folder import LINEAR
+from stages.formats.images.photos import read_mask, read_photo
+
+# Of a photo, what is brighter than this share of its pixels is a lamp or a glint rather than surface.
+BRIGHT_SHARE = 0.97
+LARGEST_LIGHT = 1e30  # beyond, sums over pixels are no numbers any more
+AROUND = 2  # pixels to each side
+
+
+def read_masked_photo(
+    photo: Path,
+    mask: Path | None,
+    size: tuple[int, int],
+    as_stored: bool = False,
+    most_times_bright: float = float("inf"),
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Read a photo and which of its pixels may be used.
+
+    Parameters
+    ----------
+    photo : Path
+    mask : Path or None
+        White = keep.
+    size : (int, int)
+        Width and height that the model says.
+    as_stored : bool
+        Whether the model means its pixels as they are stored, whatever the header says of its orientation.
+    most_times_bright : float
+        `photo_settings.MOST_TIMES_BRIGHT`.
+
+    Returns
+    -------
+    linear : ndarray, shape (h, w, 3), float32
+        Finite: 0 where the file is not, or too bright.
+    kept : ndarray, shape (h, w), bool
+    impossible : int
+        How many pixels are not numbers, or too bright, and so not kept.
+
+    Raises
+    ------
+    UserError
+        The sizes of photo, mask and model differ.
+    """
+    linear = read_photo(photo, as_stored)
+    height, width = linear.shape[:2]
+    if (width, height) != size:
+        raise UserError(
+            f"{photo} is {width} × {height} pixels, but its camera in the model is {size[0]} × {size[1]}; "
+            "give the photos that the model was made from."
+        )
+    kept = np.ones((height, width), bool) if mask is None else read_mask(mask, as_stored)
+    if kept.shape != (height, width):
+        raise UserError(
+            f"The mask {mask} is {kept.shape[1]} × {kept.shape[0]} pixels, its photo {width} × {height}; "
+            "masks must have their photo's size."
+        )
+    possible = _possible(linear, most_times_bright if photo.suffix.lower() in LINEAR else float("inf"))
+    if possible.all():
+        return linear, kept, 0
+    impossible = int(np.count_nonzero(~possible))
+    return np.where(possible[..., None], linear, np.float32(0)), kept & possible, impossible
+
+
+def _possible(linear: np.ndarray, most_times_bright: float) -> np.ndarray:
+    """Which pixels may be light from a surface, (h, w), bool; NaN and infinity are beyond any bound.
+
+    Beyond the bound of the whole photo, and of what is around as well: a small thing before a dark wall is
+    as bright as its own neighbourhood.
+    """
+    largest = np.abs(linear).max(axis=2)
+    possible = largest <= LARGEST_LIGHT
+    lit = largest[(largest > 0) & possible]
+    if not len(lit):
+        return possible
+    bright = float(np.quantile(lit, BRIGHT_SHARE)) * most_times_bright
+    rows, columns = np.nonzero(possible & (largest > bright))
+    around = _brighter_neighbours(np.where(possible, largest, 0), rows, columns)
+    possible[rows, columns] = largest[rows, columns] <= np.maximum(around * most_times_bright, 0)
+    return possible
+
+
+def _brighter_neighbours(values: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """What a fifth of the pixels around, 5 × 5, is brighter than: more than come out wrong together."""
+    padded = np.pad(values, AROUND)
+    side = 2 * AROUND + 1
+    offsets = np.arange(side)
+    around = padded[rows[:, None, None] + offsets[:, None], columns[:, None, None] + offsets]
+    return np.partition(around.reshape(-1, side * side), -side, axis=1)[:, -side]

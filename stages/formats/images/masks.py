@@ -1,0 +1,24 @@
+"""The user's masks at the size of the views that are decomposed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from stages.formats.images.photos import read_mask
+
+
+def kept_at(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    """What the user keeps of a view, at `shape` (height, width); everything where there is no mask file.
+
+    A reduced pixel is kept only if all that it averages is: otherwise background would leak into it.
+    """
+    if not path.exists():
+        return np.ones(shape, bool)
+    kept = read_mask(path)
+    if kept.shape == shape:
+        return kept
+    height, width = shape
+    return cv2.resize(kept.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0.999

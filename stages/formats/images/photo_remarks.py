@@ -1,0 +1,141 @@
+"""What the header of a photo says and the decoder does not deliver, in words, with what was done about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from PIL import Image, ImageCms
+
+from stages.formats.images.photos import DECODING_FAILED, orientation_of
+
+SRGB_GAMMA = 1 / 2.2  # as PNG writes it
+SRGB_CODING = bytes([1, 13])  # primaries and transfer of PNG's cICP
+LONGEST_CHUNK = 1 << 24  # bytes
+TRIED = np.array([[[0, 0, 0], [20, 20, 20], [70, 70, 70], [128, 128, 128], [200, 200, 200], [255, 255, 255],
+                   [200, 60, 60], [60, 200, 60], [60, 60, 200], [180, 180, 60]]], np.uint8)  # fmt: skip
+NEARLY = 3  # codes: sRGB as several programs round it
+EXIF_COLOUR_SPACE, EXIF_INTEROPERABILITY, INTEROPERABILITY_INDEX = 0xA001, 0xA005, 1
+EXIF_DETAILS = 0x8769
+ADOBE = 2  # as some cameras write into EXIF_COLOUR_SPACE; others write "R03" beside "uncalibrated"
+REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+HDR_LINES = (b"EXPOSURE", b"COLORCORR", b"PRIMARIES")
+TURNS = {2: "mirrored", 3: "turned by 180°", 4: "mirrored upside down", 5: "mirrored and turned by 90°",
+         6: "turned by 90°", 7: "mirrored and turned by 270°", 8: "turned by 270°"}  # fmt: skip
+
+
+def remarks_on(path: Path, as_stored: bool) -> list[str]:
+    """Phrases such as "an embedded profile (Adobe RGB (1998)): taken as sRGB", empty where all is delivered.
+
+    Parameters
+    ----------
+    path : Path
+        A photo that `read_photo` can read.
+    as_stored : bool
+        Whether it is taken as stored, whatever its orientation tag says.
+    """
+    if path.suffix.lower() == ".exr":
+        return _on_exr(path)
+    if path.suffix.lower() == ".hdr":
+        return _on_hdr(path)
+    turned = orientation_of(path) if as_stored else 1
+    remarks = [f"{TURNS[turned]} by its tag: taken as stored, as COLMAP does"] if turned != 1 else []
+    with Image.open(path) as image:
+        remarks += _on_colour(image, _chunks_before_pixels(path))
+        if image.has_transparency_data:
+            remarks.append("an alpha channel: left out")
+        frames = getattr(image, "n_frames", 1)
+        if frames > 1 and image.format != "MPO":  # a telephone's: its first picture is the photo
+            remarks.append(f"{frames} pictures in one file: the first is taken")
+        if image.mode == "CMYK":
+            remarks.append("CMYK: converted without a profile")
+    return remarks
+
+
+def _on_colour(image: Image.Image, chunks: Mapping[bytes, bytes]) -> list[str]:
+    """What the header says of colours, the strongest word first, as PNG has it."""
+    coding = chunks.get(b"cICP")
+    if coding is not None:
+        return [] if coding[:2] == SRGB_CODING else [f"a coding of {list(coding)} (cICP): taken as sRGB"]
+    profile = image.info.get("icc_profile")
+    if profile:
+        return (
+            [] if _is_srgb(profile) else [f"an embedded profile ({_name_of_profile(profile)}): taken as sRGB"]
+        )
+    if b"sRGB" in chunks:
+        return []
+    if abs(image.info.get("gamma", SRGB_GAMMA) - SRGB_GAMMA) > 0.01:
+        return [f"a gamma of {image.info['gamma']:.3g}: taken as sRGB"]
+    if b"cHRM" in chunks:
+        white_first = np.frombuffer(chunks[b"cHRM"], ">u4")[:8] / 1e5
+        if not np.allclose(np.roll(white_first, -2), REC_709, atol=0.005):
+            return ["other primaries than sRGB's (cHRM): taken as sRGB's"]
+    return ["Adobe RGB by its EXIF data: taken as sRGB"] if _is_adobe_by_exif(image) else []
+
+
+def _chunks_before_pixels(path: Path) -> dict[bytes, bytes]:
+    """Of a PNG, by name; Pillow tells of few of them. Of other files, none."""
+    chunks: dict[bytes, bytes] = {}
+    with path.open("rb") as file:
+        if file.read(8) != b"\x89PNG\r\n\x1a\n":
+            return chunks
+        while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
+            chunks[head[4:]] = file.read(min(int.from_bytes(head[:4], "big"), LONGEST_CHUNK) + 4)[:-4]
+    return chunks
+
+
+def _is_srgb(profile: bytes) -> bool:
+    """Whether colours mean in the profile what they mean in sRGB, whatever it is called."""
+    try:
+        embedded = ImageCms.ImageCmsProfile(BytesIO(profile))
+        mode = "L" if embedded.profile.xcolor_space.strip() == "GRAY" else "RGB"
+        tried = Image.fromarray(TRIED).convert(mode)
+        meant = ImageCms.profileToProfile(tried, embedded, ImageCms.createProfile("sRGB"), outputMode="RGB")
+    except (ImageCms.PyCMSError, *DECODING_FAILED):
+        return False
+    off = np.asarray(meant, np.int16) - np.asarray(tried.convert("RGB"), np.int16)
+    return int(np.abs(off).max()) <= NEARLY
+
+
+def _name_of_profile(profile: bytes) -> str:
+    try:
+        name = ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(BytesIO(profile)))
+    except (ImageCms.PyCMSError, *DECODING_FAILED):
+        return "which cannot be read"
+    return " ".join(name.split())[:60] or "without a name"
+
+
+def _is_adobe_by_exif(image: Image.Image) -> bool:
+    try:
+        exif = Image.Image.getexif(image)
+        space = exif.get_ifd(EXIF_DETAILS).get(EXIF_COLOUR_SPACE)
+        index = exif.get_ifd(EXIF_INTEROPERABILITY).get(INTEROPERABILITY_INDEX, "")
+    except (KeyError, *DECODING_FAILED):
+        return False
+    return space == ADOBE or str(index).startswith("R03")
+
+
+def _on_hdr(path: Path) -> list[str]:
+    with path.open("rb") as file:
+        head = file.read(65536).split(b"\n\n", 1)[0].splitlines()
+    said = [line.decode("ascii", "replace") for line in head if line.startswith(HDR_LINES)]
+    return [f"{line.strip()}: left out" for line in said]
+
+
+def _on_exr(path: Path) -> list[str]:
+    with OpenEXR.File(str(path), header_only=True) as file:  # which empties its header when it is closed
+        header, parts = dict(file.header()), len(file.parts)
+    remarks = []
+    if parts > 1:
+        remarks.append(f"{parts} parts in one file: the first is taken")
+    primaries = header.get("chromaticities")
+    if primaries is not None and not np.allclose(np.ravel(primaries)[:8], REC_709, atol=0.005):
+        remarks.append("other primaries than sRGB's (chromaticities): taken as sRGB's")
+    if any(channel.name == "A" for channel in header["channels"]):
+        remarks.append("an alpha channel: left out")
+    if not np.array_equal(np.ravel(header["dataWindow"]), np.ravel(header["displayWindow"])):
+        remarks.append("a data window other than its display window: the data window is taken")
+    return remarks

@@ -1,0 +1,1 @@
+"""Meshes and point clouds on disk, read whole or refused."""

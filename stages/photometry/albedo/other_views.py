@@ -1,0 +1,107 @@
+"""What the other views of the same surface say, and the noise that views do not share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.photometry.albedo.classes import by_size, deviation, line_through
+from stages.photometry.stack import StackedViews
+
+TINY = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class OtherViews:
+    """The pixels that show the same surface in other views.
+
+    Attributes
+    ----------
+    views : StackedViews
+    trusted : ndarray, shape (N,), bool
+        Pixels that are asked.
+    count : ndarray, shape (N,), float32
+        How many links each pixel has to trusted ones: a coarse pixel may have several to one view. 0 for
+        those that are not trusted.
+    """
+
+    views: StackedViews
+    trusted: np.ndarray
+    count: np.ndarray
+
+    @classmethod
+    def of(cls, views: StackedViews, trusted: np.ndarray) -> OtherViews:
+        """Count them."""
+        count = _sum_over_links(views, trusted.astype(np.float32))
+        return cls(views, trusted, np.where(trusted, count, 0).astype(np.float32))
+
+    @property
+    def share(self) -> float:
+        """Of the trusted pixels, how many have others."""
+        return float(np.count_nonzero(self.count)) / max(int(np.count_nonzero(self.trusted)), 1)
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Average over the others, (N, c), float32; 0 where there is none."""
+        known = np.where(self.trusted[:, None], values, 0).astype(np.float32)
+        return _sum_over_links(self.views, known) / np.maximum(self.count, 1)[:, None]
+
+    def with_own(self, values: np.ndarray) -> np.ndarray:
+        """Average over a pixel and its others, (N, c), float32."""
+        own = self.count[:, None]
+        return np.where(own > 0, (values + own * self.mean(values)) / (1 + own), values).astype(np.float32)
+
+
+def borrowed(views: StackedViews, values: np.ndarray, trusted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Take from other views what a view does not show: behind a highlight, a passer-by, at a grazing angle.
+
+    Parameters
+    ----------
+    views : StackedViews
+    values : ndarray, shape (N, c)
+        That the same surface has in all views.
+    trusted : ndarray, shape (N,), bool
+
+    Returns
+    -------
+    tuple of ndarray, shape (N, c), float32, and ndarray, shape (N,), bool
+        The values, for pixels that are not trusted the mean of the trusted ones they are linked to; and which
+        pixels have values by either way.
+    """
+    count = _sum_over_links(views, trusted.astype(np.float32))
+    others = _sum_over_links(views, np.where(trusted[:, None], values, 0).astype(np.float32))
+    lent = ~trusted & (count > 0)
+    values = np.where(lent[:, None], others / np.maximum(count, 1)[:, None], values)
+    return values.astype(np.float32), trusted | lent
+
+
+def noise_between_views(difference: np.ndarray, texture: np.ndarray) -> float:
+    """Standard deviation of what views do not share, where surface has no texture.
+
+    Parameters
+    ----------
+    difference : ndarray, shape (n,)
+        Of a band between a view and the mean of its others, by the standard deviation that it has for noise
+        of 1 in each.
+    texture : ndarray, shape (n,)
+        Local mean square of the next coarser band: noise there is another, texture is much the same.
+
+    Notes
+    -----
+    Texture that views see half a pixel off differs between them as well: in classes of equal number by
+    texture t², ``d² ≈ N + m t²``, by non-negative least squares over relative errors.
+    """
+    classes = by_size(texture)
+    strengths = [texture[own].mean() for own in classes]
+    line = line_through(strengths, [deviation(difference[own]) ** 2 for own in classes], TINY)
+    return float(np.sqrt(line.intercept)) if line else 0.0
+
+
+def _sum_over_links(views: StackedViews, values: np.ndarray) -> np.ndarray:
+    """Sum of what all linked pixels have, shape as `values`, float32."""
+    total = np.zeros_like(values)
+    for (i, j), block in views.links.items():
+        one, other = views.view(i), views.view(j)
+        total[one] += block @ values[other]
+        total[other] += block.T @ values[one]
+    return total

@@ -1,0 +1,197 @@
+"""How far the shading is to be doubted, octave by octave, told from the photos divided by it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import nnls
+
+from stages.photometry.albedo.classes import by_size, deviation, line_through
+from stages.photometry.albedo.octaves import response_to_noise
+
+DARK = 0.01  # of the scaled image, under the logarithms: as dark as that, hardly anything is told
+SHARE = 0.8  # of the error that is told: some of it is paint, as renders of known truth show
+TEXTURE = (0.6, 1.0, 1.0, 1.0, 1.0)  # of 1/f brightness, a little blurred: deviations of the finest octaves
+OUTLYING = 3.0  # deviations: what is beyond is a border of paint, and says nothing of the shading
+SURE = 2.0  # standard errors: what is less is not told
+MOST_TOO_WEAK = 0.5  # of the shading's own change: by how much more of it the photos may show
+FINE = 4  # octaves in which the shading's own detail is compared with the photos'; coarser, paint deceives
+
+
+@dataclass(frozen=True)
+class ShadingDoubt:
+    """What the logarithm of an observation may be wrong by, besides what it says of the albedo.
+
+    Attributes
+    ----------
+    shown : tuple of float
+        Per octave, finest first: share of the shading's own change that the photos show, on average.
+    of_change : tuple of float
+        Per octave: standard deviation of the error over what is left of the shading's own local change.
+    noise : tuple of 3 float
+        Standard deviation of the camera's noise in a working pixel of median brightness: of the mean
+        logarithm, of log R/G and log B/G.
+    """
+
+    shown: tuple[float, ...]
+    of_change: tuple[float, ...]
+    noise: tuple[float, float, float]
+
+    def as_json(self) -> dict[str, Any]:
+        """For records."""
+        brightness, *chroma = (round(value, 4) for value in self.noise)
+        return {
+            "shading_shown_by_photos": [round(value, 3) for value in self.shown],
+            "of_shading_change": [round(value, 3) for value in self.of_change],
+            "noise": brightness,
+            "noise_of_chroma": chroma,
+        }
+
+
+def log_quotient(image: np.ndarray, explained: np.ndarray) -> np.ndarray:
+    """``log((I + d) / (E + d))``, elementwise, float32; of what is dark in both, next to nothing."""
+    return np.log((np.maximum(image, 0) + DARK) / (np.maximum(explained, 0) + DARK)).astype(np.float32)
+
+
+def log_shading(light: np.ndarray) -> np.ndarray:
+    """Average the logarithms of the channels of a shading above 0, (N, 3); (N,), float32."""
+    return np.log(light).mean(axis=1).astype(np.float32)
+
+
+def grain_of(explained: np.ndarray) -> np.ndarray:
+    """Noise by brightness, (N, 3), float32, of mean logarithm, log R/G and log B/G: 1 where it is median.
+
+    Photons' variance grows as their number does, so a channel's ``log(I + d)`` varies by 1/(E + d) of what is
+    explained, E; the axes by the sum of these over their channels. From a half to eight.
+    """
+    red, green, blue = 1 / (np.maximum(explained, 0) + DARK).T
+    variance = np.stack([(red + green + blue) / 9, red + green, blue + green], axis=1)
+    typical = np.median(variance, axis=0) if len(variance) else 1.0
+    return np.clip(np.sqrt(variance / typical), 0.5, 8.0).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class ShownChange:
+    """By how much more of the shading's change the photos show: −1, nothing of it; 0, what it says.
+
+    Attributes
+    ----------
+    log_size : ndarray, shape (k,)
+        Mean squares of the shading's local change, their logarithms; ascending.
+    excess : ndarray, shape (k,)
+    """
+
+    log_size: np.ndarray
+    excess: np.ndarray
+
+    @classmethod
+    def of(cls, change: np.ndarray, left: np.ndarray, size: np.ndarray, sigma_px: float) -> ShownChange:
+        """Compare one octave of a shading with what it leaves of the photos.
+
+        Parameters
+        ----------
+        change : ndarray, shape (n,)
+            Band of the shading's logarithm, as it shows in the photo's.
+        left : ndarray, shape (n,)
+            Band of log I/(ρ S).
+        size : ndarray, shape (n,)
+            Local mean square of `change`.
+        sigma_px : float
+            Lower σ of the octave: values nearer to one another than that are one.
+
+        Notes
+        -----
+        In classes of equal number by size, the slope of `left` on `change`: 0 if the shading is right, −1 if
+        the photos show nothing of it, as of bumps that stereo makes and facets that visibility is
+        interpolated over. What may be chance, two standard errors, is taken off its square.
+        """
+        log_size, excess = [], []
+        for own in by_size(size):
+            shade, rest = change[own].astype(np.float64), left[own].astype(np.float64)
+            likely = np.abs(rest) <= OUTLYING * deviation(rest)
+            shade, rest = shade[likely], rest[likely]
+            # sums rather than BLAS products: the same bits whatever the number of threads
+            power = float(np.sum(shade**2))
+            if power <= 0:
+                continue
+            slope = float(np.sum(shade * rest)) / power
+            independent = len(rest) / (1 + 4 * np.pi * sigma_px**2)
+            chance = float(np.sum(rest**2)) / power / max(independent, 1)
+            sure = max(0.0, 1 - SURE**2 * chance / max(slope**2, 1e-12))
+            log_size.append(np.log(size[own].mean() + 1e-12))
+            excess.append(np.clip(slope * sure, -1, MOST_TOO_WEAK))
+        return cls(np.array(log_size), np.array(excess))
+
+    def at(self, size: np.ndarray) -> np.ndarray:
+        """Excess where the shading's change has these local mean squares, float32."""
+        if not len(self.excess):
+            return np.zeros(len(size), np.float32)
+        return np.interp(np.log(size + 1e-12), self.log_size, self.excess).astype(np.float32)
+
+    @property
+    def shown(self) -> float:
+        """Share of the change that is shown, on average over the classes."""
+        return float(1 + self.excess.mean()) if len(self.excess) else 1.0
+
+
+def error_of_change(size: np.ndarray, quotient: np.ndarray, left: np.ndarray) -> float:
+    """Estimate κ: standard deviation of the shading's error over its own local change, in one octave.
+
+    Parameters
+    ----------
+    size : ndarray, shape (n,)
+        Local mean square L² of the band of log S.
+    quotient, left : ndarray, shape (n,)
+        Bands of log I/S, and of log I/(ρ S) with a smooth albedo ρ.
+
+    Notes
+    -----
+    In classes of equal number by L², e² is the variance of the band of log I/S, by the median so that
+    borders of paint do not count. ``e² ≈ τ² + κ² L²``, by non-negative least squares over relative errors: κ
+    is the shading's error, τ texture and noise; of κ², what is sure: less its standard error. The same of log
+    I/(ρ S), by mean squares, as borders are in ρ. Either is too large where paint is in it, the one by bold
+    borders, the other by what ρ has lost, so the lesser counts, and of that `SHARE`.
+    """
+    classes = by_size(size)
+    by_median = _slope(classes, size, lambda own: deviation(quotient[own]) ** 2)
+    by_square = _slope(classes, size, lambda own: np.mean(np.square(left[own]), dtype=np.float64))
+    return SHARE * min(by_median, by_square)
+
+
+def noise_of_one_view(sizes: list[np.ndarray], quotients: list[np.ndarray]) -> float:
+    """Estimate white noise from a view alone, where no other shows the same.
+
+    Parameters
+    ----------
+    sizes, quotients : list of ndarray, shape (n,)
+        Of the finest octaves: local mean squares of the band of log S, and the band of log I/S by the noise
+        at its brightness.
+
+    Notes
+    -----
+    Where the shading is most even, what is left is told by its octaves: noise is white and halves from one
+    to the next, texture is as strong in all.
+    """
+    deviations = [_least_deviation(*each) for each in zip(sizes, quotients, strict=True)]
+    count = min(len(TEXTURE), len(deviations))
+    variances = np.square(deviations[:count])
+    relative = 1 / (variances + 1e-8)
+    design = np.square([TEXTURE[:count], response_to_noise()[:count]]).T * relative[:, None]
+    (_, noise), _ = nnls(design, variances * relative)
+    return float(np.sqrt(noise))
+
+
+def _slope(classes: list[np.ndarray], size: np.ndarray, variance_of: Callable[[np.ndarray], float]) -> float:
+    """κ, as far as it is sure."""
+    strengths = [size[own].mean() for own in classes]
+    line = line_through(strengths, [variance_of(own) for own in classes], 1e-6)
+    return float(np.sqrt(max(line.slope - line.error, 0.0))) if line else 0.0
+
+
+def _least_deviation(size: np.ndarray, band: np.ndarray) -> float:
+    """Of the class that varies least among those in which the shading is most even."""
+    classes = by_size(size)
+    return min((deviation(band[own]) for own in classes[: max(1, len(classes) // 8)]), default=0.0)

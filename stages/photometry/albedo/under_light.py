@@ -1,0 +1,103 @@
+"""`mode: transfer`: the albedo under the light that was found, once as Eq. 2 has it and once by edge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.photometry.albedo.appearance import appearance_of
+from stages.photometry.albedo.detail import Detail, with_detail
+from stages.photometry.albedo.detail_octaves import DetailSettings
+from stages.photometry.albedo.paint_edges import (
+    PaintEdges,
+    agreement_of_links,
+    in_white_light,
+    smoothness_of_edges,
+)
+from stages.photometry.albedo.smooth_albedo import albedo_under_light
+from stages.photometry.albedo.soft_paint import soft_paint
+from stages.photometry.joint.fast_alternation import FastDescent, FastSettings
+from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights
+from stages.photometry.observations import Observations
+from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.threading_layer import use_threads
+
+
+@dataclass(frozen=True)
+class SkyDecomposition:
+    """What is asked for.
+
+    Attributes
+    ----------
+    edges : PaintEdges
+        Of the smooth albedo that `albedo` begins with.
+    detail : DetailSettings
+    descent : FastSettings
+        Of the albedo; λ and μ are those of `albedo_tv`, μ is the least that links have in `albedo`.
+    """
+
+    edges: PaintEdges
+    detail: DetailSettings
+    descent: FastSettings
+
+
+@dataclass(frozen=True, eq=False)
+class SkySolution:
+    """What is found; pixels as in the stack, images scaled.
+
+    Attributes
+    ----------
+    smooth : FastDescent
+        Eq. 2's ρ under that light, for `albedo_tv`.
+    detailed : FastDescent
+        Before the detail came back that the photos have.
+    detail : Detail
+        The albedo with it, and how far it is to be doubted.
+    """
+
+    smooth: FastDescent
+    detailed: FastDescent
+    detail: Detail
+
+
+def decompose_under_light(
+    views: StackedViews,
+    shading: np.ndarray,
+    observed: Observations,
+    settings: SkyDecomposition,
+    threads: int,
+    step: Callable[[], None],
+) -> SkySolution:
+    """Find the albedo: Eq. 2's ρ, and ρ by edge with the photo's detail.
+
+    Parameters
+    ----------
+    views : StackedViews
+        Their basis is not looked at.
+    shading : ndarray, shape (N, 3), float32
+        By the light, with the gains of the views.
+    observed : Observations
+    settings : SkyDecomposition
+    threads : int
+        Never changes the result.
+    step : callable
+        Called after every round.
+    """
+    use_threads(threads)
+    trusted, matt = observed.trusted, observed.matt
+    shown, white = (in_white_light(one, shading) for one in (observed.seen, matt))
+    surface = appearance_of(views, shown, shading, trusted, settings.edges, observed.glossy)
+    soft = soft_paint(views, white, shading, trusted, settings.edges)
+    by_edge = EdgeWeights(
+        smoothness_of_edges(views, white, shading, surface.textured, soft, settings.edges),
+        agreement_of_links(views, settings.descent.weights.consistency, surface.disputed),
+    )
+    channels = list(np.ascontiguousarray(matt.T))
+    smooth, detailed = (
+        albedo_under_light(views, channels, shading, trusted, each, settings.descent, threads, step)
+        for each in (ALIKE, by_edge)
+    )
+    detail = with_detail(views, detailed.albedo, matt, shading, trusted, settings.detail)
+    return SkySolution(smooth, detailed, detail)

@@ -1,0 +1,95 @@
+"""Eq. 2 of stacked views as what the fast solver takes in: levels, and the saddle problem of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from stages.photometry.joint.pyramid import Level
+from stages.photometry.paper.energy import EnergyWeights
+from stages.photometry.stack import StackedViews
+from stages.solvers.primal_dual.half_edges import HalfEdges, from_edges
+from stages.solvers.primal_dual.problem import Problem
+from stages.solvers.primal_dual.sliced_graph import sliced_graph, slices_of
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeWeights:
+    """λ and μ where they differ from edge to edge; None: those of the energy for all.
+
+    Attributes
+    ----------
+    smoothness : ndarray, shape (E,), or None
+        λ, in the order of `StackedViews.neighbours`.
+    agreement : ndarray, shape (L,), or None
+        μ, in the order of `StackedViews.linked_pixels`.
+    """
+
+    smoothness: np.ndarray | None = None
+    agreement: np.ndarray | None = None
+
+
+ALIKE = EdgeWeights()
+
+
+def finest_level(
+    views: StackedViews, images: list[np.ndarray], weights: EnergyWeights, edges: EdgeWeights = ALIKE
+) -> Level:
+    """The pixels themselves; images are 3 scaled channels of (N,)."""
+    return Level(
+        starts=views.starts,
+        positions=views.positions(),
+        basis=views.basis.reshape(*views.basis.shape[:2], -1),
+        image=np.stack(images, axis=1).astype(np.float32),
+        share=np.ones(len(images[0]), np.float32),
+        graph=graph_of(views, weights, edges),
+        gauge_of_view=_linked_views(views),
+    )
+
+
+def graph_of(views: StackedViews, weights: EnergyWeights, edges: EdgeWeights = ALIKE) -> HalfEdges:
+    """λ times Eq. 4 plus μ times Eq. 5, as a graph of the pixels."""
+    touching, linked = list(views.neighbours()), list(views.linked_pixels())
+    tails, heads = zip(*touching, *linked, strict=True)
+    counts = sum(p.size for p, _ in touching), sum(p.size for p, _ in linked)
+    weight = np.repeat(np.array([weights.smoothness, weights.consistency], np.float32), counts)
+    if edges.smoothness is not None:
+        weight[: counts[0]] = edges.smoothness
+    if edges.agreement is not None:
+        weight[counts[0] :] = edges.agreement
+    return from_edges(int(views.starts[-1]), np.concatenate(tails), np.concatenate(heads), weight)
+
+
+def _linked_views(views: StackedViews) -> np.ndarray:
+    """Number every set of views that links join, shape (n,): each has a scale of its own."""
+    pairs = np.array([pair for pair, block in views.links.items() if block.nnz], np.int64).reshape(-1, 2)
+    joined = sp.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=2 * (views.view_count,))
+    return connected_components(joined, directed=False)[1].astype(np.int64)
+
+
+def problem_of(level: Level) -> Problem:
+    """Arrange a level in slices.
+
+    Whoever does not keep the level makes room: its graph is let go before the rest is arranged.
+    """
+    slices = slices_of(level.graph, level.starts)
+    graph, level = sliced_graph(level.graph, slices), replace(level, graph=None)
+    return Problem(
+        slices=slices,
+        graph=graph,
+        image=slices.spread(level.image),
+        basis=slices.spread_basis(level.basis),
+        share=slices.spread(level.share[:, None]),
+        gauge_of_view=level.gauge_of_view,
+        wanted=_brightness(level),
+    )
+
+
+def _brightness(level: Level) -> np.ndarray:
+    """Σ|I| of every gauge and channel, (G, 3)."""
+    gauge = level.gauge_of_view[level.view_of_pixel]
+    count = int(level.gauge_of_view.max(initial=-1)) + 1
+    return np.stack([np.bincount(gauge, np.abs(level.image[:, c]), count) for c in range(3)], axis=1)

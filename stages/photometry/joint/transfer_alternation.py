@@ -1,0 +1,86 @@
+"""`mode: transfer`: the energy of Eq. 2 under light that knows what it can see, bounces included."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stages.photometry.joint.fast_alternation import (
+    FastDescent,
+    FastSettings,
+    finish,
+    from_coarse_to_fine,
+)
+from stages.photometry.joint.problem_assembly import finest_level
+from stages.photometry.stack import StackedViews
+from stages.photometry.transport.pixel_transfer import Bounces, PixelTransfer
+
+
+@dataclass(frozen=True)
+class TransferAlternation:
+    """How the two take turns.
+
+    Attributes
+    ----------
+    descent : FastSettings
+    bounces : Bounces
+    refreshes : int
+        How often interreflection is found anew from the albedo so far, before the last descent.
+    iterations : int
+        Between two of them.
+    """
+
+    descent: FastSettings
+    bounces: Bounces
+    refreshes: int = 3
+    iterations: int = 120
+
+
+def solve_with_transfer(
+    views: StackedViews,
+    images: list[np.ndarray],
+    transfer: PixelTransfer,
+    settings: TransferAlternation,
+    threads: int,
+    step: Callable[[], None],
+) -> tuple[FastDescent, StackedViews]:
+    """Minimise Eq. 2 with transfer vectors for ν.
+
+    Parameters
+    ----------
+    views : StackedViews
+        Their basis is not looked at.
+    images : list of 3 ndarray, shape (N,)
+        Scaled.
+    transfer : PixelTransfer
+    settings : TransferAlternation
+    threads : int
+        Never changes the result.
+    step : callable
+        Called after every round.
+
+    Returns
+    -------
+    tuple of FastDescent and StackedViews
+        The solution, and the views with the basis that it stands on.
+
+    Notes
+    -----
+    Coarser levels know the direct light only. What bounces depends on the albedo, a little: at every refresh
+    the basis takes in the albedo so far, and the descent goes on from where it is.
+    """
+    basis = transfer.direct()
+    finest = finest_level(replace(views, basis=basis), images, settings.descent.weights)
+    descent = from_coarse_to_fine(finest, settings.descent, threads)
+    del finest
+    for _ in range(settings.refreshes if settings.bounces.count else 0):
+        albedo = descent.problem.slices.collect(descent.albedo)
+        del basis  # before the next takes its place
+        basis = transfer.with_bounces(albedo, settings.bounces)
+        descent.stand_on(basis)
+        descent.iterate(settings.iterations)
+        step()
+    views = replace(views, basis=basis)
+    return finish(views, images, descent, settings.descent, step), views

@@ -1,0 +1,58 @@
+"""Finer cells where light is bright: suns and lamps lie between the directions they were looked for in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from stages.photometry.lighting.light_estimate import FoundLight, SkyScene
+from stages.photometry.transport.directional_transport import AROUND, SkyTransport, honeycomb
+
+BRIGHT = 3.0  # times the mean light: cells that are divided
+MOST_CELLS = 24  # of them, those that send most: each costs six directions more, and lamps are few
+
+
+def divided(scene: SkyScene, found: FoundLight) -> tuple[SkyScene, FoundLight]:
+    """Divide the cells that are bright into seven, each as bright as the whole.
+
+    The light is the same; it can now be found anew with shadows as sharp as the finer cells are. Nothing
+    changes where no cell is bright, or nobody can look.
+    """
+    transport = scene.pixels
+    bright = bright_cells(found.radiance, transport.cells)
+    if scene.eyes is None or not bright.size:
+        return scene, found
+    around = honeycomb(transport.directions[bright], transport.cells[bright] / (AROUND + 1))
+    finer = _with_more(transport, bright, around, scene.eyes.see(around, scene.sphere))
+    scene = replace(scene, pixels=replace(scene.pixels, **finer), vertices=replace(scene.vertices, **finer))
+    of_new = found.radiance[:, np.repeat(bright, AROUND)]
+    return scene, replace(found, radiance=np.concatenate([found.radiance, of_new], axis=1))
+
+
+def bright_cells(radiance: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Numbers of the cells, (M,), that any of the lights (G, M, 3) has far brighter than its mean, sorted."""
+    light = radiance.sum(axis=2)
+    brightness = (light / np.maximum(light @ cells, 1e-12)[:, None]).max(axis=0)
+    bright = np.flatnonzero(brightness > BRIGHT)
+    strongest = np.argsort(-(cells * brightness)[bright], kind="stable")[:MOST_CELLS]
+    return np.sort(bright[strongest])
+
+
+def _with_more(
+    transport: SkyTransport, bright: np.ndarray, around: np.ndarray, seen: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Directions, cells and what vertices see, with six further directions for each bright cell, (n, 3).
+
+    `seen`, (P, ⌈n/8⌉), is what they see of these.
+    """
+    cells = transport.cells.copy()
+    cells[bright] /= AROUND + 1
+    whole, rest = divmod(len(cells), 8)
+    begun = np.unpackbits(transport.visible[:, whole:], axis=1)[:, :rest]
+    further = np.concatenate([begun, np.unpackbits(seen, axis=1, count=len(around))], axis=1)
+    return {
+        "directions": np.concatenate([transport.directions, around]),
+        "cells": np.concatenate([cells, np.repeat(cells[bright], AROUND)]),
+        "visible": np.concatenate([transport.visible[:, :whole], np.packbits(further, axis=1)], axis=1),
+    }

@@ -1,0 +1,370 @@
+"""The light that the photos were taken in, and what each of their pixels is worth under it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from stages.photometry.lighting.direction_refinement import divided
+from stages.photometry.lighting.known_light import KnownLight, light_at, turn_of
+from stages.photometry.lighting.light_estimate import FoundLight, SkyScene, SkySettings
+from stages.photometry.lighting.lights_between import mixed_with_own_lights
+from stages.photometry.lighting.lit_photos import Lighting, Looks, Photos
+from stages.photometry.lighting.reflectance import FIRST, Reflectance, reflectance_of
+from stages.photometry.lighting.view_gains import ViewGains, view_gains
+from stages.photometry.observations import UNLIT, Observations
+from stages.photometry.specular.sheen import Sheen
+from stages.photometry.specular.view_differences import Differences
+from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.threading_layer import use_threads
+
+FEWER = 3  # times fewer pixels tell the light while reflectances are tried
+NEARER = 0.01  # by how much less disagreement light from nearby must leave to be believed in
+
+
+@dataclass(frozen=True)
+class IlluminationSettings:
+    """What is asked for.
+
+    Attributes
+    ----------
+    light : SkySettings
+        Its `brightest` is what the brightest material reflects; None: that is found.
+    lighting : Lighting
+    sheen : bool
+        Whether it is looked for, where there is one light; see `Photos.sheen`.
+    """
+
+    light: SkySettings
+    lighting: Lighting
+    sheen: bool
+
+    @property
+    def reflectance_is_found(self) -> bool:
+        """Without bounces it says nothing."""
+        return self.light.brightest is None and self.light.bounces > 0
+
+    def brightest_by(self, found: Reflectance | None) -> float:
+        """What the brightest material reflects, given or found; 0 where that would be a guess."""
+        return self.light.brightest or (found.value if found else 0.0)
+
+    @property
+    def to_begin_with(self) -> SkySettings:
+        """Those of the light, until that is known better."""
+        return self.light if self.light.brightest is not None else self.reflecting(FIRST)
+
+    def reflecting(self, brightest: float) -> SkySettings:
+        """Those of the light, if the brightest material reflects so much."""
+        return replace(self.light, brightest=brightest)
+
+
+@dataclass(frozen=True, eq=False)
+class SkyLight:
+    """The light, (G, M, 3), at least 0, and the shading of all pixels by it, (N, 3), float32."""
+
+    radiance: np.ndarray
+    shading: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Illumination:
+    """What is found; pixels as in the stack, images scaled.
+
+    Attributes
+    ----------
+    light : SkyLight
+        Its shading with the gains of the views.
+    scene : int
+        Which of the scenes explains the photos best.
+    disagreements : list of float
+        Of all scenes; see `_best_explanation`.
+    gains : ViewGains
+    sheen : Sheen or None
+        That was found and taken off.
+    brightening : float
+        Of the views, gains divided out, sheen and all.
+    light_of_view : ndarray, shape (n,), int64
+    apart : float
+        How far the lights of the views are their own, 0 to 1.
+    observations : Observations
+    directions : ndarray, shape (M, 3)
+        Of the light.
+    cells : ndarray, shape (M,)
+        Share of all directions that each stands for.
+    turn_deg : float or None
+        By how much a light that is known is turned.
+    brightest : float
+        What the brightest material reflects, given or found; else 0, and where albedo has its own scale.
+    reflectance : Reflectance or None
+        How it was found, where it was.
+    """
+
+    light: SkyLight
+    scene: int
+    disagreements: list[float]
+    gains: ViewGains
+    sheen: Sheen | None
+    brightening: float
+    light_of_view: np.ndarray
+    apart: float
+    observations: Observations
+    directions: np.ndarray
+    cells: np.ndarray
+    brightest: float
+    turn_deg: float | None = None
+    reflectance: Reflectance | None = None
+
+    @classmethod
+    def of(
+        cls,
+        photos: Photos,
+        looked_at: SkyScene,
+        light: SkyLight,
+        of_pixel: np.ndarray,
+        glossy: float,
+        **found: Any,
+    ) -> Illumination:
+        """Complete what was found by what photos, with the gains of their pixels, (N, 3), and a scene say."""
+        return cls(
+            light=light,
+            brightening=photos.brightening,
+            light_of_view=photos.light_of_view,
+            apart=photos.apart,
+            observations=_observations(photos, light.shading, of_pixel, glossy),
+            directions=looked_at.pixels.directions,
+            cells=looked_at.pixels.cells,
+            **found,
+        )
+
+
+def find_illumination(
+    views: StackedViews,
+    images: list[np.ndarray],
+    scenes: Sequence[SkyScene],
+    looks: Looks,
+    settings: IlluminationSettings,
+    threads: int,
+    step: Callable[[], None],
+) -> Illumination:
+    """Find the light, its distance, the gains of the views, their gloss, and what their pixels are worth.
+
+    Parameters
+    ----------
+    views : StackedViews
+        Their basis is not looked at.
+    images : list of 3 ndarray, shape (N,)
+        Scaled.
+    scenes : sequence of SkyScene
+        The same under light from other distances: that whose light leaves the least disagreement is taken.
+    looks : Looks
+        If none is trusted, all are.
+    settings : IlluminationSettings
+    threads : int
+        Never changes the result.
+    step : callable
+        Called after every step of the search.
+    """
+    use_threads(threads)
+    as_seen, gains, of_pixel = _photos(views, images, looks, settings.lighting)
+    photos, reflectance = as_seen.as_lit(), None
+    how = settings.to_begin_with
+    far = photos.light(scenes[0], how, step)
+    if settings.reflectance_is_found:
+        anew = _sought_anew(photos, scenes[0], how)
+        reflectance = _reflectance(photos, scenes[0], far, how, anew, step)
+        how = settings.reflecting(reflectance.value)
+        far = photos.light(scenes[0], how, lambda: None, near=reflectance.light)
+    best, left, found, differences = _best_explanation(
+        photos, scenes, far, how, settings.sheen, reflectance is not None, step
+    )
+    scene = scenes[best]
+    sheen = None
+    if differences is not None:
+        sheen, found = photos.sheen(scene, found, differences, how, step) or (None, found)
+    glossy = float(differences is None if sheen is None else not sheen.glossy.all())
+    del differences  # many lobes
+    if sheen is not None:
+        photos = photos.without_sheen(sheen, photos.mirror(scene, found))
+    if reflectance is not None and (best != 0 or sheen is not None):
+        anew = _sought_anew(photos, scene, how)
+        reflectance = _reflectance(photos, scene, found, how, anew, step)
+        how, found = settings.reflecting(reflectance.value), reflectance.light
+    finer, near = divided(scene, found)
+    if found is not far or sheen is not None or finer is not scene:
+        scene, found = finer, photos.light(finer, how, step, near=near)
+    if 0 < photos.apart < 1:
+        own = as_seen.each_in_its_own_light()
+        photos, found = mixed_with_own_lights(photos, own, scene, found, how, step)
+        sheen = sheen and replace(sheen, strength=(1 - photos.apart) * sheen.strength)
+    light = _scaled(found.radiance, photos.shading(scene, found) * of_pixel)
+    return Illumination.of(
+        photos,
+        scene,
+        light,
+        of_pixel,
+        max(glossy, photos.apart),  # lights of their own cannot be told from gloss
+        scene=best,
+        disagreements=left,
+        gains=gains,
+        sheen=sheen,
+        brightest=settings.brightest_by(reflectance),
+        reflectance=reflectance,
+    )
+
+
+def illumination_by(
+    known: KnownLight,
+    views: StackedViews,
+    images: list[np.ndarray],
+    scene: SkyScene,
+    looks: Looks,
+    settings: IlluminationSettings,
+    threads: int,
+    step: Callable[[], None],
+) -> Illumination:
+    """Find all but the light, which is known: its turn, gains of the views, their gloss, the pixels' worth.
+
+    Parameters as of `find_illumination`; the light comes from infinitely far away, one for all views.
+    """
+    use_threads(threads)
+    as_seen, gains, of_pixel = _photos(views, images, looks, replace(settings.lighting, asked="shared"))
+    photos = as_seen.in_one_light()
+    how = settings.to_begin_with if known.scale is None else replace(settings.light, brightest=None)
+    search = photos.search(scene, how)
+    turn_deg = turn_of(search, known, step)
+    found = light_at(search, known, turn_deg)
+    sheen = photos.sheen_in(scene, found) if settings.sheen else None
+    if sheen is not None:
+        photos = photos.without_sheen(sheen, photos.mirror(scene, found))
+    finer, _ = divided(scene, found)
+    reflectance = None
+    if known.scale is None and settings.reflectance_is_found:
+        search = photos.search(scene, how)
+
+        def under(brightest: float, _: FoundLight) -> FoundLight:
+            return light_at(replace(search, settings=settings.reflecting(brightest)), known, turn_deg)
+
+        reflectance = _reflectance(photos, scene, found, how, under, step)
+        how = settings.reflecting(reflectance.value)
+    if reflectance is not None or sheen is not None or finer is not scene:
+        scene, found = finer, light_at(photos.search(finer, how), known, turn_deg)
+    step()
+    shading = photos.shading(scene, found)
+    if known.scale is None:
+        light = _scaled(found.radiance, shading * of_pixel)
+    else:
+        unit = np.float32(known.scale)
+        light = SkyLight(found.radiance / unit, shading * of_pixel / unit)
+    glossy = float(not settings.sheen if sheen is None else not sheen.glossy.all())
+    return Illumination.of(
+        photos,
+        scene,
+        light,
+        of_pixel,
+        glossy,
+        scene=0,
+        disagreements=photos.disagreements([scene], [found], how),
+        gains=gains,
+        sheen=sheen,
+        brightest=settings.brightest_by(reflectance) if known.scale is None else 0.0,
+        turn_deg=turn_deg,
+        reflectance=reflectance,
+    )
+
+
+def _photos(
+    views: StackedViews, images: list[np.ndarray], looks: Looks, lighting: Lighting
+) -> tuple[Photos, ViewGains, np.ndarray]:
+    """The photos as they are seen, the gains of their views, and those of all pixels, (N, 3)."""
+    image = np.stack(images, axis=1)
+    if not looks.trusted.any():
+        looks = replace(looks, trusted=np.ones_like(looks.trusted))
+    gains = view_gains(views, image, looks.trusted)
+    of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
+    return Photos.of(views, looks, image / of_pixel, gains.spread, lighting), gains, of_pixel
+
+
+def _best_explanation(
+    photos: Photos,
+    scenes: Sequence[SkyScene],
+    far: FoundLight,
+    how: SkySettings,
+    sheen: bool,
+    gone_on: bool,
+    step: Callable[[], None],
+) -> tuple[int, list[float], FoundLight, Differences | None]:
+    """Which scene it is, what each leaves unexplained, and of that one the light and how views then differ.
+
+    `far`: the light of the first. No differences where no sheen is sought.
+
+    What pairs of like paint disagree by is told by the shading; how views differ, by highlights, which are a
+    sharper witness of where light comes from, where there are some, and enough in every scene to tell. The
+    two are multiplied.
+    """
+
+    def as_long_sought(scene: SkyScene) -> FoundLight:
+        """As `far` was, if that was gone on from to find what surface reflects."""
+        search = photos.search(scene, how)
+        light = search.light(step)
+        return search.light(lambda: None, near=light) if gone_on else light
+
+    lights = [far, *map(as_long_sought, scenes[1:])]
+    left = photos.disagreements(scenes, lights, how)
+    if not (sheen and photos.share_a_light):
+        best = explained_best(left)
+        return best, left, lights[best], None
+    differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
+    mirrored = [each.mirrored for each in differences]
+    if all(mirrored) and any(light.explains_most for light in mirrored):
+        left = [one * min(light.left, 1.0) for one, light in zip(left, mirrored, strict=True)]
+    best = explained_best(left)
+    return best, left, lights[best], differences[best]
+
+
+def _reflectance(
+    photos: Photos,
+    scene: SkyScene,
+    near: FoundLight,
+    how: SkySettings,
+    light: Callable[[float, FoundLight], FoundLight],
+    step: Callable[[], None],
+) -> Reflectance:
+    """Find what the brightest material reflects, from that so far on; `light` as of `reflectance_of`."""
+
+    def left(lights: Sequence[FoundLight]) -> list[float]:
+        return photos.disagreements([scene] * len(lights), lights, how)
+
+    return reflectance_of(light, left, near, step, first=how.brightest)
+
+
+def _sought_anew(
+    photos: Photos, scene: SkyScene, how: SkySettings
+) -> Callable[[float, FoundLight], FoundLight]:
+    """Make the search for the light under a reflectance, from a light that is near, by fewer pixels."""
+    roughly = replace(how, samples=how.samples // FEWER, scales=how.scales[-1:])
+    search = photos.search(scene, roughly)
+    return lambda brightest, near: replace(search, settings=replace(roughly, brightest=brightest)).light(
+        lambda: None, near
+    )
+
+
+def _observations(photos: Photos, shading: np.ndarray, of_pixel: np.ndarray, glossy: float) -> Observations:
+    """What is seen, and counts, under this light, with the gains of the pixels' views."""
+    lit = photos.looks.without(shading.mean(axis=1) <= UNLIT * np.median(shading))
+    return Observations(photos.seen * of_pixel, photos.matt * of_pixel, lit.trusted, glossy)
+
+
+def explained_best(left: Sequence[float]) -> int:
+    """Index of the least; the first, light from far away, unless another is clearly better."""
+    best = int(np.argmin(left))
+    return best if left[best] < (1 - NEARER) * left[0] else 0
+
+
+def _scaled(radiance: np.ndarray, shading: np.ndarray) -> SkyLight:
+    """Scale the light so that the mean shading, (N, 3), with the gains of the views, is 1 in each channel."""
+    mean = shading.mean(axis=0, dtype=np.float64).astype(np.float32)
+    mean = np.where(mean > 0, mean, np.float32(1))
+    return SkyLight(radiance / mean, shading / mean)

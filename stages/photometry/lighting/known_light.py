@@ -1,0 +1,141 @@
+"""A light that is known: a measured picture of all directions, whose turn about the vertical may not be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from stages.photometry.lighting.light_estimate import FoundLight
+from stages.photometry.lighting.light_from_pairs import disagreement
+from stages.photometry.lighting.light_search import Search
+from stages.photometry.lighting.pair_sampling import Pairs
+from stages.photometry.relighting import turned_light
+
+STEP_DEG = 5  # between turns that are compared first
+FINALISTS = 3  # of them, that are compared with the bounces that each has
+FINE_DEG = 1  # between turns around the best of these
+ROWS = 128  # of the picture while turns are compared: 1.4° each, where directions are some 13° apart
+NO_LIGHT = 1e-12  # mean shading of a channel: one that the picture has no light in stays dark
+
+
+@dataclass(frozen=True, eq=False)
+class KnownLight:
+    """A picture of all directions, infinitely far away, and what is known beside it.
+
+    Attributes
+    ----------
+    picture : ndarray, shape (h, 2 h, 3)
+        Radiance; z up, as `directions_of_picture` has it.
+    upright_from_world : ndarray, shape (3, 3)
+        Rotation to the frame whose z is up.
+    turn_deg : float or None
+        By how much it is turned about the vertical, counter-clockwise seen from above; None: to be found.
+    scale : float or None
+        What its values are to be multiplied by for the unit of the scaled images. None: that is not known,
+        and each channel has a factor of its own: its mean is 1 here.
+    """
+
+    picture: np.ndarray
+    upright_from_world: np.ndarray
+    turn_deg: float | None
+    scale: float | None
+
+    @classmethod
+    def of(
+        cls,
+        picture: np.ndarray,
+        upright_from_world: np.ndarray,
+        turn_deg: float | None,
+        scale: float | None,
+    ) -> KnownLight:
+        """As above, the picture in its own unit."""
+        if scale is None:
+            mean = picture.mean(axis=(0, 1), dtype=np.float64)
+            picture = picture / np.where(mean > 0, mean, 1.0).astype(np.float32)
+        return cls(picture, upright_from_world, turn_deg, scale)
+
+    def radiance(self, directions: np.ndarray, turn_deg: float) -> np.ndarray:
+        """From each of the world's directions, (M, 3), at a turn."""
+        light = turned_light(self.picture, turn_deg, self.upright_from_world, directions)
+        return light if self.scale is None else self.scale * light
+
+    def reduced(self) -> KnownLight:
+        """The same in fewer pixels."""
+        if self.picture.shape[0] <= ROWS:
+            return self
+        picture = cv2.resize(self.picture, (2 * ROWS, ROWS), interpolation=cv2.INTER_AREA)
+        return replace(self, picture=picture)
+
+    @property
+    def turns(self) -> int:
+        """Steps of `turn_of`."""
+        return 0 if self.turn_deg is not None else 360 // STEP_DEG + FINALISTS
+
+
+def light_at(search: Search, known: KnownLight, turn_deg: float) -> FoundLight:
+    """The light at a turn, with the bounces that it has.
+
+    Where its unit is not known, every channel is scaled to a mean shading of 1 without bounces, and then all
+    together so that the brightest material reflects what it is asked to.
+    """
+    light = known.radiance(search.part.pixels.directions, turn_deg)[None]
+    dark = FoundLight(light, search.even_light().bounced)
+    if known.scale is None:
+        mean = dark.direct(search.part, search.starts, search.light_of_view).mean(axis=0, dtype=np.float64)
+        dark = replace(dark, radiance=light / np.where(mean > NO_LIGHT, mean, 1.0))
+    return search.settled(dark.radiance, dark)
+
+
+def turn_of(search: Search, known: KnownLight, step: Callable[[], None]) -> float:
+    """The turn, degrees from 0 to 360: given, or that under which pixels of like paint come out alike.
+
+    Notes
+    -----
+    As `light_from_pairs` judges a light, at its finest scale. Turns every 5° are compared without bounces,
+    the three best that are no neighbours with their own, and then those every degree around the best of
+    these. Each comparison is on the same pairs for all.
+    """
+    if known.turn_deg is not None:
+        return known.turn_deg
+    known, directions = known.reduced(), search.part.pixels.directions
+    finest, turns = search.settings.scales[-1], np.arange(0, 360, STEP_DEG)
+    pairs, left = [search.pairs(None, finest)], []
+    for turn in turns:
+        left.append(_left(search, known.radiance(directions, turn), None, pairs))
+        step()
+    finalists, lights = turns[_lowest(np.array(left))], []
+    for turn in finalists:
+        lights.append(light_at(search, known, turn))
+        step()
+    pairs = [search.pairs(light, finest) for light in lights]
+    bounces = [search.bounce(light) for light in lights]
+    left = [
+        _left(search, light.radiance[0], sent, pairs) for light, sent in zip(lights, bounces, strict=True)
+    ]
+    best = int(np.argmin(left))
+    middle, light, sent = finalists[best], lights[best].radiance[0], bounces[best]
+    factor = light.sum(axis=0) / np.maximum(known.radiance(directions, middle).sum(axis=0), NO_LIGHT)
+    near = middle + np.arange(1 - STEP_DEG, STEP_DEG, FINE_DEG)
+    left = [_left(search, factor * known.radiance(directions, turn), sent, pairs) for turn in near]
+    return float(near[np.argmin(left)] % 360)
+
+
+def _left(search: Search, light: np.ndarray, sent_on: np.ndarray | None, pairs: list[Pairs]) -> float:
+    """What pairs of like paint disagree by under light (M, 3): the mean over several draws of them."""
+    sample, settings = search.sample, search.settings
+    shading = sample.shares @ light.astype(np.float32)
+    if sent_on is not None:
+        shading = shading + sent_on
+    own = (
+        disagreement(sample.image, shading, drawn, settings.scales[-1], settings.weights) for drawn in pairs
+    )
+    return float(np.mean(list(own)))
+
+
+def _lowest(left: np.ndarray) -> np.ndarray:
+    """Numbers of a few around a circle that no neighbour is lower than: the lowest, sorted by height."""
+    lowest = np.flatnonzero((left <= np.roll(left, 1)) & (left <= np.roll(left, -1)))
+    return lowest[np.argsort(left[lowest], kind="stable")][:FINALISTS]

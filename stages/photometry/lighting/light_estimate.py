@@ -1,0 +1,155 @@
+"""`mode: transfer`: what there is to be seen and lit, a light from all around, and what it makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from stages.photometry.lighting.light_from_pairs import PairWeights
+from stages.photometry.transport.directional_transport import Eyes, SkyTransport, Sphere, offsets_in
+from stages.photometry.transport.pixel_transfer import nearest_shown
+from stages.photometry.transport.transfer_vectors import Proxy
+
+
+@dataclass(frozen=True)
+class SkySettings:
+    """How the light is looked for.
+
+    Attributes
+    ----------
+    bounces : int
+        How often light is passed on between surfaces.
+    samples : int
+        Pixels that it is found from; as many again per light beyond the first, divided by four.
+    scales : tuple of float
+        See `light_from_pairs`: coarse first, as bounces find their place, and so that a sun's shadow, e times
+        darker and more, is not at once taken for other paint; then finer.
+    brightest : float or None
+        What the brightest material reflects. None where light and images are in one unit, and the scale of
+        the albedo is known.
+    weights : PairWeights
+    seed : int
+        Of the sample.
+    """
+
+    bounces: int
+    samples: int = 20_000
+    scales: tuple[float, ...] = (2.4, 1.2, 0.6, 0.4, 0.4)
+    brightest: float | None = 0.9
+    weights: PairWeights = PairWeights()
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class SkyScene:
+    """What there is to see.
+
+    Attributes
+    ----------
+    pixels : SkyTransport
+        N, of all views.
+    vertices : SkyTransport
+        P; of the proxy's positions and normals.
+    proxy : Proxy
+        Of P vertices, that bounces go between.
+    sphere : Sphere or None
+        That the light comes from, world; None: from infinitely far away.
+    eyes : Eyes or None
+        Of the vertices, where they can be asked to look in other directions.
+    """
+
+    pixels: SkyTransport
+    vertices: SkyTransport
+    proxy: Proxy
+    sphere: Sphere | None = None
+    eyes: Eyes | None = None
+
+    @classmethod
+    def of(
+        cls,
+        normals: np.ndarray,
+        blend: sp.csr_array,
+        proxy: Proxy,
+        visible: np.ndarray,
+        directions: int,
+        sphere: Sphere | None,
+    ) -> SkyScene:
+        """Of pixels with normals (N, 3) that blend the proxy's vertices; see `SkyTransport`."""
+        own = sp.csr_array(sp.eye_array(len(proxy.positions), dtype=np.float32, format="csr"))
+        of_vertices = offsets_in(sphere, proxy.positions)
+        return cls(
+            pixels=SkyTransport.of(normals, blend @ of_vertices, blend, visible, directions),
+            vertices=SkyTransport.of(proxy.normals, of_vertices, own, visible, directions),
+            proxy=proxy,
+            sphere=sphere,
+        )
+
+    def at(self, pixels: np.ndarray) -> SkyScene:
+        """The same with some of the pixels only."""
+        return replace(self, pixels=self.pixels.at(pixels))
+
+    def places(self, pixels: np.ndarray) -> np.ndarray:
+        """Where on the surface chosen pixels are, (n, 3), world axes, from the middle of its vertices.
+
+        Not a number where a pixel blends no vertices: it sees the back of the mesh.
+        """
+        blend = self.pixels.blend[pixels]
+        where = blend @ (self.proxy.positions - self.proxy.positions.mean(axis=0))
+        where[np.diff(blend.indptr) == 0] = np.nan
+        return where
+
+    @cached_property
+    def nearest_shown(self) -> np.ndarray:
+        """Of the vertices, (P,); see the function of that name."""
+        return nearest_shown(self.pixels.blend, self.proxy.positions)
+
+
+@dataclass(frozen=True, eq=False)
+class FoundLight:
+    """A light, and what it makes of the vertices.
+
+    Attributes
+    ----------
+    radiance : ndarray, shape (G, M, 3)
+        From every direction, at least 0.
+    bounced : ndarray, shape (G, P, 3)
+        Shading of the vertices by what comes from other surface.
+    """
+
+    radiance: np.ndarray
+    bounced: np.ndarray
+
+    def shading(self, scene: SkyScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
+        """Of a scene's pixels, view after view from ``starts``, (N, 3), float32; bounces included."""
+        direct = self.direct(scene, starts, light_of_view)
+        direct += self.sent_on(scene, starts, light_of_view)
+        return direct
+
+    def direct(self, scene: SkyScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
+        """The same without bounces."""
+        out = np.empty((int(starts[-1]), 3), np.float32)
+        for rows, own in _of_views(starts, light_of_view):
+            out[rows] = scene.pixels.shading(self.radiance[own], rows)
+        return out
+
+    def sent_on(self, scene: SkyScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
+        """The same by bounces alone."""
+        out = np.empty((int(starts[-1]), 3), np.float32)
+        for rows, own in _of_views(starts, light_of_view):
+            out[rows] = scene.pixels.blend[rows] @ self.bounced[own]
+        return out
+
+    def shading_at(self, scene: SkyScene, pixels: np.ndarray) -> np.ndarray:
+        """Of chosen pixels under the first light, (n, 3), float32; bounces included."""
+        chosen = scene.pixels.at(pixels)
+        return chosen.shading(self.radiance[0]) + chosen.blend @ self.bounced[0]
+
+
+def _of_views(starts: np.ndarray, light_of_view: np.ndarray) -> Iterator[tuple[slice, int]]:
+    """Places of every view's pixels, and its light."""
+    for view, own in enumerate(light_of_view):
+        yield slice(int(starts[view]), int(starts[view + 1])), own

@@ -1,0 +1,250 @@
+"""The search for the light from all around and from surface to surface, by pairs of like paint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.photometry.lighting.light_estimate import FoundLight, SkyScene, SkySettings
+from stages.photometry.lighting.light_from_pairs import (
+    PairObjective,
+    Sample,
+    believed,
+    disagreement,
+    light_from_pairs,
+)
+from stages.photometry.lighting.pair_sampling import Drawn, Pairs
+from stages.photometry.stack import StackedViews
+from stages.photometry.transport.pixel_transfer import WHITEST
+from stages.photometry.transport.transfer_vectors import bounced
+
+BRIGHT_SHARE = 0.98  # of the vertices' albedo, weighted by their light: the brightest material
+LOOKED_AT = 300_000  # pixels that tell the albedo of the vertices while light is sought
+REFINED = 2  # scales, where the light is nearly known
+SETTLES = 3  # rounds in which bounces and albedo find together under one light
+NO_LIGHT = 1e-6  # of the scaled image's unit: surface with less says nothing about its albedo
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Some pixels of a scene: those that the light is found from, and those that the bounces are found from.
+
+    Attributes
+    ----------
+    part : SkyScene
+        With `LOOKED_AT` pixels at most.
+    starts : ndarray, shape (n + 1,)
+        Where every view begins among these.
+    image : ndarray, shape (m, 3)
+        What is seen of them.
+    light_of_view : ndarray, shape (n,), int64
+    drawn : Drawn
+        Those that are paired.
+    among : ndarray
+        Where these are in `part`.
+    sample : Sample
+        Of these.
+    settings : SkySettings
+    rng : numpy.random.Generator
+    """
+
+    part: SkyScene
+    starts: np.ndarray
+    image: np.ndarray
+    light_of_view: np.ndarray
+    drawn: Drawn
+    among: np.ndarray
+    sample: Sample
+    settings: SkySettings
+    rng: np.random.Generator
+
+    @classmethod
+    def of(
+        cls,
+        scene: SkyScene,
+        views: StackedViews,
+        image: np.ndarray,
+        trusted: np.ndarray,
+        light_of_view: np.ndarray,
+        settings: SkySettings,
+    ) -> Search:
+        """Draw the pixels; arguments as of `sky_light`."""
+        rng, count = np.random.default_rng(settings.seed), int(light_of_view.max(initial=0)) + 1
+        looked = np.flatnonzero(trusted)
+        looked = np.sort(rng.choice(looked, min(LOOKED_AT, looked.size), replace=False))
+        part, starts = scene.at(looked), np.searchsorted(looked, views.starts)
+        drawn = Drawn.of(views, scene.places, looked, settings.samples * (3 + count) // 4, rng)
+        among = np.searchsorted(looked, drawn.pixels)
+        own_image = image[drawn.pixels].astype(np.float64)
+        shares = part.pixels.shares(among)
+        sample = Sample(own_image, shares, light_of_view[drawn.views], part.pixels.cells)
+        return cls(part, starts, image[looked], light_of_view, drawn, among, sample, settings, rng)
+
+    def even_light(self) -> FoundLight:
+        """One from everywhere alike, that surface does not send on."""
+        count, vertices = int(self.light_of_view.max(initial=0)) + 1, len(self.part.vertices.normals)
+        light = np.ones((count, len(self.part.pixels.directions), 3))
+        return FoundLight(light, np.zeros((count, vertices, 3), np.float32))
+
+    def pairs(self, now: FoundLight | None, scale: float) -> Pairs:
+        """Pairs by what the albedo seems to be under a light, as far as they are believed.
+
+        None: by the image itself, and believed as under even light.
+        """
+        image, light = self.sample.image, now or self.even_light()
+        shading = light.shading(self.part, self.starts, self.light_of_view)[self.among]
+        pairs = self.drawn.pairs(image / np.maximum(shading, NO_LIGHT) if now else image, self.rng)
+        return believed(image, shading, pairs, scale, self.settings.weights)
+
+    def bounce(self, now: FoundLight) -> np.ndarray:
+        """Shading of the paired pixels by light from other surface, (n, 3)."""
+        out = np.zeros((len(self.among), 3))
+        for own, bounce in enumerate(now.bounced):
+            rows = self.sample.light_of == own
+            out[rows] = self.part.pixels.blend[self.among[rows]] @ bounce
+        return out
+
+    def objective(self, now: FoundLight) -> PairObjective:
+        """What pairs disagree by at the finest scale, and the priors; by the bounces of the light so far."""
+        bounce, finest = self.bounce(now), self.settings.scales[-1]
+        pairs = self.pairs(now, finest)
+        return PairObjective(self.sample, bounce, pairs, finest, self.settings.weights, len(now.radiance))
+
+    def light(self, step: Callable[[], None], near: FoundLight | None = None) -> FoundLight:
+        """Find the light; arguments as of `sky_light`."""
+        scales, now = self.settings.scales, near
+        for scale in scales if near is None else scales[-REFINED:]:
+            before, pairs = now or self.even_light(), self.pairs(now, scale)
+            bounce, weights = self.bounce(before), self.settings.weights
+            light = light_from_pairs(self.sample, bounce, pairs, scale, before.radiance, weights)
+            now = self.settled(light, before)
+            step()
+        return now
+
+    def settled(self, light: np.ndarray, before: FoundLight) -> FoundLight:
+        """A light, (G, M, 3), at the scale that `brightest` asks for, with the bounces that it then has.
+
+        Albedo and bounces find together, from those before on. Without bounces its scale is as good as any.
+        """
+        now = FoundLight(light, before.bounced)
+        if not self.settings.bounces:
+            return now
+        scene, where = self.part, (self.part, self.starts, self.light_of_view)
+        of_pixels = now.direct(*where)  # what is sent on changes in the rounds; of this, its scale alone
+        of_vertices = np.stack([scene.vertices.shading(one) for one in light])
+        scale, nearest = np.float32(1), scene.nearest_shown
+        for _ in range(SETTLES):
+            shading = scale * of_pixels + now.sent_on(*where)
+            albedo, known = vertex_albedo(scene, self.image, shading)
+            asked = self.settings.brightest
+            factor = 1.0 if asked is None else _brightest(albedo, known) / asked
+            absolute, scale = np.clip(albedo / factor, 0, WHITEST)[nearest], np.float32(scale * factor)
+            sent_on = _bounced(scene, scale * of_vertices, absolute, known[nearest], self.settings.bounces)
+            now = FoundLight(scale * light, sent_on)
+        return now
+
+
+def sky_light(
+    scene: SkyScene,
+    views: StackedViews,
+    image: np.ndarray,
+    trusted: np.ndarray,
+    light_of_view: np.ndarray,
+    settings: SkySettings,
+    step: Callable[[], None] = lambda: None,
+    near: FoundLight | None = None,
+) -> FoundLight:
+    """Find the light.
+
+    Parameters
+    ----------
+    scene : SkyScene
+    views : StackedViews
+        Their basis is not looked at.
+    image : ndarray, shape (N, 3), float32
+        Scaled; gains of the views divided out.
+    trusted : ndarray, shape (N,), bool
+        Pixels that are looked at.
+    light_of_view : ndarray, shape (n,), int64
+        Which of the G lights every view stands in: 0 everywhere for one light.
+    settings : SkySettings
+    step : callable
+        Called after every scale.
+    near : FoundLight or None
+        One that is not far from it, to go on from at the finest scales.
+
+    Notes
+    -----
+    Starting from even light, or from one that is near, at every scale: pairs are drawn by what the albedo
+    seems to be; the light descends; then albedo and bounces settle under it, the albedo's scale being set by
+    `brightest`. The cost does not grow with the number of pixels beyond `LOOKED_AT`.
+    """
+    return Search.of(scene, views, image, trusted, light_of_view, settings).light(step, near)
+
+
+def disagreements(
+    scenes: Sequence[SkyScene],
+    lights: Sequence[FoundLight],
+    views: StackedViews,
+    image: np.ndarray,
+    trusted: np.ndarray,
+    light_of_view: np.ndarray,
+    settings: SkySettings,
+) -> list[float]:
+    """What pairs of like paint disagree by under each of several lights, 0 to 1; arguments as of `sky_light`.
+
+    Notes
+    -----
+    The same pairs for all, drawn by what each light makes of the albedo: where paint is of many colours most
+    of the loss is paint's, and differs by more from draw to draw than from light to light.
+    """
+    rng = np.random.default_rng(settings.seed)
+    drawn = Drawn.of(views, scenes[0].places, np.flatnonzero(trusted), settings.samples, rng)
+    seen, starts = image[drawn.pixels], np.searchsorted(drawn.pixels, views.starts)
+    shadings = [
+        light.shading(scene.at(drawn.pixels), starts, light_of_view)
+        for scene, light in zip(scenes, lights, strict=True)
+    ]
+    draws = [drawn.pairs(seen / np.maximum(shading, NO_LIGHT), rng) for shading in shadings]
+    scale, weights = settings.scales[-1], settings.weights
+    return [
+        float(np.mean([disagreement(seen, shading, pairs, scale, weights) for pairs in draws]))
+        for shading in shadings
+    ]
+
+
+def vertex_albedo(scene: SkyScene, image: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Albedo of the vertices, and the light that it is known by, (P, 3) each.
+
+    The photos' light over the shading's, all pixels around a vertex together: what is dark says little.
+    """
+    to_vertices = scene.pixels.blend.T.tocsr()
+    seen, light = to_vertices @ image, to_vertices @ shading
+    return np.where(light > NO_LIGHT, seen / np.maximum(light, NO_LIGHT), 0), light
+
+
+def _brightest(albedo: np.ndarray, known: np.ndarray) -> float:
+    """A high quantile of all channels, weighted by the light that they are known by."""
+    order = np.argsort(albedo, axis=None)
+    upto = np.cumsum(known.ravel()[order], dtype=np.float64)
+    if upto.size == 0 or upto[-1] <= 0:
+        return 1.0
+    bright = float(albedo.ravel()[order][np.searchsorted(upto, BRIGHT_SHARE * upto[-1])])
+    return bright if bright > 0 else 1.0
+
+
+def _bounced(
+    scene: SkyScene, direct: np.ndarray, absolute: np.ndarray, known: np.ndarray, bounces: int
+) -> np.ndarray:
+    """Shading of the vertices by what other surface sends on, under each light: (G, P, 3), float32."""
+    at_vertices = np.empty_like(direct)
+    for c in range(3):
+        lit = known[:, c] > NO_LIGHT
+        typical = float(np.median(absolute[lit, c])) if lit.any() else 0.0
+        albedo = np.where(lit, absolute[:, c], typical).astype(np.float32)
+        from_sky = np.ascontiguousarray(direct[:, :, c].T)  # all lights at once
+        total = bounced(from_sky, scene.proxy.seen, albedo, typical, bounces)
+        at_vertices[:, :, c] = (total - from_sky).T
+    return at_vertices

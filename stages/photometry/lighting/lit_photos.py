@@ -1,0 +1,260 @@
+"""Photos as light is sought from them: how many lights they were taken in, what in them is gloss."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from stages.photometry.lighting.light_estimate import FoundLight, SkyScene, SkySettings
+from stages.photometry.lighting.light_search import Search, disagreements, sky_light
+from stages.photometry.specular.chromaticity_clusters import paints_of
+from stages.photometry.specular.highlights import DARKENED, Linked, brightening, darkened, without_highlights
+from stages.photometry.specular.light_in_gloss import light_in_gloss
+from stages.photometry.specular.sheen import Mirror, Sheen, highlights_of, without_sheen
+from stages.photometry.specular.view_differences import MOST_EXPLAINED, Differences, MirrorStrength
+from stages.photometry.stack import StackedViews
+
+MATT, GLOSSY = 1.04, 1.06  # `brightening` up to which views do not differ by gloss, and from which they do
+NEVER = 10.0  # power of `DARKENED` that nothing in a photo reaches
+TURNS = 2  # of taking the sheen off and finding light and sheen together
+PAINT_GLOSSY = 0.98  # one strength, that knows less of the light, leaves no more of a paint's differences
+STRENGTHS = (0.01, 1.0)  # of a mirror: less is not seen, more is views too near one another to tell
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """How the camera looks at pixels.
+
+    Attributes
+    ----------
+    trusted : ndarray, shape (N,), bool
+        Pixels whose data count, for the light as well, as far as one knows without it.
+    towards : ndarray, shape (N, 3), float32
+        Unit vectors from the surface to the camera, world axes.
+    """
+
+    trusted: np.ndarray
+    towards: np.ndarray
+
+    def without(self, pixels: np.ndarray) -> Looks:
+        """The same, but that some pixels, (N,) bool, are trusted no more, unless none would be left."""
+        trusted = self.trusted & ~pixels
+        return replace(self, trusted=trusted) if trusted.any() else self
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """One light for all views, one for each, or what lies between.
+
+    Attributes
+    ----------
+    asked : str
+        auto: by what follows, and `MATT` and `GLOSSY`.
+    still, moving : float
+        Spread of the views (see `ViewGains`) up to which one light is taken to serve all, and from which on
+        each has its own, unless they differ as gloss makes them (see `brightening`).
+    """
+
+    asked: Literal["auto", "shared", "per-view"]
+    still: float
+    moving: float
+
+    def apart(self, spread: float, rise: float) -> float:
+        """Weigh lights of the views' own against one for all: from 0, one light, to 1, each its own."""
+        if self.asked != "auto":
+            return float(self.asked == "per-view")
+        moved = (spread - self.still) / (self.moving - self.still)
+        matt = (GLOSSY - rise) / (GLOSSY - MATT)
+        return float(np.clip(moved, 0, 1) * np.clip(matt, 0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Photos:
+    """The photos as light is sought from them: gains of the views divided out.
+
+    Attributes
+    ----------
+    views : StackedViews
+    looks : Looks
+        At least one is trusted.
+    seen : ndarray, shape (N, 3), float32
+    matt : ndarray, shape (N, 3), float32
+        Without highlights, where one light serves all views.
+    light_of_view : ndarray, shape (n,), int64
+        Which light every view stands in.
+    brightening : float
+        Of the views.
+    apart : float
+        How far every view has a light of its own: 0, not at all, to 1.
+    """
+
+    views: StackedViews
+    looks: Looks
+    seen: np.ndarray
+    matt: np.ndarray
+    light_of_view: np.ndarray
+    brightening: float
+    apart: float
+
+    @classmethod
+    def of(
+        cls, views: StackedViews, looks: Looks, seen: np.ndarray, spread: float, lighting: Lighting
+    ) -> Photos:
+        """Tell how far views with such a spread have lights of their own; nothing is taken off yet."""
+        one_light = np.zeros(views.view_count, np.int64)
+        rise = brightening(Linked.of(views, looks.trusted), seen)
+        apart = lighting.apart(spread, rise) if views.view_count > 1 else 0.0
+        return cls(views, looks, seen, seen, one_light, rise, apart)
+
+    def as_lit(self) -> Photos:
+        """Take the photos for lit by one light, unless that has no weight at all."""
+        return self.each_in_its_own_light() if self.apart == 1 else self.in_one_light()
+
+    def in_one_light(self) -> Photos:
+        """Leave out what is `darkened`, and take highlights off.
+
+        The less weight one light has, the darker a place must be: lights of their own darken places, too.
+        """
+        linked = Linked.of(self.views, self.looks.trusted)
+        looks = self.looks.without(darkened(linked, self.seen, DARKENED ** min(1 / (1 - self.apart), NEVER)))
+        return replace(
+            self, looks=looks, matt=without_highlights(Linked.of(self.views, looks.trusted), self.seen)
+        )
+
+    def each_in_its_own_light(self) -> Photos:
+        """Take the photos as they are seen: neither shadows nor highlights can be told."""
+        return replace(self, light_of_view=np.arange(self.views.view_count))
+
+    @property
+    def share_a_light(self) -> bool:
+        """Matt surface then looks the same in all views."""
+        return not self.light_of_view.any()
+
+    def search(self, scene: SkyScene, settings: SkySettings) -> Search:
+        """The pixels that light is found from."""
+        return Search.of(scene, self.views, self.matt, self.looks.trusted, self.light_of_view, settings)
+
+    def light(
+        self,
+        scene: SkyScene,
+        settings: SkySettings,
+        step: Callable[[], None],
+        near: FoundLight | None = None,
+    ) -> FoundLight:
+        """What they were taken in; one that is `near` it is gone on from."""
+        trusted = self.looks.trusted
+        return sky_light(scene, self.views, self.matt, trusted, self.light_of_view, settings, step, near)
+
+    def disagreements(
+        self, scenes: Sequence[SkyScene], lights: Sequence[FoundLight], settings: SkySettings
+    ) -> list[float]:
+        """How much each of several lights leaves unexplained."""
+        trusted = self.looks.trusted
+        return disagreements(scenes, lights, self.views, self.matt, trusted, self.light_of_view, settings)
+
+    def shading(self, scene: SkyScene, found: FoundLight) -> np.ndarray:
+        """Of all pixels by a light, (N, 3), float32."""
+        return found.shading(scene, self.views.starts, self.light_of_view)
+
+    def differences(self, scene: SkyScene, found: FoundLight) -> Differences:
+        """How views differ under the one light found, and how mirrors would make them differ."""
+        views, looks, pixels = self.views, self.looks, scene.pixels
+        return Differences.of(
+            views, self.seen, looks.trusted, looks.towards, pixels, lambda some: found.shading_at(scene, some)
+        )
+
+    def gloss(
+        self, scene: SkyScene, differences: Differences, found: FoundLight
+    ) -> tuple[Sheen, Differences] | None:
+        """A first guess at the sheen, and how views of what has it differ; None where nothing is glossy.
+
+        Of all surface, if light in a mirror explains most of the differences; else of those paints whose
+        differences the light found explains in a mirror, though it is known by shading alone.
+        """
+        mirrored, light = differences.mirrored, found.radiance[0]
+        if mirrored and mirrored.explains_most:
+            strength = mirrored.radiance.sum(axis=0) / np.maximum(light.sum(axis=0), 1e-12)
+            everything = np.ones(len(self.seen), bool)
+            return Sheen(strength, mirrored.roughness, mirrored.left, everything), differences
+        return self._gloss_of_paints(scene, differences, found)
+
+    def _gloss_of_paints(
+        self, scene: SkyScene, differences: Differences, found: FoundLight
+    ) -> tuple[Sheen, Differences] | None:
+        """The sheen of those paints whose differences the light explains in a mirror; None if of none."""
+        light = found.radiance[0]
+        paint = paints_of(self.views, self.matt, self.shading(scene, found), self.looks.trusted)
+        of_paint = (paint == number for number in range(int(paint.max()) + 1))
+        shown = [own for own in of_paint if _shows(differences.within(own).strength(light))]
+        if not shown:
+            return None
+        glossy = np.any(shown, axis=0)
+        own = differences.within(glossy)
+        of_all = own.strength(light)
+        return Sheen(of_all.strength, of_all.roughness, of_all.left, glossy), own
+
+    def sheen(
+        self,
+        scene: SkyScene,
+        found: FoundLight,
+        differences: Differences,
+        settings: SkySettings,
+        step: Callable[[], None],
+    ) -> tuple[Sheen, FoundLight] | None:
+        """The sheen, and the light in which it and the paint are seen at once; None where nothing is glossy.
+
+        The mirror's light and that on the paint are one but for the mirror's strength. Differences alone do
+        not tell all of it, nor do pairs while gloss is in what is seen; so they look for it together, and
+        what the sheen takes off the photos is found anew before each turn. Highlights are not compared until
+        the light is known: that costs more than a turn, and changes little.
+        """
+        gloss = self.gloss(scene, differences, found)
+        if gloss is None:
+            return None
+        sheen, own = gloss
+        mirror = own.in_mirror(sheen.roughness)
+        for _ in range(TURNS):
+            matt, _ = without_sheen(self.seen, sheen.image(self.mirror(scene, found)))
+            search = replace(self, matt=matt).search(scene, settings)
+            light = light_in_gloss(search.objective(found), mirror, sheen.strength, found.radiance)
+            left, _ = mirror.left(sheen.strength * light[0])
+            settled = search.settled(light, found)
+            dimmed = light.sum() / max(settled.radiance.sum(), 1e-12)
+            sheen, found = replace(sheen, strength=sheen.strength * dimmed, left=left), settled
+            step()
+        explains = sheen.left < (MOST_EXPLAINED if sheen.glossy.all() else PAINT_GLOSSY)
+        return (sheen, found) if explains and _likely(sheen.strength) else None
+
+    def sheen_in(self, scene: SkyScene, found: FoundLight) -> Sheen | None:
+        """The sheen under a light that is known: of all surface, else of some paints; None if of none."""
+        differences = self.differences(scene, found)
+        whole = differences.strength(found.radiance[0])
+        if whole is not None and whole.left < MOST_EXPLAINED and _likely(whole.strength):
+            return Sheen(whole.strength, whole.roughness, whole.left, np.ones(len(self.seen), bool))
+        gloss = self._gloss_of_paints(scene, differences, found)
+        explains = gloss is not None and gloss[0].left < PAINT_GLOSSY and _likely(gloss[0].strength)
+        return gloss[0] if explains else None
+
+    def without_sheen(self, sheen: Sheen, mirror: Mirror) -> Photos:
+        """The photos without it; what it hides in one view and not in another is no longer trusted."""
+        seen, share = without_sheen(self.seen, sheen.image(mirror))
+        looks = self.looks.without(highlights_of(self.views, share, self.looks.trusted))
+        matt = without_highlights(Linked.of(self.views, looks.trusted), seen)
+        return replace(self, looks=looks, seen=seen, matt=matt)
+
+    def mirror(self, scene: SkyScene, found: FoundLight) -> Mirror:
+        """What the one light found would show in the surface."""
+        return Mirror(scene.pixels, found.radiance[0], self.looks.towards)
+
+
+def _shows(fit: MirrorStrength | None) -> bool:
+    """Whether a paint is glossy."""
+    return fit is not None and fit.left < PAINT_GLOSSY and _likely(fit.strength)
+
+
+def _likely(strength: np.ndarray) -> bool:
+    weakest, strongest = STRENGTHS
+    return bool(weakest < strength.max() < strongest)

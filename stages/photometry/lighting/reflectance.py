@@ -1,0 +1,108 @@
+"""How much the brightest material reflects: told by the light that surfaces send one another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stages.photometry.lighting.light_estimate import FoundLight
+
+USUAL = 0.6  # what the brightest material of a scene often reflects: stone .3 to .6, plaster and paper .8
+# Of the disagreement: the price of a reflectance twice or half the usual; flat curves tell little.
+UNUSUAL = 0.005
+FIRST = 0.6  # where the search begins
+SCALE = (0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9)  # those that are tried: a factor of 1.5 apart
+
+
+@dataclass(frozen=True, eq=False)
+class Reflectance:
+    """What the brightest material reflects, and how that was told.
+
+    Attributes
+    ----------
+    value : float
+    tried : dict of float to float
+        What pairs of like paint disagreed by under each that was tried.
+    light : FoundLight
+        Under that tried one which is nearest to `value`.
+    """
+
+    value: float
+    tried: dict[float, float]
+    light: FoundLight
+
+    def as_json(self) -> dict[str, Any]:
+        """For records."""
+        tried = {f"{one:g}": round(left, 5) for one, left in sorted(self.tried.items())}
+        return {"reflects": round(self.value, 3), "disagreement": tried}
+
+
+def reflectance_of(
+    light: Callable[[float, FoundLight], FoundLight],
+    disagreements: Callable[[Sequence[FoundLight]], list[float]],
+    near: FoundLight,
+    step: Callable[[], None],
+    first: float = FIRST,
+) -> Reflectance:
+    """Find what the brightest material reflects.
+
+    Parameters
+    ----------
+    light : callable
+        The light if that material reflects so much, going on from a light that is near.
+    disagreements : callable
+        What pairs of like paint disagree by under each of several lights, on the same pairs.
+    near : FoundLight
+        That to begin from.
+    step : callable
+        Called after every light that is tried.
+    first : float
+        Reflectance to begin at.
+
+    Notes
+    -----
+    Where light bounces, surface in hollows is brighter than what it sees of the sky makes it. If too much is
+    taken to bounce, the albedo in hollows comes out too dark; if too little, too bright: pairs of like paint,
+    one in a hollow and one outside, disagree least under the reflectance that is true. Those tried are a
+    factor apart, downhill from the first; then a parabola through the lowest and its neighbours, in the
+    logarithm.
+    """
+    best = int(np.argmin(np.abs(np.log(np.array(SCALE) / first))))
+    lights, further = {}, {best}
+    while further:
+        for one in sorted(further):
+            lights[one] = light(SCALE[one], lights.get(best, near))
+            step()
+        tried = sorted(lights)
+        left = dict(
+            zip((SCALE[one] for one in tried), disagreements([lights[one] for one in tried]), strict=True)
+        )
+        best = SCALE.index(_least(left))
+        further = {one for one in (best - 1, best + 1) if 0 <= one < len(SCALE)} - lights.keys()
+    value = _lowest(left)
+    nearest = min(lights, key=lambda one: abs(np.log(SCALE[one] / value)))
+    return Reflectance(value, left, lights[nearest])
+
+
+def _price(reflectance: float) -> float:
+    """What a disagreement is multiplied by: 1 for the usual reflectance."""
+    return 1 + UNUSUAL * float(np.log2(reflectance / USUAL)) ** 2
+
+
+def _least(left: dict[float, float]) -> float:
+    """That under which least is left, for its price; of equals, the most usual."""
+    return min(left, key=lambda one: (_price(one) * left[one], abs(np.log(one / USUAL))))
+
+
+def _lowest(left: dict[float, float]) -> float:
+    """Where the parabola through the lowest and its neighbours, in the logarithm, is lowest."""
+    tried = sorted(left)
+    best = tried.index(_least(left))
+    if best in (0, len(tried) - 1):
+        return tried[best]
+    three = tried[best - 1 : best + 2]
+    curve = np.polyfit(np.log(three), [_price(one) * left[one] for one in three], 2)
+    return float(np.exp(-curve[1] / (2 * curve[0]))) if curve[0] > 0 else tried[best]

@@ -1,0 +1,1 @@
+"""What surface mirrors, told by how views of it differ."""

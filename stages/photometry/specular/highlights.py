@@ -1,0 +1,189 @@
+"""Highlights, by what one view sees and the others do not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.photometry.albedo.paint_edges import DARK
+from stages.photometry.neighbourhoods import add_at, means_around, patch_means
+from stages.photometry.stack import Pixels, StackedViews
+
+SIZE_PX = 5  # of the smallest highlight that is told from fine paint
+FEWEST = 0.2  # share of a square that has to be linked for a word about it
+ROUNDS = 3  # with each, the brighter of the views that are left come down to the rest
+TOLERANCE = 0.02  # of the logarithm: noise
+BLACK = 0.002  # of the scaled image: what compression leaves of black, a few steps of eight bits
+DARKENED = 3  # times as bright as a place that something lies on
+VOTERS = 1.5  # links per pixel
+RARE = 0.05  # share of a patch: fewer negative values than that count for less
+
+
+def without_highlights(linked: Linked, image: np.ndarray) -> np.ndarray:
+    """Take off what a view sees of its surface beyond what the others see of it.
+
+    Parameters
+    ----------
+    linked : Linked
+        What is the same surface. Only trusted pixels are compared, and looked at: what is clipped is no
+        measure.
+    image : ndarray, shape (N, 3), float32
+        Scaled, under one light; gains of the views divided out.
+
+    Returns
+    -------
+    ndarray, shape (N, 3), float32
+        Nowhere above the image.
+
+    Notes
+    -----
+    Matt surface looks the same from everywhere, and gloss only adds. With ``l = log(I + d)`` and m its
+    `Linked.excess`, per channel: ``l ← l − t max(0, m)``, ``t = Σ max(0, m − s − 0.02) / Σ max(0, m)`` over
+    the channels, s the root mean square of what is negative among m around (less where hardly anything is).
+    One t for all channels, so that the colour moves straight to that which the others see: a window that
+    shows the sky does not turn green. Views that see each other's fine paint half a pixel off differ in both
+    directions alike, and keep what they have. Highlights of a few pixels are cut by half.
+    """
+    seen = np.maximum(image, 0)
+    before = np.log(seen + DARK)
+    after = before
+    for _ in range(ROUNDS):
+        excess = np.stack([linked.excess(channel) for channel in after.T], axis=1)
+        misfit = np.stack([_misfit(linked.views, channel) for channel in excess.T], axis=1)
+        above = np.maximum(excess, 0)
+        beyond = np.maximum(excess - misfit - TOLERANCE, 0).sum(axis=1, keepdims=True)
+        share = beyond / np.maximum(above.sum(axis=1, keepdims=True), 1e-9)
+        after = (after - share * above).astype(np.float32)
+    gloss = (seen + DARK) * (1 - np.exp(after - before))
+    matt = np.maximum(image - gloss, np.minimum(image, 0))
+    return np.where(linked.trusted[:, None], matt, image).astype(np.float32)
+
+
+def brightening(linked: Linked, image: np.ndarray) -> float:
+    """How much further views rise above one another than they fall below.
+
+    Parameters
+    ----------
+    linked : Linked
+        What is the same surface.
+    image : ndarray, shape (N, 3)
+        Scaled; gains of the views divided out.
+
+    Returns
+    -------
+    float
+        Of `Linked.excess` of the brightness' logarithm, over trusted pixels: the root mean square of what is
+        positive over that of what is negative. 1 where views see nothing of one another.
+
+    Notes
+    -----
+    A highlight that one of n views sees of a place makes it about √(n − 1): above 1 for gloss, though two
+    views hardly tell. Lamps that are carried about light most places in most views and leave deep
+    shadows: below 1. Light that is brighter in few of many views passes for gloss.
+    """
+    seen = _log_brightness(image)
+    excess = linked.excess(seen)[linked.trusted]
+    above, below = (np.square(np.maximum(side, 0)).sum() for side in (excess, -excess))
+    return float(np.sqrt(above / below)) if below > 0 else 1.0
+
+
+def darkened(linked: Linked, image: np.ndarray, times: float = DARKENED) -> np.ndarray:
+    """Pixels that most other views contradict: they see the same surface, and far brighter.
+
+    Parameters
+    ----------
+    linked : Linked
+        What is the same surface.
+    image : ndarray, shape (N, 3)
+        Scaled, under one light; gains of the views divided out.
+    times : float
+        How many times as bright the others must see it.
+
+    Returns
+    -------
+    ndarray, shape (N,), bool
+
+    Notes
+    -----
+    One walks through the picture, the photographer's shadow falls on the stone, a background was painted
+    black: to the views that see the place as it is, it would be a highlight of theirs. Over most of its links
+    a pixel sees less than a third (1/`times`), and it is black, or most links of the square around it, or of
+    one close by, say so too; gloss hardly ever does as much (see docs/transfer.md). A square is asked where
+    pixels have more links than one: of two views alone, either may be the one that is wrong. What is dark
+    wherever it is seen stays.
+    """
+    seen = _log_brightness(image)
+    balance = np.zeros(len(seen), np.int32)
+    for one, other in trusted_links(linked.views, linked.trusted):
+        difference = seen[other] - seen[one]
+        add_at(balance, one, np.where(difference > np.log(times), 1, -1))
+        add_at(balance, other, np.where(-difference > np.log(times), 1, -1))
+    place = linked.enough & (linked.links > VOTERS) & (means_around(linked.views, balance, SIZE_PX) > 0)
+    close = means_around(linked.views, place, SIZE_PX) > 0
+    return place | (balance > 0) & (close | (image.max(axis=1) <= BLACK))
+
+
+@dataclass(frozen=True, eq=False)
+class Linked:
+    """What pixels can be compared with, counted once.
+
+    Attributes
+    ----------
+    views : StackedViews
+    trusted : ndarray, shape (N,), bool
+        Only links between such pixels count.
+    links : ndarray, shape (N,)
+        Mean number of links in a small square around every pixel.
+    enough : ndarray, shape (N,), bool
+        Whether a fifth of that square has some.
+    """
+
+    views: StackedViews
+    trusted: np.ndarray
+    links: np.ndarray
+    enough: np.ndarray
+
+    @classmethod
+    def of(cls, views: StackedViews, trusted: np.ndarray) -> Linked:
+        """Count the links of all pixels."""
+        count = np.zeros(len(trusted))
+        for ends in trusted_links(views, trusted):
+            for end in ends:
+                add_at(count, end, 1)
+        enough = means_around(views, count > 0, SIZE_PX) >= FEWEST
+        return cls(views, trusted, means_around(views, count, SIZE_PX), enough)
+
+    def excess(self, values: np.ndarray) -> np.ndarray:
+        """Mean of ``v_p − v_q`` over all links of the pixels p in small squares to pixels q elsewhere, (N,).
+
+        Fine paint, half a pixel off, comes to nothing there, a highlight does not. 0 where there are not
+        `enough` links. The cost grows with the links.
+        """
+        total = np.zeros(len(values))
+        for one, other in trusted_links(self.views, self.trusted):
+            difference = values[one] - values[other]
+            add_at(total, one, difference)
+            add_at(total, other, -difference)
+        mean = means_around(self.views, total, SIZE_PX) / np.maximum(self.links, 1e-6)
+        return np.where(self.enough, mean, 0)
+
+
+def trusted_links(views: StackedViews, trusted: np.ndarray) -> Iterator[Pixels]:
+    """Pairs of pixels that show the same surface point and are both trusted, (N,) bool."""
+    for one, other in views.linked_pixels():
+        both = trusted[one] & trusted[other]
+        yield one[both], other[both]
+
+
+def _log_brightness(image: np.ndarray) -> np.ndarray:
+    """Of the channels' mean, (N,); what is darker than noise hardly differs."""
+    return np.log(np.maximum(image, 0).mean(axis=1) + DARK)
+
+
+def _misfit(views: StackedViews, excess: np.ndarray) -> np.ndarray:
+    """Root mean square of the negative values around every pixel, (N,)."""
+    square = patch_means(views, np.minimum(excess, 0) ** 2)
+    share = patch_means(views, excess < 0)
+    return np.sqrt(np.maximum(square, 0) / np.maximum(share, RARE))

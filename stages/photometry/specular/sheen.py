@@ -1,0 +1,85 @@
+"""Sheen: the image of the light in a surface that is a little of a mirror."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stages.photometry.specular.highlights import trusted_links
+from stages.photometry.stack import StackedViews
+from stages.photometry.transport.directional_transport import SkyTransport
+
+KEPT = 0.2  # of the image, at least: highlights that lie a little beside where they are expected
+DARK = 0.01  # of the scaled image: the sheen's share in less says nothing
+HIGHLIGHT, BRIGHTER = 0.25, 3.0  # of a pixel's brightness; of what any other view has there
+
+
+@dataclass(frozen=True, eq=False)
+class Sheen:
+    """How much of a mirror some surface is.
+
+    Attributes
+    ----------
+    strength : ndarray, shape (3,)
+        k of each channel: what the mirror adds, of the light that it shows. It holds the unknown scale that
+        the light has against the albedo.
+    roughness : float
+        α.
+    left : float
+        What it leaves of the differences between the views of that surface: 1 would be no sheen.
+    glossy : ndarray, shape (N,), bool
+        Which pixels show that surface.
+    """
+
+    strength: np.ndarray
+    roughness: float
+    left: float
+    glossy: np.ndarray
+
+    def image(self, mirror: Mirror) -> np.ndarray:
+        """What the sheen adds to the image, (N, 3), float32."""
+        added, own = np.zeros((len(self.glossy), 3), np.float32), np.flatnonzero(self.glossy)
+        added[own] = self.strength.astype(np.float32) * mirror.image(self.roughness, own)
+        return added
+
+    def as_json(self) -> dict[str, Any]:
+        """For machines; `glossy` only by its size."""
+        return {
+            "pixels": int(np.count_nonzero(self.glossy)),
+            "strength": [round(float(k), 4) for k in self.strength],
+            "roughness": self.roughness,
+            "left": round(self.left, 3),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Mirror:
+    """What there is to be seen in the surface: points (N), light of M directions, ways to the cameras."""
+
+    pixels: SkyTransport
+    radiance: np.ndarray
+    towards: np.ndarray
+
+    def image(self, roughness: float, points: np.ndarray) -> np.ndarray:
+        """H of chosen points, (n, 3), float32; see `SkyTransport.mirrored`."""
+        return self.pixels.mirrored(self.radiance, self.towards, roughness, points)
+
+
+def without_sheen(seen: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The image without its sheen, (N, 3), nowhere above it; the sheen's share of the brightness, (N,).
+
+    `added` is what the sheen adds, (N, 3), float32.
+    """
+    share = added.mean(axis=1) / np.maximum(seen.mean(axis=1), DARK)
+    return np.maximum(seen - added, np.minimum(seen, KEPT * seen)), share
+
+
+def highlights_of(views: StackedViews, share: np.ndarray, trusted: np.ndarray) -> np.ndarray:
+    """Pixels whose sheen has so large a share that another view, which has far less, knows better, (N,)."""
+    least = np.full(len(share), np.inf, np.float32)
+    for one, other in trusted_links(views, trusted):
+        for own, there in ((one, other), (other, one)):
+            np.minimum.at(least, own, share[there])
+    return (share > HIGHLIGHT) & (share > BRIGHTER * least)

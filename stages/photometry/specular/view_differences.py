@@ -1,0 +1,243 @@
+"""How views differ about what they both see, and what light would make them differ so, were it a mirror."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from stages.photometry.lighting.light_from_pairs import contrast
+from stages.photometry.stack import Pixels, StackedViews
+from stages.photometry.transport.directional_transport import SkyTransport
+from stages.solvers.least_squares.non_negative import descend_above_zero
+
+ROUGHNESSES = (0.15, 0.2, 0.3)  # α of GGX: a sharper lobe falls between 256 directions
+MIDDLE = 1  # of them: what it hardly explains no other does
+LINKS = 15_000  # that are looked at, or up to twice as many
+FEWEST = 200  # of them for one strength: what fewer differ by is as well explained by chance
+FEWEST_PER_DIRECTION = 10  # of them for a light of its own: as many numbers per channel explain noise
+TOLD_APART = 256  # directions, at most, by lobes of these roughnesses
+LIT = 0.1  # of the mean shading, per channel: what a link's ends have at least
+ALIKE = 5.0  # times: what one end is lit by more than the other where they show the same surface
+NOISE = 0.02  # of the scaled image: differences below this count by their square
+SOME = 1e-3  # of `NOISE`: views that differ by less, typically, do not differ
+EVENNESS = 1e-3  # price of light that differs from direction to direction, where views do not tell
+STEPS = 60  # of the descent
+MOST_EXPLAINED = 0.7  # of the differences: light that leaves no more is that of a surface glossy all over
+HARDLY = 0.9  # of the differences: where the middle mirror leaves more, the others are not asked
+ROUNDS = 10  # of reweighting
+
+
+@dataclass(frozen=True, eq=False)
+class MirroredLight:
+    """Light that, in a mirror of one roughness, makes views differ as they do.
+
+    Attributes
+    ----------
+    radiance : ndarray, shape (M, 3)
+        At least 0, times the mirror's strength. What all views see alike of it is not told.
+    roughness : float
+        α.
+    left : float
+        What it leaves of the differences: 1 where it explains nothing.
+    """
+
+    radiance: np.ndarray
+    roughness: float
+    left: float
+
+    @property
+    def explains_most(self) -> bool:
+        """Whether the surface is glossy all over."""
+        return self.left < MOST_EXPLAINED
+
+
+@dataclass(frozen=True, eq=False)
+class MirrorStrength:
+    """How strong a mirror of one roughness has to be for a known light to make views differ as they do.
+
+    Attributes
+    ----------
+    strength : ndarray, shape (3,)
+        k of each channel.
+    roughness : float
+        α.
+    left : float
+        What it leaves of the differences.
+    """
+
+    strength: np.ndarray
+    roughness: float
+    left: float
+
+
+@dataclass(frozen=True, eq=False)
+class InMirror:
+    """How views differ along links, and how a mirror of one roughness would make them differ.
+
+    Attributes
+    ----------
+    roughness : float
+        α.
+    seen : ndarray, shape (L, 3), float32
+        ``I_p − f I_q`` with ``f = S_p / S_q``, of the brightness.
+    lobes : ndarray, shape (L, M), float32
+        ``m_p − f m_q``, m as `SkyTransport.lobes` has it: what light of each direction would add to `seen`.
+    cells : ndarray, shape (M,)
+        Share of all directions that each stands for.
+    """
+
+    roughness: float
+    seen: np.ndarray
+    lobes: np.ndarray
+    cells: np.ndarray
+
+    def left(self, radiance: np.ndarray) -> tuple[float, np.ndarray]:
+        """What light (M, 3) in the mirror leaves, of 1 where it is dark, and the slope by the light.
+
+        ``Σ (√(d² + 0.02²) − 0.02)``, d what is not explained, over the same of what is seen.
+        """
+        off = self.seen - self.lobes @ radiance.astype(np.float32)
+        root = np.sqrt(off**2 + NOISE**2, dtype=np.float32)
+        left = float((root - NOISE).sum(dtype=np.float64))
+        slope = -(self.lobes.T @ (off / root)) / self._all
+        return left / self._all, slope.astype(np.float64)
+
+    @cached_property
+    def _all(self) -> float:
+        size = np.sqrt(self.seen**2 + NOISE**2, dtype=np.float32) - NOISE
+        return max(float(size.sum(dtype=np.float64)), 1e-12)
+
+    def light(self) -> MirroredLight:
+        """The light that leaves least of the differences.
+
+        Convex, but for a small price of light that differs between directions, where views do not tell.
+        """
+
+        def objective(radiance: np.ndarray) -> tuple[float, np.ndarray]:
+            left, slope = self.left(radiance)
+            price, own = contrast(radiance[None], self.cells)
+            return left + EVENNESS * price, slope + EVENNESS * own[0]
+
+        start = np.full((self.lobes.shape[1], 3), 0.1 * float(np.abs(self.seen).mean()))
+        radiance = descend_above_zero(objective, start, STEPS)
+        return MirroredLight(radiance, self.roughness, self.left(radiance)[0])
+
+    def strength(self, radiance: np.ndarray) -> MirrorStrength:
+        """The strength k ≥ 0 for which ``Σ |seen − k H|`` is least, H of known light (M, 3).
+
+        By reweighted least squares.
+        """
+        mirrored = self.lobes @ radiance.astype(np.float32)
+        weight = np.ones_like(self.seen)
+        for _ in range(ROUNDS):
+            squares = np.maximum((weight * mirrored**2).sum(axis=0), 1e-12)
+            strength = np.maximum((weight * self.seen * mirrored).sum(axis=0) / squares, 0)
+            weight = 1 / np.maximum(np.abs(self.seen - strength * mirrored), NOISE / 2)
+        before, after = np.abs(self.seen).sum(), np.abs(self.seen - strength * mirrored).sum()
+        return MirrorStrength(strength, self.roughness, float(after / before) if before > 0 else 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """How views differ along links, and how mirrors would make them differ.
+
+    Attributes
+    ----------
+    p, q : ndarray, shape (L,)
+        Pixels.
+    mirrors : tuple of InMirror
+        Of `ROUGHNESSES`.
+    """
+
+    p: np.ndarray
+    q: np.ndarray
+    mirrors: tuple[InMirror, ...]
+
+    @classmethod
+    def of(
+        cls,
+        views: StackedViews,
+        seen: np.ndarray,
+        trusted: np.ndarray,
+        towards: np.ndarray,
+        pixels: SkyTransport,
+        shading_at: Callable[[np.ndarray], np.ndarray],
+    ) -> Differences:
+        """Along some of the links between pixels that are trusted, and lit in every channel.
+
+        Parameters
+        ----------
+        views : StackedViews
+        seen : ndarray, shape (N, 3), float32
+            The image, gains of the views divided out, all views in one light.
+        trusted : ndarray, shape (N,), bool
+        towards : ndarray, shape (N, 3), float32
+            Unit vectors to the cameras.
+        pixels : SkyTransport
+        shading_at : callable
+            Of chosen pixels by that light, as far as it is known: both ends of a link show one point, and
+            are lit about alike by any light.
+        """
+        p, q = some_links(views, trusted, LINKS)
+        of_p, of_q = shading_at(p), shading_at(q)
+        least = LIT * (of_p.mean(axis=0) + of_q.mean(axis=0)) / 2 if p.size else 0.0
+        f = of_p.mean(axis=1) / np.maximum(of_q.mean(axis=1), 1e-12)
+        lit = (np.minimum(of_p, of_q) > least).all(axis=1) & (f < ALIKE) & (f > 1 / ALIKE)
+        p, q, f = p[lit], q[lit], f[lit, None].astype(np.float32)
+        apart = seen[p] - f * seen[q]
+        mirrors = (
+            InMirror(a, apart, pixels.lobes(towards, a, p) - f * pixels.lobes(towards, a, q), pixels.cells)
+            for a in ROUGHNESSES
+        )
+        return cls(p, q, tuple(mirrors))
+
+    def within(self, glossy: np.ndarray) -> Differences:
+        """Those with both ends among some of the pixels, (N,) bool."""
+        both = glossy[self.p] & glossy[self.q]
+        mirrors = (replace(each, seen=each.seen[both], lobes=each.lobes[both]) for each in self.mirrors)
+        return Differences(self.p[both], self.q[both], tuple(mirrors))
+
+    @cached_property
+    def mirrored(self) -> MirroredLight | None:
+        """The light that leaves least of them, in the mirror in which it does.
+
+        None where there are too few to tell, or views do not differ.
+        """
+        middle = self.mirrors[MIDDLE]
+        enough = FEWEST_PER_DIRECTION * min(middle.lobes.shape[1], TOLD_APART)
+        if self.p.size < enough or np.abs(middle.seen).mean() < SOME * NOISE:
+            return None
+        found = middle.light()
+        if found.left >= HARDLY:
+            return found
+        others = (mirror.light() for mirror in self.mirrors if mirror is not middle)
+        return min((found, *others), key=lambda light: light.left)
+
+    def strength(self, radiance: np.ndarray) -> MirrorStrength | None:
+        """How strong which mirror has to be for a known light (M, 3); None where there are too few to tell.
+
+        Three numbers instead of the hundreds of `mirrored`: for paints with few links.
+        """
+        if self.p.size < FEWEST:
+            return None
+        found = (mirror.strength(radiance) for mirror in self.mirrors)
+        return min(found, key=lambda fit: fit.left)
+
+    def in_mirror(self, roughness: float) -> InMirror:
+        """That of one of `ROUGHNESSES`."""
+        return next(mirror for mirror in self.mirrors if mirror.roughness == roughness)
+
+
+def some_links(views: StackedViews, trusted: np.ndarray, count: int) -> Pixels:
+    """Every so many-th of all links, `count` or up to twice as many, if both its ends are trusted, (N,)."""
+    stride, passed = max(1, views.link_count // count), 0
+    ends = [2 * (np.empty(0, np.int64),)]
+    for pair in views.linked_pixels():
+        ends.append(tuple(side[-passed % stride :: stride] for side in pair))
+        passed += pair[0].size
+    one, other = (np.concatenate(side) for side in zip(*ends, strict=True))
+    both = trusted[one] & trusted[other]
+    return one[both], other[both]

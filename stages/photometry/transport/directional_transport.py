@@ -1,0 +1,269 @@
+"""Light from many directions all around, and how much of each reaches points that know what they can see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from stages.photometry.transport.transport_loops import (
+    gather_irradiance,
+    gather_lobes,
+    gather_mirrored,
+    gather_shares,
+)
+
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+FARTHEST = np.float32(2 / 3)  # of the sphere's radius: nearer to it, the light would be endless
+AROUND = 6  # neighbours of a cell in a honeycomb
+LEANING = -0.2  # of the sphere's radius: a point's own normal may lean away from its vertices'
+
+
+# Rays, as origins and unit directions, (r, 3) float32 each, to whether something is in their way, (r,) bool.
+Blocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Where light comes from that is not infinitely far away.
+
+    Attributes
+    ----------
+    centre : tuple of float
+        World.
+    radius : float
+        Model units.
+    """
+
+    centre: tuple[float, ...]
+    radius: float
+
+
+def sphere_of(centre: np.ndarray, radius: float) -> Sphere | None:
+    """That which light at a distance comes from, world and model units; None where it is infinitely far."""
+    return Sphere(tuple(centre), radius) if np.isfinite(radius) else None
+
+
+def offsets_in(sphere: Sphere | None, positions: np.ndarray) -> np.ndarray:
+    """Positions (N, 3) from the sphere's centre, in radii: 0 where it is infinitely large; float32.
+
+    What lies near the sphere or beyond, as a wide ground may, is taken to lie two thirds of the way out.
+    """
+    if sphere is None:
+        return np.zeros(positions.shape, np.float32)
+    offsets = ((positions - np.array(sphere.centre)) / sphere.radius).astype(np.float32)
+    length = np.linalg.norm(offsets, axis=1, keepdims=True)
+    return offsets * np.minimum(1, FARTHEST / np.maximum(length, FARTHEST))
+
+
+def even_directions(count: int) -> np.ndarray:
+    """Unit vectors spread evenly over the sphere on a spiral, from the zenith (+z) down, (count, 3)."""
+    place = np.arange(count) + 0.5
+    z, angle = 1 - 2 * place / count, GOLDEN_ANGLE * place
+    radius = np.sqrt(1 - z * z)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+def honeycomb(directions: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Six directions around each of some, (n, 3), as far away as cells of such a size lie apart, (6 n, 3).
+
+    A cell of the honeycomb whose share of all directions is c is as wide as ``√(2/√3 · 4π c)``.
+    """
+    directions = directions.astype(np.float64)
+    width = np.sqrt(2 / np.sqrt(3) * 4 * np.pi * cells.astype(np.float64))[:, None, None]
+    aside = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
+    one = np.cross(directions, aside)
+    one /= np.linalg.norm(one, axis=1, keepdims=True)
+    other = np.cross(directions, one)
+    turn = 2 * np.pi * np.arange(AROUND)[None, :, None] / AROUND
+    off = np.cos(turn) * one[:, None] + np.sin(turn) * other[:, None]
+    return (np.cos(width) * directions[:, None] + np.sin(width) * off).reshape(-1, 3).astype(np.float32)
+
+
+def visible_directions(
+    positions: np.ndarray,
+    normals: np.ndarray,
+    blocked: Blocked,
+    directions: np.ndarray,
+    sphere: Sphere | None = None,
+    executor: Executor | None = None,
+    after_each: Callable[[], None] = lambda: None,
+) -> np.ndarray:
+    """Which directions points see the sky in.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (P, 3)
+        Where rays begin: a little off the surface.
+    normals : ndarray, shape (P, 3)
+        Unit. Directions well behind the surface are not looked at, and count as blocked.
+    blocked : callable
+    directions : ndarray, shape (M, 3)
+    sphere : Sphere or None
+        That the light comes from, in the frame of the positions; None: from infinitely far away.
+    executor : concurrent.futures.Executor or None
+        Threads that look in eight directions at a time; never changes the result.
+    after_each : callable
+        Called after every eight directions.
+
+    Returns
+    -------
+    ndarray, shape (P, ⌈M/8⌉), uint8
+        A bit per direction, the first in the highest bit.
+    """
+    origins, normals = np.asarray(positions, np.float32), np.asarray(normals, np.float32)
+    offsets = None if sphere is None else offsets_in(sphere, positions)
+    seen = np.zeros((len(origins), -(-len(directions) // 8)), np.uint8)
+
+    def look(byte: int) -> None:
+        for bit, direction in enumerate(np.asarray(directions[8 * byte : 8 * byte + 8], np.float32)):
+            towards = np.broadcast_to(direction, origins.shape) if offsets is None else direction - offsets
+            before = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > LEANING)
+            towards = towards[before]
+            if offsets is not None:
+                towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+            free = ~blocked(origins[before], towards)
+            seen[before[free], byte] |= np.uint8(128 >> bit)
+
+    for _ in (map if executor is None else executor.map)(look, range(seen.shape[1])):
+        after_each()
+    return seen
+
+
+@dataclass(frozen=True, eq=False)
+class Eyes:
+    """Points that look into the sky, and what is in their way.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (P, 3)
+        A little off the surface, relative to the origin.
+    normals : ndarray, shape (P, 3)
+        Unit, world axes.
+    blocked : callable
+        Of rays relative to the origin.
+    origin : ndarray, shape (3,)
+        World.
+    executor : concurrent.futures.Executor or None
+    """
+
+    positions: np.ndarray
+    normals: np.ndarray
+    blocked: Blocked
+    origin: np.ndarray
+    executor: Executor | None = None
+
+    def see(
+        self, directions: np.ndarray, sphere: Sphere | None, after_each: Callable[[], None] = lambda: None
+    ) -> np.ndarray:
+        """Which directions they see the sky in, or the sphere, in world axes: `visible_directions`."""
+        there = None
+        if sphere is not None:
+            there = Sphere(tuple(np.array(sphere.centre) - self.origin), sphere.radius)
+        return visible_directions(
+            self.positions, self.normals, self.blocked, directions, there, self.executor, after_each
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SkyTransport:
+    """How light from M directions reaches N points: all of it that they see, by the cosine.
+
+    Attributes
+    ----------
+    normals : ndarray, shape (N, 3), float32
+        Unit, world axes.
+    offsets : ndarray, shape (N, 3), float32
+        Of `offsets_in`.
+    blend : csr_array, shape (N, P), float32
+        Every point as a blend of vertices; one without any sees the whole sky.
+    visible : ndarray, shape (P, ⌈M/8⌉), uint8
+        Of `visible_directions`.
+    directions : ndarray, shape (M, 3), float32
+    cells : ndarray, shape (M,), float32
+        Share of all directions that each stands for; together 1.
+
+    Notes
+    -----
+    ``S(p) = 1/π ∫ V L max(0, n·ω) dω ≈ 4 Σ_d c_d V_d(p) max(0, n_p·ω_d) L_d``, c the cells: the shading of
+    Eq. 1, with all frequencies of the light that M directions hold. V is blended between vertices, the cosine
+    is the point's own. Light from a sphere at hand comes from small sources that face its centre: it changes
+    from place to place, by the angle and with the square of the distance.
+    """
+
+    normals: np.ndarray
+    offsets: np.ndarray
+    blend: sp.csr_array
+    visible: np.ndarray
+    directions: np.ndarray
+    cells: np.ndarray
+
+    @classmethod
+    def of(
+        cls, normals: np.ndarray, offsets: np.ndarray, blend: sp.csr_array, visible: np.ndarray, count: int
+    ) -> SkyTransport:
+        """Of points with unit normals (N, 3), and `count` directions, alike."""
+        directions, cells = even_directions(count).astype(np.float32), np.full(count, 1 / count, np.float32)
+        return cls(np.ascontiguousarray(normals, np.float32), offsets, blend, visible, directions, cells)
+
+    def at(self, points: np.ndarray) -> SkyTransport:
+        """The same with some of the points only."""
+        return replace(
+            self, normals=self.normals[points], offsets=self.offsets[points], blend=self.blend[points]
+        )
+
+    def shares(self, points: np.ndarray) -> np.ndarray:
+        """What each direction's light adds to the shading of chosen points, (n, M), float32."""
+        out = np.empty((len(points), len(self.directions)), np.float32)
+        gather_shares(np.asarray(points), *self._geometry, out)
+        out *= self._weight
+        return out
+
+    def shading(self, radiance: np.ndarray, points: slice = slice(None)) -> np.ndarray:
+        """Shading of a run of points under light (M, C), from the sky itself: (·, C), float32."""
+        first, vertex, weight = self._blend
+        begin, end, _ = points.indices(len(self.normals))
+        out = np.empty((max(0, end - begin), radiance.shape[1]), np.float32)
+        own = (first[begin : end + 1], vertex, weight)
+        light = np.ascontiguousarray(radiance * self._weight[:, None], np.float32)
+        gather_irradiance(
+            self.normals[begin:end], self.offsets[begin:end], own, self.visible, self.directions, light, out
+        )
+        return out
+
+    def mirrored(
+        self, radiance: np.ndarray, towards: np.ndarray, roughness: float, points: np.ndarray
+    ) -> np.ndarray:
+        """What chosen points would show of light (M, C) were they a rough mirror, (n, C), float32.
+
+        The mean of the light within the mirror's lobe, which is 0 where something hides it. The ways
+        `towards` the cameras, (N, 3), are unit vectors; roughness is α of GGX.
+        """
+        out = np.empty((len(points), radiance.shape[1]), np.float32)
+        light = np.ascontiguousarray(radiance, np.float32)
+        mirror = towards, np.float32(roughness), self.cells
+        gather_mirrored(np.asarray(points), *self._geometry, *mirror, light, out)
+        return out
+
+    def lobes(self, towards: np.ndarray, roughness: float, points: np.ndarray) -> np.ndarray:
+        """What each direction's light adds to that, per unit, (n, M), float32; see `mirrored`."""
+        out = np.empty((len(points), len(self.directions)), np.float32)
+        gather_lobes(np.asarray(points), *self._geometry, towards, np.float32(roughness), self.cells, out)
+        return out
+
+    @property
+    def _geometry(self) -> tuple:
+        """What all loops over chosen points look at."""
+        return self.normals, self.offsets, self._blend, self.visible, self.directions
+
+    @property
+    def _weight(self) -> np.ndarray:
+        return 4 * self.cells
+
+    @property
+    def _blend(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        blend = self.blend
+        return blend.indptr, blend.indices, blend.data

@@ -1,0 +1,156 @@
+"""The shading basis of pixels whose surface points know what they can see, and what shines back on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial import cKDTree
+
+from stages.photometry.paper.harmonics import shading_basis
+from stages.photometry.transport.transfer_vectors import Occlusion, Proxy, bounced
+
+BRIGHT_QUANTILE = 0.99  # of all albedo values: what counts as the brightest material; specks are brighter
+WHITEST = 0.95  # no surface gives back more: bounces would not die out
+
+
+@dataclass(frozen=True)
+class Bounces:
+    """How light goes on from surface to surface.
+
+    Attributes
+    ----------
+    count : int
+        How often it is passed on; 0: not at all.
+    brightest : float
+        What the brightest material is taken to reflect, since images do not tell: in the channel where it is
+        brightest. Under coloured light the others are underestimated by as much.
+    """
+
+    count: int
+    brightest: float
+
+
+@dataclass(frozen=True, eq=False)
+class PixelTransfer:
+    """N pixels above P vertices.
+
+    Attributes
+    ----------
+    open_sky : ndarray, shape (N, K), float32
+        ν of the pixels' own normals, as if they saw the whole sky.
+    blend : csr_array, shape (N, P), float32
+        Every pixel as a blend of vertices; rows sum to 1, or to 0 where the back of the mesh is seen.
+    seen : Occlusion
+        Of the vertices, K harmonics.
+    vertex_sky : ndarray, shape (P, K), float32
+        ν of the vertices' normals.
+    nearest : ndarray, shape (P,)
+        Of `nearest_shown`.
+    """
+
+    open_sky: np.ndarray
+    blend: sp.csr_array
+    seen: Occlusion
+    vertex_sky: np.ndarray
+    nearest: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        normals: np.ndarray,
+        blend: sp.csr_array,
+        proxy: Proxy,
+        degree: int,
+    ) -> tuple[PixelTransfer, int]:
+        """Put it together for harmonics up to a degree; pixels' normals, (N, 3), are unit, world axes.
+
+        Pixels' normals look at the camera, vertices' out of the mesh. Where the two are opposed the mesh is
+        seen from its back, of which nothing is known: such pixels are taken to see the whole sky, and
+        counted.
+        """
+        seen, size = proxy.seen, (degree + 1) ** 2
+        blend, opposed = without_opposed(normals, blend, proxy.normals)
+        transfer = cls(
+            open_sky=shading_basis(normals, degree).astype(np.float32),
+            blend=blend,
+            seen=Occlusion(seen.blocked[:, :size], seen.form_factors, seen.behind),
+            vertex_sky=shading_basis(proxy.normals, degree).astype(np.float32),
+            nearest=nearest_shown(blend, proxy.positions),
+        )
+        return transfer, opposed
+
+    def direct(self) -> np.ndarray:
+        """What reaches the pixels from the sky itself, (N, K), float32."""
+        return self.open_sky - self.blend @ self.seen.blocked
+
+    def with_bounces(self, albedo: np.ndarray, bounces: Bounces) -> np.ndarray:
+        """The same with what other surface sends on, channel by channel.
+
+        Parameters
+        ----------
+        albedo : ndarray, shape (N, 3)
+            On any scale.
+        bounces : Bounces
+
+        Returns
+        -------
+        ndarray, shape (N, K, 3), float32
+        """
+        absolute = np.minimum(on_absolute_scale(albedo, bounces.brightest), WHITEST)
+        direct, of_vertices = self.direct(), self.vertex_sky - self.seen.blocked
+        basis = np.empty((*direct.shape, albedo.shape[1]), np.float32)
+        for c in range(albedo.shape[1]):
+            values, typical = self.at_vertices(absolute[:, c]), float(np.median(absolute[:, c]))
+            there = bounced(of_vertices, self.seen, values.astype(np.float32), typical, bounces.count)
+            basis[:, :, c] = direct + self.blend @ (there - of_vertices).astype(np.float32)
+        return basis
+
+    def at_vertices(self, values: np.ndarray) -> np.ndarray:
+        """See the function of that name."""
+        return at_vertices(self.blend, self.nearest, values)
+
+
+def at_vertices(blend: sp.csr_array, nearest: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Mean of the pixels, (N,), around every vertex, or the shown one `nearest` to it: (P,)."""
+    weight = blend.sum(axis=0)
+    means = (blend.T @ values) / np.where(weight > 0, weight, 1)
+    return np.where(weight > 0, means, np.median(values))[nearest]
+
+
+def nearest_shown(blend: sp.csr_array, positions: np.ndarray) -> np.ndarray:
+    """Of every vertex the nearest that some pixel shows, (P,): itself, if one does.
+
+    Where the mesh is finer than the pixels most of its vertices lie between them, and there is always surface
+    that no view sees; light bounces from all of it.
+
+    Parameters
+    ----------
+    blend : csr_array, shape (N, P)
+        Pixels as blends of the vertices. Where it is empty, every vertex is its own nearest.
+    positions : ndarray, shape (P, 3)
+    """
+    nearest = np.arange(len(positions))
+    shown = np.zeros(len(positions), bool)
+    shown[blend.indices] = True
+    if shown.any():
+        _, place = cKDTree(positions[shown]).query(positions[~shown])
+        nearest[~shown] = nearest[shown][place]
+    return nearest
+
+
+def without_opposed(
+    normals: np.ndarray, blend: sp.csr_array, vertex_normals: np.ndarray
+) -> tuple[sp.csr_array, int]:
+    """The blend without the pixels that see the back of the mesh, and how many they are."""
+    facing = np.einsum("pk,pk->p", normals, blend @ vertex_normals) > 0
+    kept = sp.csr_array(sp.diags_array(facing.astype(np.float32)) @ blend)
+    kept.eliminate_zeros()
+    return kept, int(np.count_nonzero(~facing))
+
+
+def on_absolute_scale(albedo: np.ndarray, brightest: float) -> np.ndarray:
+    """Scale it, all channels alike, at least 0, so that the brightest material reflects so much."""
+    bright = float(np.quantile(albedo, BRIGHT_QUANTILE)) if albedo.size else 0.0
+    return np.maximum(albedo * (brightest / bright if bright > 0 else 0.0), 0.0)

@@ -1,0 +1,1 @@
+"""Operators on masked pixels, reweighted least squares, conjugate gradients."""

@@ -1,0 +1,196 @@
+"""How far an albedo may be from the best one under the same light: a bound from the duals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+import stages.solvers.kernels.threading_layer  # noqa: F401
+from stages.solvers.kernels.simd import (
+    clipped,
+    gather_channels,
+    lane_sum,
+    load,
+    load_channels,
+    magnitude,
+    spread,
+    store,
+    where_above,
+)
+from stages.solvers.kernels.sliced_ellpack import EIGHT, ONE, QUADS, SIXTEEN, SLICE, THREE, ZERO, Blocks
+from stages.solvers.primal_dual.sliced_graph import SlicedGraph
+
+UNIT = np.float32(16383)  # a dual at its bound, as it is stored: 16 bits hold twice that
+WIDTHS = (1.0, 1.5, 3.0)  # ranges of albedo that the bound looks at, in units of the one found
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """What an albedo costs, and the best one at least, per channel, (3,) each, float64.
+
+    The best in a gauge: of those within the range of the bound that counts (see `bounds`).
+    """
+
+    energy: np.ndarray
+    least: np.ndarray
+
+    @property
+    def gap(self) -> float:
+        """How far the energy, over all channels, may be above the least possible, relative to it."""
+        energy, least = float(self.energy.sum()), float(self.least.sum())
+        return (energy - least) / energy if energy > 0 else 0.0
+
+
+def bounds(
+    blocks: Blocks,
+    graph: SlicedGraph,
+    edge_dual: np.ndarray,
+    albedo: np.ndarray,
+    image: np.ndarray,
+    shading: np.ndarray,
+    share: np.ndarray,
+    multiplier: np.ndarray,
+    kept: np.ndarray,
+) -> Bounds:
+    """Energy and lower bound of ``min_ρ Σ_p |I_p − S_p ρ_p| + Σ_{pq} w_pq |ρ_p − ρ_q|``.
+
+    Parameters
+    ----------
+    blocks, graph, edge_dual, image, shading, share
+        As in `PrimalDual` and `Problem`.
+    albedo : ndarray, shape (S · 8, 4), float32
+        Interleaved: four numbers per pixel.
+    multiplier : ndarray, shape (n, 3), float64
+        m, of every view's gauge: the minimum is over the albedos with ``Σ share |ρ| = wanted``. With m = 0 it
+        is over all.
+    kept : ndarray, shape (3,), float64
+        ``Σ m · wanted`` over the gauges.
+
+    Notes
+    -----
+    For duals within ±w, and any range ``[a, b]``,
+    ``E ≥ Σ_p min_{a ≤ v ≤ b} (|S_p| |q_p − v| + (Kᵀy)_p v − m share_p |v|) + kept``,
+    with q the quotient I/S clipped to the range; the minima are at a, at b, or at q, and where S = 0 the data
+    cost |I|. For clipping an albedo lowers its variation, and its misfit to the clipped image is no greater
+    than it was to the image. So without a gauge no albedo at all is below the bound; in a gauge, none that
+    lies in the range is. Narrow ranges make cheap what does not balance yet, a pull beyond ±S, and wide ones
+    clip less: the best of several counts, from that of the albedo found to that of all I/S, which a few dark
+    pixels can make endless.
+    """
+    found = np.empty((blocks.view.size, 2, 3, 2), np.float32)
+    _ranges(blocks.begin, blocks.end, albedo, image, shading, share, found)
+    ranges = _widened(*np.stack([found[..., 0].min(axis=0), found[..., 1].max(axis=0)], axis=-1))
+    sums = np.zeros((blocks.view.size, 3, 1 + len(ranges)))
+    _bounds(
+        (blocks.view, blocks.begin, blocks.end),
+        (graph.first, graph.neighbour, graph.weight),
+        edge_dual,
+        albedo.ravel(),
+        (image.ravel(), shading.ravel(), share.ravel()),
+        multiplier.astype(np.float32),
+        ranges,
+        sums,
+    )
+    totals = sums.sum(axis=0)
+    return Bounds(totals[:, 0], totals[:, 1:].max(axis=1) + kept)
+
+
+def _widened(of_albedo: np.ndarray, of_quotients: np.ndarray) -> np.ndarray:
+    """The ranges to try, (R, 3, 2), float32."""
+    # Not finite: no pixels, a channel without light, or with hardly any.
+    found, quotients = (
+        np.where(np.isfinite(ends).all(axis=-1, keepdims=True), ends, np.float32(0))
+        for ends in (of_albedo, of_quotients)
+    )
+    half = (found[:, 1:] - found[:, :1]) / 2 * np.array([-1, 1], np.float32)
+    return np.stack([*(found + np.float32(width - 1) * half for width in WIDTHS), quotients])
+
+
+@numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def _ranges(begins, ends, albedo, image, shading, share, ranges):
+    """Least and greatest albedo, then least and greatest I/S, of every block and channel."""
+    for block in numba.prange(begins.size):
+        ranges[block, :, :, 0], ranges[block, :, :, 1] = np.inf, -np.inf
+        for s in range(begins[block], ends[block]):
+            for lane in range(8):
+                if share[s, 0, lane] == 0:
+                    continue
+                for c in range(3):
+                    _reach(ranges[block, 0, c], albedo[s * 8 + lane, c])
+                    if shading[s, c, lane] != 0:
+                        _reach(ranges[block, 1, c], image[s, c, lane] / shading[s, c, lane])
+
+
+@numba.njit(inline="always")
+def _reach(range_, value):
+    range_[0], range_[1] = min(range_[0], value), max(range_[1], value)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def _bounds(blocks, graph, dual, albedo, givens, multiplier, ranges, sums):
+    """Energy, then the bound of every range, summed over the slices of a block."""
+    views, begins, ends = blocks
+    first, neighbour, weight = graph
+    image, shading, share = givens
+    for block in numba.prange(begins.size):
+        made = np.empty(THREE * SLICE, np.float32)
+        for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
+            _look_along_edges(s, first, neighbour, weight, dual, albedo, made)
+            for c in range(THREE):
+                at = s * SLICE + c * EIGHT
+                light, value = load(shading, at), load(image, at)
+                rho, variation, pull = _three(made, c * EIGHT)
+                gain = spread(multiplier[views[block], c]) * load(share, s * EIGHT)
+                sums[block, c, 0] += lane_sum(magnitude(value - light * rho) + variation)
+                for k in range(ranges.shape[0]):
+                    sums[block, c, 1 + k] += lane_sum(_least(value, light, pull, gain, ranges[k, c]))
+
+
+@numba.njit(nogil=True)
+def _look_along_edges(s, first, neighbour, weight, dual, albedo, made):
+    """Of a slice: albedo, half of ``Σ w |ρ_p − ρ_q|``, and ``Kᵀy``, three channels each."""
+    unit = spread(UNIT)
+    red, green, blue = load_channels(albedo, s * QUADS)
+    vary_red, vary_green, vary_blue = spread(np.float32(0)), spread(np.float32(0)), spread(np.float32(0))
+    pull_red, pull_green, pull_blue = spread(np.float32(0)), spread(np.float32(0)), spread(np.float32(0))
+    for row in range(first[s], first[s + ONE]):
+        w, held = load(weight, row * EIGHT), row * SLICE
+        far_red, far_green, far_blue = gather_channels(albedo, neighbour, row * EIGHT)
+        vary_red = vary_red + w * magnitude(red - far_red)
+        vary_green = vary_green + w * magnitude(green - far_green)
+        vary_blue = vary_blue + w * magnitude(blue - far_blue)
+        pull_red = pull_red + w * clipped(load(dual, held), unit)
+        pull_green = pull_green + w * clipped(load(dual, held + EIGHT), unit)
+        pull_blue = pull_blue + w * clipped(load(dual, held + SIXTEEN), unit)
+    half, whole = spread(np.float32(0.5)), spread(np.float32(1) / UNIT)
+    _store_three(made, ZERO, red, half * vary_red, whole * pull_red)
+    _store_three(made, EIGHT, green, half * vary_green, whole * pull_green)
+    _store_three(made, SIXTEEN, blue, half * vary_blue, whole * pull_blue)
+
+
+@numba.njit(inline="always")
+def _store_three(made, at, albedo, variation, pull):
+    store(made, at, albedo)
+    store(made, at + SLICE, variation)
+    store(made, at + SLICE + SLICE, pull)
+
+
+@numba.njit(inline="always")
+def _three(made, at):
+    return load(made, at), load(made, at + SLICE), load(made, at + SLICE + SLICE)
+
+
+@numba.njit(inline="always")
+def _least(value, light, pull, gain, ends):
+    """What the pixels of a slice cost at least, as the Notes above say."""
+    zero, one = spread(np.float32(0)), spread(np.float32(1))
+    low, high, size = spread(ends[0]), spread(ends[1]), magnitude(light)
+    fit = value / where_above(size, zero, light, one)
+    fit = where_above(fit, high, high, where_above(low, fit, low, fit))
+    least = pull * fit - gain * magnitude(fit)
+    for end in (low, high):
+        there = size * magnitude(fit - end) + pull * end - gain * magnitude(end)
+        least = least - where_above(least, there, least - there, zero)
+    return least + where_above(size, zero, zero, magnitude(value))

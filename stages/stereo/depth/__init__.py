@@ -1,0 +1,1 @@
+"""Depth maps by plane sweep and PatchMatch."""

@@ -1,0 +1,232 @@
+"""The dense stereo of one set of views, step by step: sweep, refine, refine again, confirm, fuse.
+
+Every function here treats one view with its sources and takes its arrays through a `Scene`, whose maps may
+lie on disk: what must be held at once is one view's cost volume and the arrays of a view and its sources.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, MutableMapping
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from stages.scene.cameras import Camera, intrinsics_for_integer_centres, normals_in_world
+from stages.stereo.depth.inverse_depth import fit_planes, j_from_i, normals_from_planes, resample_planes
+from stages.stereo.depth.patch_match import Refinement, Sources, refine
+from stages.stereo.depth.plane_sweep import inverse_depth_planes, matching_costs, pixels_per_inverse_depth
+from stages.stereo.depth.semi_global import Penalties, aggregate, winner
+from stages.stereo.fusion import Agreement, DepthViews, FusedPoints, fuse_view
+from stages.stereo.geometric_consistency import confirmed, consistent_views
+
+NO_MAPS = np.zeros((0, 1, 1), np.float32)
+GREY = np.array([0.299, 0.587, 0.114], np.float32)
+
+
+@dataclass(frozen=True)
+class ViewPlan:
+    """What a view is matched with: source views, best first, and the depths that it may have, model units."""
+
+    sources: list[int]
+    near: float
+    far: float
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The plane sweep and its aggregation; see `plane_sweep` and `semi_global`.
+
+    Attributes
+    ----------
+    scale : float
+        Size of the swept images, relative.
+    longest_px : int
+        And at most so many pixels along the longer side.
+    step_px : float
+    planes : int
+        At most so many.
+    radius, best, noise
+        As `plane_sweep.matching_costs` takes them.
+    penalties : Penalties
+    paths : int
+    """
+
+    scale: float
+    longest_px: int
+    step_px: float
+    planes: int
+    radius: int
+    best: int
+    noise: float
+    penalties: Penalties
+    paths: int
+
+
+@dataclass
+class Scene:
+    """The views, and what has been found about them so far.
+
+    Attributes
+    ----------
+    cameras : list of Camera
+    colour_of : callable
+        From a view's index to its image, (h, w, 3), uint8.
+    plans : list of ViewPlan
+    planes : mutable mapping of int to ndarray
+        (h, w, 3), float32: inverse depth and slopes.
+    costs : mutable mapping of int to ndarray
+        (h, w), float32: what the planes cost.
+    """
+
+    cameras: list[Camera]
+    colour_of: Callable[[int], np.ndarray]
+    plans: list[ViewPlan]
+    planes: MutableMapping[int, np.ndarray] = field(default_factory=dict)
+    costs: MutableMapping[int, np.ndarray] = field(default_factory=dict)
+
+    def grey(self, view: int) -> np.ndarray:
+        """Grey values in [0, 1], (h, w), float32."""
+        return (self.colour_of(view) @ GREY / np.float32(255)).astype(np.float32)
+
+    def projections(self, view: int) -> np.ndarray:
+        """`j_from_i` of the view's sources, shape (S, 3, 4)."""
+        return np.stack([j_from_i(self.cameras[view], self.cameras[j]) for j in self.plans[view].sources])
+
+    def step(self, view: int) -> float:
+        """Inverse depth per pixel of disparity (upper-quartile source) at the middle of the view's range."""
+        plan, projections = self.plans[view], self.projections(view)
+        middle = (1 / plan.near + 1 / plan.far) / 2
+        return float(
+            1 / np.quantile(pixels_per_inverse_depth(projections, self.cameras[view].shape, middle), 0.75)
+        )
+
+
+def padded(arrays: list[np.ndarray]) -> np.ndarray:
+    """Arrays of different heights and widths in one, zeros beyond their borders, shape (S, H, W, …)."""
+    height, width = (max(array.shape[axis] for array in arrays) for axis in (0, 1))
+    stack = np.zeros((len(arrays), height, width, *arrays[0].shape[2:]), arrays[0].dtype)
+    for slot, array in zip(stack, arrays, strict=True):
+        slot[: array.shape[0], : array.shape[1]] = array
+    return stack
+
+
+def sizes_of(arrays: list[np.ndarray]) -> np.ndarray:
+    """(height, width) of each, shape (S, 2), int32."""
+    return np.array([array.shape[:2] for array in arrays], np.int32)
+
+
+def sweep_view(scene: Scene, view: int, sweep: Sweep) -> np.ndarray:
+    """First planes of a view, full size, (h, w, 3), float32: sweep at reduced size, winner, local fit."""
+    plan = scene.plans[view]
+    scale = min(sweep.scale, sweep.longest_px / max(scene.cameras[view].shape))
+    small = {j: _resized(scene.cameras[j], scale) for j in (view, *plan.sources)}
+    grey = {j: _shrunk(scene.grey(j), camera) for j, camera in small.items()}
+    projections = np.stack([j_from_i(small[view], small[j]) for j in plan.sources])
+    images = [grey[j] for j in plan.sources]
+    inverse_depths = inverse_depth_planes(
+        projections, small[view].shape, plan.near, plan.far, sweep.step_px, sweep.planes
+    )
+    costs = matching_costs(
+        grey[view],
+        padded(images),
+        sizes_of(images),
+        projections,
+        inverse_depths,
+        radius=sweep.radius,
+        best=sweep.best,
+        noise=sweep.noise,
+    )
+    index = winner(aggregate(costs, grey[view], sweep.penalties, sweep.paths))
+    spacing = (inverse_depths[-1] - inverse_depths[0]) / np.float32(len(inverse_depths) - 1)
+    planes = fit_planes(inverse_depths[0] + index * spacing, float(spacing), 2)
+    return resample_planes(planes, scene.cameras[view].shape)
+
+
+def sources_of(scene: Scene, view: int, *, with_depth: bool) -> Sources:
+    """A view's sources for refinement, with their present inverse depths or without."""
+    chosen = scene.plans[view].sources
+    images = [scene.grey(j) for j in chosen]
+    back = np.stack([j_from_i(scene.cameras[j], scene.cameras[view]) for j in chosen])
+    return Sources(
+        images=padded(images),
+        sizes=sizes_of(images),
+        projections=scene.projections(view).astype(np.float32),
+        back=back.astype(np.float32),
+        inverse_depths=padded([_inverse_or_nothing(scene, j) for j in chosen]) if with_depth else NO_MAPS,
+    )
+
+
+def refine_view(
+    scene: Scene, view: int, refinement: Refinement, *, geometric: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """One pass over a view: planes (h, w, 3), costs (h, w); `geometric` looks at the sources' depths too."""
+    plan = scene.plans[view]
+    sources = sources_of(scene, view, with_depth=geometric)
+    limits = (1 / plan.far, 1 / plan.near)
+    return refine(scene.grey(view), sources, scene.planes[view], refinement, scene.step(view), limits)
+
+
+def confirm_view(scene: Scene, view: int, *, most_px: float, highest_cost: float, fewest: int) -> np.ndarray:
+    """Pixels of a view to keep, (h, w), bool; `fewest` falls to the number of sources where that is less."""
+    inverse = np.ascontiguousarray(scene.planes[view][..., 0])
+    count = consistent_views(inverse, sources_of(scene, view, with_depth=True), most_px)
+    needed = min(fewest, len(scene.plans[view].sources))
+    return confirmed(inverse, scene.costs[view], count, highest_cost=highest_cost, fewest=needed)
+
+
+def fuse_views(
+    scene: Scene, agreement: Agreement, kept: MutableMapping[int, np.ndarray], step: Callable[[], None]
+) -> FusedPoints:
+    """Fuse all views in order; `kept` holds the pixels to use, (h, w), bool; `step` is called per view."""
+    used = {view: ~kept[view] for view in kept}
+    parts = []
+    for view in sorted(kept):
+        chosen = [view, *(j for j in scene.plans[view].sources if j in kept)]
+        views = _depth_views(scene, chosen, kept, used)
+        parts.append(fuse_view(views, agreement))
+        for slot, j in zip(views.used, chosen, strict=True):
+            used[j] = slot[: used[j].shape[0], : used[j].shape[1]].copy()
+        step()
+    return FusedPoints.joined(parts)
+
+
+def world_normals(scene: Scene, view: int) -> np.ndarray:
+    """Normals of a view's planes in world axes, shape (h, w, 3), float32."""
+    camera = scene.cameras[view]
+    return normals_in_world(camera, normals_from_planes(scene.planes[view], camera)).astype(np.float32)
+
+
+def _depth_views(scene, chosen, kept, used) -> DepthViews:
+    cameras = [scene.cameras[j] for j in chosen]
+    inverse = [np.where(kept[j], scene.planes[j][..., 0], np.float32(0)) for j in chosen]
+    return DepthViews(
+        sizes=sizes_of(inverse),
+        inverse=padded(inverse),
+        normals=padded([world_normals(scene, j) for j in chosen]),
+        colours=padded([scene.colour_of(j) for j in chosen]),
+        used=padded([used[j] for j in chosen]),
+        projections=np.stack([j_from_i(cameras[0], camera) for camera in cameras]),
+        back=np.stack([j_from_i(camera, cameras[0]) for camera in cameras]),
+        rays=np.stack(
+            [c.rotation.T @ np.linalg.inv(intrinsics_for_integer_centres(c.intrinsics)) for c in cameras]
+        ),
+        centres=np.stack([camera.centre_in_world for camera in cameras]),
+    )
+
+
+def _inverse_or_nothing(scene: Scene, view: int) -> np.ndarray:
+    """A view's inverse depth; zeros for one that could not be matched with anything."""
+    if view in scene.planes:
+        return scene.planes[view][..., 0]
+    return np.zeros(scene.cameras[view].shape, np.float32)
+
+
+def _resized(camera: Camera, scale: float) -> Camera:
+    return camera.scaled(max(2, round(camera.width * scale)), max(2, round(camera.height * scale)))
+
+
+def _shrunk(grey: np.ndarray, camera: Camera) -> np.ndarray:
+    if grey.shape == camera.shape:
+        return grey
+    return cv2.resize(grey, (camera.width, camera.height), interpolation=cv2.INTER_AREA)

@@ -1,0 +1,1 @@
+"""Albedo at surface points: parts, stripes, textures like the world's."""
