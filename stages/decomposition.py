@@ -210,8 +210,8 @@ def _write_pictures(job: Job, cameras: list[Camera], solved: Solved) -> None:
 
 def _write_history(job: Job, solved: Solved) -> None:
     """`energy.json`; what did not converge is said."""
+    from stages.photometry.energy_history import LEGEND, UNDER_LIGHT
     from stages.photometry.paper.alternation import Outcome
-    from stages.photometry.paper.energy_history import LEGEND, UNDER_LIGHT
 
     content = {
         "legend": UNDER_LIGHT if solved.light is None else LEGEND,

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from stages.formats.artefacts.transfer_file import StoredTransfer
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
-    from stages.photometry.lighting.light_estimate import SkyScene
     from stages.photometry.stack import StackedViews
     from stages.photometry.transport.directional_transport import Eyes
+    from stages.photometry.transport.lit_scenes import SkyScene
     from stages.scene.cameras import Camera
 
 GRAZING = 0.1  # cosine: more than 84° off its normal, surface shows mostly its neighbourhood

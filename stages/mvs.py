@@ -9,7 +9,7 @@ from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.distributions import OPEN3D, PYCOLMAP
 
 if TYPE_CHECKING:
-    from stages.stereo.fusion import FusedPoints
+    from stages.stereo.depth.fusion import FusedPoints
     from stages.stereo.workspace import Workspace
 
 

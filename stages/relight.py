@@ -36,7 +36,8 @@ def run(job: Job) -> None:
     from stages.formats.images.photos import read_environment, read_mask
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.pixel_blends import pixels_on_proxy
-    from stages.photometry.relighting import relit, turned_light
+    from stages.photometry.relighting import relit
+    from stages.photometry.transport.environment import turned_light
     from stages.photometry.transport.lit_scenes import sky_scenes
     from stages.scene.upright import upright_from_world
     from stages.solvers.kernels.threading_layer import use_threads

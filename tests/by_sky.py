@@ -12,10 +12,11 @@ from stages.photometry.albedo.under_light import SkySolution, decompose_under_li
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.joint.fast_alternation import FastSettings
 from stages.photometry.lighting.illumination import Illumination, IlluminationSettings, find_illumination
-from stages.photometry.lighting.light_estimate import SkyScene, SkySettings
+from stages.photometry.lighting.light_estimate import SkySettings
 from stages.photometry.lighting.lit_photos import Lighting, Looks
 from stages.photometry.solver_settings import as_sky
 from stages.photometry.stack import StackedViews
+from stages.photometry.transport.lit_scenes import SkyScene
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from stages.photometry.energy_history import descent_as_json
 from stages.photometry.paper.albedo_step import albedo_step, albedo_system
 from stages.photometry.paper.alternation import (
     AlternationSettings,
@@ -21,7 +22,6 @@ from stages.photometry.paper.alternation import (
     start,
 )
 from stages.photometry.paper.energy import EnergyWeights, energy_terms, smoothed_energy
-from stages.photometry.paper.energy_history import descent_as_json
 from stages.photometry.paper.harmonics import shading_basis
 from stages.photometry.paper.light_step import light_step
 from stages.photometry.stack import StackedViews, stack_views

@@ -52,6 +52,29 @@ FOLDERS_BELOW = {  # which folders of stages/ each folder may import
     "photometry": {"photometry", "solvers", "formats", "scene"},
     "synthetic": {"synthetic", "geometry", "formats", "scene"},
 }
+ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, itself besides
+    "photometry/paper": set(),
+    "photometry/transport": {"paper"},
+    "photometry/specular": {"transport"},
+    "photometry/lighting": {"transport", "specular"},
+    "photometry/joint": {"paper", "transport"},
+    "photometry/albedo": {"joint", "specular"},
+    "solvers/kernels": set(),
+    "solvers/least_squares": set(),
+    "solvers/primal_dual": {"kernels"},
+    "formats/images": set(),
+    "formats/meshes": {"images"},
+    "formats/colmap": {"images"},
+    "formats/artefacts": {"images"},
+    "stereo/depth": set(),
+    "synthetic/subjects": set(),
+    "synthetic/paints": set(),
+}
+GROUND = {  # files beside the rooms that they may import; the others lead them
+    "photometry": {"stack", "observations", "chromaticity", "neighbourhoods"},
+    "stereo": {"view_selection"},
+}
+CROWDED = 12  # files that a room holds at most; steps and tests are lists, not rooms
 DISTRIBUTIONS = {  # of what is imported by another name than it is installed by
     "cv2": {"opencv-python-headless"},
     "fast_simplification": {"fast-simplification"},
@@ -137,6 +160,26 @@ def test_arrows_point_one_way(folder):
             parts = name.split(".")
             if parts[0] == "stages" and len(parts) > 1:
                 assert parts[1] in FOLDERS_BELOW[folder], f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("room", ROOMS_BELOW)
+def test_arrows_point_one_way_between_rooms(room):
+    folder, own = room.split("/")
+    rooms = {path.name for path in (ROOT / "stages" / folder).iterdir() if path.is_dir()}
+    for path in sources(f"stages/{room}"):
+        for name in imported(parsed(path)):
+            parts = name.split(".")
+            if parts[:2] != ["stages", folder]:
+                continue
+            allowed = ROOMS_BELOW[room] | {own} if parts[2] in rooms else GROUND.get(folder, set())
+            assert parts[2] in allowed, f"{path} imports {name}"
+
+
+def test_every_room_is_walled_and_has_no_more_files_than_one_can_survey():
+    for folder in (path for path in (ROOT / "stages").rglob("*") if path.is_dir() and any(path.glob("*.py"))):
+        place = folder.relative_to(ROOT / "stages").as_posix()
+        assert place in FOLDERS_BELOW or "/".join(place.split("/")[:2]) in ROOMS_BELOW, place
+        assert len([path for path in folder.glob("*.py") if path.stem != "__init__"]) <= CROWDED, place
 
 
 @pytest.mark.parametrize("step", sorted(STEPS))

@@ -9,12 +9,13 @@ import pytest
 import scipy.sparse as sp
 
 from stages.photometry.lighting.direction_refinement import MOST_CELLS, bright_cells, divided
-from stages.photometry.lighting.light_estimate import FoundLight, SkyScene
-from stages.photometry.lighting.light_from_pairs import contrast
+from stages.photometry.lighting.light_estimate import FoundLight
 from stages.photometry.lighting.light_search import sky_light
 from stages.photometry.lighting.lit_photos import Lighting
 from stages.photometry.transport.directional_transport import AROUND, Eyes, Sphere, even_directions, honeycomb
 from stages.photometry.transport.environment import picture_of_light
+from stages.photometry.transport.light_priors import contrast
+from stages.photometry.transport.lit_scenes import SkyScene
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import sphere_scene

@@ -16,7 +16,7 @@ from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.stack import StackedViews, stack_views
 from stages.solvers.kernels.sliced_ellpack import BLOCK, Slices
 from stages.solvers.kernels.threading_layer import use_threads
-from stages.solvers.least_squares.gram_matrices import gram_matrices
+from stages.solvers.primal_dual.gram_matrices import gram_matrices
 from stages.solvers.primal_dual.graph import PrimalDual
 from stages.solvers.primal_dual.half_edges import aggregated, from_edges
 from stages.solvers.primal_dual.problem import Steps

@@ -11,6 +11,8 @@ import pytest
 from stages.scene.cameras import back_project, normals_in_world, project
 from stages.solvers.kernels.threading_layer import use_threads
 from stages.stereo.depth.dense_stereo import Scene, fuse_views, padded, sources_of
+from stages.stereo.depth.fusion import Agreement
+from stages.stereo.depth.geometric_consistency import confirmed, consistent_views
 from stages.stereo.depth.inverse_depth import (
     depth_from_planes,
     fit_planes,
@@ -26,8 +28,6 @@ from stages.stereo.depth.plane_sweep import (
     pixels_per_inverse_depth,
 )
 from stages.stereo.depth.semi_global import Penalties, aggregate, winner
-from stages.stereo.fusion import Agreement
-from stages.stereo.geometric_consistency import confirmed, consistent_views
 from stages.stereo.sparse_surface import oriented_normals
 from stages.stereo.view_selection import (
     AngleWeight,

@@ -12,20 +12,14 @@ import scipy.sparse as sp
 from stages.formats.artefacts.view_files import ways_to_cameras
 from stages.photometry.albedo import under_light as sky_decomposition
 from stages.photometry.albedo.appearance import appearance_of
-from stages.photometry.albedo.paint_edges import (
-    DARK,
-    PaintEdges,
-    agreement_of_links,
-    colour_change,
-    in_white_light,
-    smoothness_of_edges,
-)
+from stages.photometry.albedo.paint_edges import PaintEdges, agreement_of_links, smoothness_of_edges
 from stages.photometry.albedo.smooth_albedo import albedo_under_light
 from stages.photometry.albedo.soft_paint import soft_paint
+from stages.photometry.chromaticity import DARK, colour_change, in_white_light
 from stages.photometry.joint.fast_alternation import FastSettings
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights, graph_of
 from stages.photometry.lighting.illumination import explained_best
-from stages.photometry.lighting.light_estimate import FoundLight, SkyScene, SkySettings
+from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
 from stages.photometry.lighting.light_from_pairs import ENOUGH, PairObjective, PairWeights, Sample, believed
 from stages.photometry.lighting.light_search import Search, disagreements, sky_light
 from stages.photometry.lighting.lit_photos import Lighting, Looks, Photos
@@ -36,6 +30,7 @@ from stages.photometry.specular import highlights
 from stages.photometry.specular.highlights import Linked, brightening, darkened, without_highlights
 from stages.photometry.stack import StackedViews, stack_views
 from stages.photometry.transport.directional_transport import even_directions
+from stages.photometry.transport.lit_scenes import SkyScene
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.by_sky import BySky, decompose_by_sky
 from tests.sphere_scene import SphereScene, sphere_scene

@@ -1,1 +1,1 @@
-"""Plane sweep, fusion, rays, visibility, overlap: what only needs cameras, depths and meshes."""
+"""Rays, visibility, overlap, lenses, surfaces: what only needs cameras, depths and meshes."""

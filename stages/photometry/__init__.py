@@ -1,1 +1,1 @@
-"""How light, normals and albedo make an image: harmonics, the energy, its alternating minimisation."""
+"""How light, normals and albedo make an image, and what an image says of them."""

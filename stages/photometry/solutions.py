@@ -11,9 +11,9 @@ import numpy as np
 
 from stages.photometry.albedo.confidence import confidence, confidence_of
 from stages.photometry.albedo.detail import Detail
+from stages.photometry.energy_history import descent_as_json, rounds_as_json
 from stages.photometry.joint.fast_alternation import FastDescent, FastSettings, solve
 from stages.photometry.paper.alternation import AlternationSettings, Outcome, decompose_channels
-from stages.photometry.paper.energy_history import descent_as_json, rounds_as_json
 from stages.photometry.paper.harmonics import real_harmonics
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.directional_transport import even_directions

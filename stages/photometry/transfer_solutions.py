@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from stages.photometry.albedo.under_light import SkyDecomposition, decompose_under_light
+from stages.photometry.energy_history import rounds_under_light_as_json
 from stages.photometry.joint.transfer_alternation import TransferAlternation, solve_with_transfer
 from stages.photometry.observations import Observations
 from stages.photometry.paper.alternation import Outcome
-from stages.photometry.paper.energy_history import rounds_under_light_as_json
 from stages.photometry.solutions import Solved, solution_of
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.pixel_transfer import PixelTransfer

@@ -1,1 +1,1 @@
-"""Cameras, views, colour, and the readers and writers of every file format."""
+"""Cameras, directions, data sets, words: what needs no file format."""

@@ -11,7 +11,7 @@ import pycolmap
 from pipeline import Job, UserError
 from stages.formats.colmap.depth_maps import read_map
 from stages.scene.cameras import normals_in_world
-from stages.stereo.fusion import FusedPoints
+from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.workspace import Workspace, write_depth_maps
 
 

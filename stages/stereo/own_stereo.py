@@ -11,10 +11,10 @@ from pipeline import Job, UserError
 from stages.formats.artefacts.array_store import ArrayStore
 from stages.solvers.kernels.threading_layer import use_threads
 from stages.stereo.depth import dense_stereo as stereo
+from stages.stereo.depth.fusion import Agreement, FusedPoints
 from stages.stereo.depth.inverse_depth import depth_from_planes
 from stages.stereo.depth.patch_match import Refinement
 from stages.stereo.depth.semi_global import Penalties
-from stages.stereo.fusion import Agreement, FusedPoints
 from stages.stereo.view_selection import (
     AngleWeight,
     SparsePoints,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline import Job, UserError
-from stages.stereo.fusion import FusedPoints
+from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.sparse_surface import oriented_normals
 from stages.stereo.workspace import Workspace, write_depth_maps
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.albedo.paint_edges import DARK, NO_SHADING, PaintEdges, colour_change
+from stages.photometry.albedo.paint_edges import PaintEdges
+from stages.photometry.chromaticity import DARK, NO_SHADING, colour_change
 from stages.photometry.neighbourhoods import add_at, patch_means
 from stages.photometry.specular.highlights import Linked
 from stages.photometry.stack import StackedViews

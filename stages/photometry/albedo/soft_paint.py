@@ -7,7 +7,8 @@ from itertools import cycle
 import numpy as np
 
 from stages.photometry.albedo.appearance import rise
-from stages.photometry.albedo.paint_edges import DARK, NO_SHADING, PaintEdges, colour_change
+from stages.photometry.albedo.paint_edges import PaintEdges
+from stages.photometry.chromaticity import DARK, NO_SHADING, colour_change
 from stages.photometry.neighbourhoods import add_at, means_around, patch_means, patch_side
 from stages.photometry.stack import StackedViews
 

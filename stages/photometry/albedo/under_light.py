@@ -10,14 +10,10 @@ import numpy as np
 from stages.photometry.albedo.appearance import appearance_of
 from stages.photometry.albedo.detail import Detail, with_detail
 from stages.photometry.albedo.detail_octaves import DetailSettings
-from stages.photometry.albedo.paint_edges import (
-    PaintEdges,
-    agreement_of_links,
-    in_white_light,
-    smoothness_of_edges,
-)
+from stages.photometry.albedo.paint_edges import PaintEdges, agreement_of_links, smoothness_of_edges
 from stages.photometry.albedo.smooth_albedo import albedo_under_light
 from stages.photometry.albedo.soft_paint import soft_paint
+from stages.photometry.chromaticity import in_white_light
 from stages.photometry.joint.fast_alternation import FastDescent, FastSettings
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights
 from stages.photometry.observations import Observations

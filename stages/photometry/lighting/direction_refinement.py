@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import FoundLight, SkyScene
+from stages.photometry.lighting.light_estimate import FoundLight
 from stages.photometry.transport.directional_transport import AROUND, SkyTransport, honeycomb
+from stages.photometry.transport.lit_scenes import SkyScene
 
 BRIGHT = 3.0  # times the mean light: cells that are divided
 MOST_CELLS = 24  # of them, those that send most: each costs six directions more, and lamps are few

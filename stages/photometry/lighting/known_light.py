@@ -12,7 +12,7 @@ from stages.photometry.lighting.light_estimate import FoundLight
 from stages.photometry.lighting.light_from_pairs import disagreement
 from stages.photometry.lighting.light_search import Search
 from stages.photometry.lighting.pair_sampling import Pairs
-from stages.photometry.relighting import turned_light
+from stages.photometry.transport.environment import turned_light
 
 STEP_DEG = 5  # between turns that are compared first
 FINALISTS = 3  # of them, that are compared with the bounces that each has

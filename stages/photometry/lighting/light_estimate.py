@@ -1,18 +1,14 @@
-"""`mode: transfer`: what there is to be seen and lit, a light from all around, and what it makes of it."""
+"""`mode: transfer`: a light from all around, how it is looked for, and what it makes of a scene."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 
 from stages.photometry.lighting.light_from_pairs import PairWeights
-from stages.photometry.transport.directional_transport import Eyes, SkyTransport, Sphere, offsets_in
-from stages.photometry.transport.pixel_transfer import nearest_shown
-from stages.photometry.transport.transfer_vectors import Proxy
+from stages.photometry.transport.lit_scenes import SkyScene
 
 
 @dataclass(frozen=True)
@@ -42,70 +38,6 @@ class SkySettings:
     brightest: float | None = 0.9
     weights: PairWeights = PairWeights()
     seed: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class SkyScene:
-    """What there is to see.
-
-    Attributes
-    ----------
-    pixels : SkyTransport
-        N, of all views.
-    vertices : SkyTransport
-        P; of the proxy's positions and normals.
-    proxy : Proxy
-        Of P vertices, that bounces go between.
-    sphere : Sphere or None
-        That the light comes from, world; None: from infinitely far away.
-    eyes : Eyes or None
-        Of the vertices, where they can be asked to look in other directions.
-    """
-
-    pixels: SkyTransport
-    vertices: SkyTransport
-    proxy: Proxy
-    sphere: Sphere | None = None
-    eyes: Eyes | None = None
-
-    @classmethod
-    def of(
-        cls,
-        normals: np.ndarray,
-        blend: sp.csr_array,
-        proxy: Proxy,
-        visible: np.ndarray,
-        directions: int,
-        sphere: Sphere | None,
-    ) -> SkyScene:
-        """Of pixels with normals (N, 3) that blend the proxy's vertices; see `SkyTransport`."""
-        own = sp.csr_array(sp.eye_array(len(proxy.positions), dtype=np.float32, format="csr"))
-        of_vertices = offsets_in(sphere, proxy.positions)
-        return cls(
-            pixels=SkyTransport.of(normals, blend @ of_vertices, blend, visible, directions),
-            vertices=SkyTransport.of(proxy.normals, of_vertices, own, visible, directions),
-            proxy=proxy,
-            sphere=sphere,
-        )
-
-    def at(self, pixels: np.ndarray) -> SkyScene:
-        """The same with some of the pixels only."""
-        return replace(self, pixels=self.pixels.at(pixels))
-
-    def places(self, pixels: np.ndarray) -> np.ndarray:
-        """Where on the surface chosen pixels are, (n, 3), world axes, from the middle of its vertices.
-
-        Not a number where a pixel blends no vertices: it sees the back of the mesh.
-        """
-        blend = self.pixels.blend[pixels]
-        where = blend @ (self.proxy.positions - self.proxy.positions.mean(axis=0))
-        where[np.diff(blend.indptr) == 0] = np.nan
-        return where
-
-    @cached_property
-    def nearest_shown(self) -> np.ndarray:
-        """Of the vertices, (P,); see the function of that name."""
-        return nearest_shown(self.pixels.blend, self.proxy.positions)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.photometry.lighting.pair_sampling import COLOUR, Pairs
+from stages.photometry.transport.light_priors import colour_contrast, contrast
 from stages.photometry.transport.transport_loops import pair_losses
 from stages.solvers.least_squares.non_negative import SETTLED, descend_above_zero
 
@@ -183,7 +184,7 @@ class PairObjective:
 
     def __call__(self, light: np.ndarray) -> tuple[float, np.ndarray]:
         loss, slope = self.disagreement(light)
-        for term, weight in ((_colour, self._weights.neutrality), (contrast, self._weights.evenness)):
+        for term, weight in ((colour_contrast, self._weights.neutrality), (contrast, self._weights.evenness)):
             price, own = term(light, self._sample.cells)
             loss, slope = loss + weight * price, slope + weight * own
         return loss, slope
@@ -196,38 +197,3 @@ class PairObjective:
         loss, by_shading = self._losses.of(shading, self._pairs, self._scale)
         slopes = [shares.T @ by_shading[rows] for rows, shares in zip(self._rows, self._shares, strict=True)]
         return loss, np.stack(slopes).astype(np.float64)
-
-
-def _colour(light: np.ndarray, cells: np.ndarray) -> tuple[float, np.ndarray]:
-    """Mean of ``2 (√(1 + d²) − 1)``, d the channels' deviation from their mean; whatever the white balance.
-
-    Every channel is taken in units of its own mean over the cells, (M,). A tinge costs its square; a red lamp
-    what it is red, for by its square it would be white.
-    """
-    mean = _mean(light, cells)
-    part = light / mean
-    price, by_off = _rooted(part - part.mean(axis=2, keepdims=True), cells)
-    by_part = by_off - by_off.mean(axis=2, keepdims=True)
-    by_mean = cells[:, None] * (by_part * part).sum(axis=1, keepdims=True)
-    return 2 * price, 2 * (by_part - by_mean) / mean
-
-
-def contrast(light: np.ndarray, cells: np.ndarray) -> tuple[float, np.ndarray]:
-    """Mean of ``√(1 + d²) − 1``, d the light's deviation from its mean in units of the mean; all channels.
-
-    What differs a little costs its square; a sun what it is bright, for by its square it would become broad.
-    """
-    mean = _mean(light, cells)
-    price, by_off = _rooted(light / mean - 1, cells)
-    return price, (by_off - cells[:, None] * (by_off * light / mean).sum(axis=1, keepdims=True)) / mean
-
-
-def _mean(light: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Of every light and channel, (G, 1, 3)."""
-    return np.maximum((cells[:, None] * light).sum(axis=1, keepdims=True), 1e-12)
-
-
-def _rooted(off: np.ndarray, cells: np.ndarray) -> tuple[float, np.ndarray]:
-    """Mean over lights and cells of ``√(1 + d²) − 1``, channels added; and the slope by d, (G, M, 3)."""
-    root, weight = np.sqrt(1 + off**2), cells[:, None] / len(off)
-    return float((weight * (root - 1)).sum()), weight * off / root

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import FoundLight, SkyScene, SkySettings
+from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
 from stages.photometry.lighting.light_from_pairs import (
     PairObjective,
     Sample,
@@ -17,6 +17,7 @@ from stages.photometry.lighting.light_from_pairs import (
 )
 from stages.photometry.lighting.pair_sampling import Drawn, Pairs
 from stages.photometry.stack import StackedViews
+from stages.photometry.transport.lit_scenes import SkyScene
 from stages.photometry.transport.pixel_transfer import WHITEST
 from stages.photometry.transport.transfer_vectors import bounced
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import FoundLight, SkyScene, SkySettings
+from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
 from stages.photometry.lighting.lit_photos import Photos
+from stages.photometry.transport.lit_scenes import SkyScene
 
 
 def mixed_with_own_lights(

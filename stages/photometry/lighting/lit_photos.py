@@ -8,14 +8,15 @@ from typing import Literal
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import FoundLight, SkyScene, SkySettings
+from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
+from stages.photometry.lighting.light_in_gloss import light_in_gloss
 from stages.photometry.lighting.light_search import Search, disagreements, sky_light
 from stages.photometry.specular.chromaticity_clusters import paints_of
 from stages.photometry.specular.highlights import DARKENED, Linked, brightening, darkened, without_highlights
-from stages.photometry.specular.light_in_gloss import light_in_gloss
 from stages.photometry.specular.sheen import Mirror, Sheen, highlights_of, without_sheen
 from stages.photometry.specular.view_differences import MOST_EXPLAINED, Differences, MirrorStrength
 from stages.photometry.stack import StackedViews
+from stages.photometry.transport.lit_scenes import SkyScene
 
 MATT, GLOSSY = 1.04, 1.06  # `brightening` up to which views do not differ by gloss, and from which they do
 NEVER = 10.0  # power of `DARKENED` that nothing in a photo reaches

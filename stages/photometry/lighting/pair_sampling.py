@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.photometry.albedo.paint_edges import chroma_of
+from stages.photometry.chromaticity import chroma_of
 from stages.photometry.stack import StackedViews
 
 # Of the logarithms of red and blue over green: colours in one cell of this size pass for one. Pairs are drawn

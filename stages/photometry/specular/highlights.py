@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.albedo.paint_edges import DARK
+from stages.photometry.chromaticity import DARK
 from stages.photometry.neighbourhoods import add_at, means_around, patch_means
 from stages.photometry.stack import Pixels, StackedViews
 

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from stages.photometry.lighting.light_from_pairs import contrast
 from stages.photometry.stack import Pixels, StackedViews
 from stages.photometry.transport.directional_transport import SkyTransport
+from stages.photometry.transport.light_priors import contrast
 from stages.solvers.least_squares.non_negative import descend_above_zero
 
 ROUGHNESSES = (0.15, 0.2, 0.3)  # α of GGX: a sharper lobe falls between 256 directions

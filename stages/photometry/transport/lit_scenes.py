@@ -1,17 +1,87 @@
-"""From what the `transfer` stage has stored to what pixels see: a scene per distance of the light."""
+"""What there is to be seen and lit: pixels, vertices, bounces; a scene per distance of the light."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from stages.formats.artefacts.transfer_file import StoredTransfer
-from stages.photometry.lighting.light_estimate import SkyScene
-from stages.photometry.transport.directional_transport import Eyes, sphere_of
-from stages.photometry.transport.pixel_transfer import without_opposed
+from stages.photometry.transport.directional_transport import (
+    Eyes,
+    SkyTransport,
+    Sphere,
+    offsets_in,
+    sphere_of,
+)
+from stages.photometry.transport.pixel_transfer import nearest_shown, without_opposed
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
+
+
+@dataclass(frozen=True, eq=False)
+class SkyScene:
+    """What there is to see.
+
+    Attributes
+    ----------
+    pixels : SkyTransport
+        N, of all views.
+    vertices : SkyTransport
+        P; of the proxy's positions and normals.
+    proxy : Proxy
+        Of P vertices, that bounces go between.
+    sphere : Sphere or None
+        That the light comes from, world; None: from infinitely far away.
+    eyes : Eyes or None
+        Of the vertices, where they can be asked to look in other directions.
+    """
+
+    pixels: SkyTransport
+    vertices: SkyTransport
+    proxy: Proxy
+    sphere: Sphere | None = None
+    eyes: Eyes | None = None
+
+    @classmethod
+    def of(
+        cls,
+        normals: np.ndarray,
+        blend: sp.csr_array,
+        proxy: Proxy,
+        visible: np.ndarray,
+        directions: int,
+        sphere: Sphere | None,
+    ) -> SkyScene:
+        """Of pixels with normals (N, 3) that blend the proxy's vertices; see `SkyTransport`."""
+        own = sp.csr_array(sp.eye_array(len(proxy.positions), dtype=np.float32, format="csr"))
+        of_vertices = offsets_in(sphere, proxy.positions)
+        return cls(
+            pixels=SkyTransport.of(normals, blend @ of_vertices, blend, visible, directions),
+            vertices=SkyTransport.of(proxy.normals, of_vertices, own, visible, directions),
+            proxy=proxy,
+            sphere=sphere,
+        )
+
+    def at(self, pixels: np.ndarray) -> SkyScene:
+        """The same with some of the pixels only."""
+        return replace(self, pixels=self.pixels.at(pixels))
+
+    def places(self, pixels: np.ndarray) -> np.ndarray:
+        """Where on the surface chosen pixels are, (n, 3), world axes, from the middle of its vertices.
+
+        Not a number where a pixel blends no vertices: it sees the back of the mesh.
+        """
+        blend = self.pixels.blend[pixels]
+        where = blend @ (self.proxy.positions - self.proxy.positions.mean(axis=0))
+        where[np.diff(blend.indptr) == 0] = np.nan
+        return where
+
+    @cached_property
+    def nearest_shown(self) -> np.ndarray:
+        """Of the vertices, (P,); see the function of that name."""
+        return nearest_shown(self.pixels.blend, self.proxy.positions)
 
 
 def proxy_in(stored: StoredTransfer) -> Proxy:

@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 
 from stages.scene.cameras import Camera, intrinsics_for_integer_centres, normals_in_world
+from stages.stereo.depth.fusion import Agreement, DepthViews, FusedPoints, fuse_view
+from stages.stereo.depth.geometric_consistency import confirmed, consistent_views
 from stages.stereo.depth.inverse_depth import fit_planes, j_from_i, normals_from_planes, resample_planes
 from stages.stereo.depth.patch_match import Refinement, Sources, refine
 from stages.stereo.depth.plane_sweep import inverse_depth_planes, matching_costs, pixels_per_inverse_depth
 from stages.stereo.depth.semi_global import Penalties, aggregate, winner
-from stages.stereo.fusion import Agreement, DepthViews, FusedPoints, fuse_view
-from stages.stereo.geometric_consistency import confirmed, consistent_views
 
 NO_MAPS = np.zeros((0, 1, 1), np.float32)
 GREY = np.array([0.299, 0.587, 0.114], np.float32)
