@@ -1,4 +1,4 @@
-"""Write what would drift if people wrote it: docs/settings.md and the dataflow table in the README.
+"""Write what would drift if people wrote it: docs/settings.md and the dataflow table in docs/guide.md.
 
 `python docs/generate.py` writes, `--check` only says whether all is up to date.
 """
@@ -84,8 +84,8 @@ def dataflow_table() -> str:
     return "\n".join(lines)
 
 
-def readme(text: str) -> str:
-    """The README with its table made anew."""
+def guide(text: str) -> str:
+    """The guide with its table of the dataflow made anew."""
     before, _, rest = text.partition(BEGIN)
     _, _, after = rest.partition(END)
     return f"{before}{BEGIN}\n{dataflow_table()}\n{END}{after}"
@@ -94,7 +94,7 @@ def readme(text: str) -> str:
 def main(check: bool) -> int:
     """Write, or compare; returns the exit code."""
     pages = {ROOT / "docs/settings.md": settings_page()}
-    pages[ROOT / "README.md"] = readme((ROOT / "README.md").read_text(encoding="utf-8"))
+    pages[ROOT / "docs/guide.md"] = guide((ROOT / "docs/guide.md").read_text(encoding="utf-8"))
     stale = [
         path for path, text in pages.items() if not path.exists() or path.read_text(encoding="utf-8") != text
     ]

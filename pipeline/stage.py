@@ -53,7 +53,7 @@ class Stage:
     name, version : str, int
         Identity; raise the version when the same inputs and settings would give another result.
     about : str
-        One sentence for the README's table and the page of settings.
+        One sentence for the guide's table of the dataflow and the page of settings.
     settings : type of Settings
     takes : tuple of str
         Artefacts or sources that it needs.
