@@ -9,6 +9,7 @@ from __future__ import annotations
 # OpenCV's PNG writer means for the system's, and the mixture corrupts the heap (pycolmap 4.2 with OpenCV 5).
 import zlib  # noqa: F401
 from collections.abc import Collection, Mapping
+from pathlib import Path
 
 from pipeline import Settings, Source, Stage, UserError
 from stages.adopt_mesh import ADOPT_MESH
@@ -27,8 +28,11 @@ from stages.raycast import RAYCAST
 from stages.relight import RELIGHT, RELIGHT_AS_FOUND
 from stages.render import RENDER
 from stages.sfm import SFM
+from stages.solvers.kernels.loop_cache import name_loop_cache
 from stages.transfer import TRANSFER
 from stages.undistort import UNDISTORT
+
+name_loop_cache(Path(__file__).parent)  # no stage has imported numba yet: a plan must answer at once
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".hdr")
 MODEL_FILES = tuple(  # not *.bin: a dense workspace holds gigabytes of depth maps

@@ -1,8 +1,7 @@
 """Which planes PatchMatch tries at a pixel, and what bending away from the neighbours costs.
 
 A plane is (w, slope x, slope y), see `inverse_depth`; `rules` is `patch_match.Rules`. All functions run
-inside the loops of `patch_match`, whose compiled form numba keeps until that file changes: after editing this
-one, touch it (`touch stages/stereo/depth/patch_match.py`).
+inside the loops of `patch_match`.
 """
 
 from __future__ import annotations
