@@ -1,4 +1,4 @@
-"""Write what would drift if people wrote it: docs/settings.md and the dataflow table in the README.
+"""Write what would drift if people wrote it: docs/settings.md, docs/equations.md, the dataflow in the README.
 
 `python docs/generate.py` writes, `--check` only says whether all is up to date.
 """
@@ -8,6 +8,8 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+
+from equation_index import equations_page
 
 import stages
 from pipeline import Settings, Stage
@@ -94,6 +96,7 @@ def readme(text: str) -> str:
 def main(check: bool) -> int:
     """Write, or compare; returns the exit code."""
     pages = {ROOT / "docs/settings.md": settings_page()}
+    pages[ROOT / "docs/equations.md"] = equations_page(ROOT)
     pages[ROOT / "README.md"] = readme((ROOT / "README.md").read_text(encoding="utf-8"))
     stale = [
         path for path, text in pages.items() if not path.exists() or path.read_text(encoding="utf-8") != text
