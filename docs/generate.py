@@ -1,4 +1,4 @@
-"""Write what would drift if people wrote it: docs/settings.md and the dataflow table in docs/guide.md.
+"""Write what would drift if people wrote it: settings.md, equations.md, the dataflow table in guide.md.
 
 `python docs/generate.py` writes, `--check` only says whether all is up to date.
 """
@@ -8,6 +8,8 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+
+from equation_index import equations_page
 
 import stages
 from pipeline import Settings, Stage
@@ -95,6 +97,7 @@ def main(check: bool) -> int:
     """Write, or compare; returns the exit code."""
     pages = {ROOT / "docs/settings.md": settings_page()}
     pages[ROOT / "docs/guide.md"] = guide((ROOT / "docs/guide.md").read_text(encoding="utf-8"))
+    pages[ROOT / "docs/equations.md"] = equations_page(ROOT)
     stale = [
         path for path, text in pages.items() if not path.exists() or path.read_text(encoding="utf-8") != text
     ]

@@ -27,7 +27,7 @@ class CorrespondenceSettings(Settings):
 
 
 def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsilon: float, file: Path) -> int:
-    """Find, save and count the links of one pair; picklable. Memory: 120 B per pixel of two views."""
+    """Find, save and count the links of one pair (Eq. 8); picklable. Memory: 120 B per pixel of two views."""
     import scipy.sparse as sp
 
     from stages.formats.images.exr import read_exr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 import yaml
 
 import stages
+from pipeline.config import check_settings, override
 from stages.command.request import request_of
 from stages.command.words import Plan
 
@@ -170,3 +172,53 @@ def test_the_citation_is_of_this_version():
     declared = re.search(r'^version = "(.+)"$', text_of("pyproject.toml"), re.MULTILINE)
     assert declared is not None
     assert citation["version"] == declared[1]
+
+
+@pytest.mark.parametrize("equation", range(1, 19))
+def test_every_equation_of_the_paper_has_a_function_and_a_test(equation):
+    """The page itself is compared with the sources above."""
+    page = (ROOT / "docs/equations.md").read_text(encoding="utf-8")
+    row = next(line for line in page.splitlines() if line.startswith(f"| {equation} |"))
+    _, _, functions, tests = row.strip("| ").split(" | ")
+    assert re.search(r"\[[\w.]+\]\(\.\./(stages|benchmarks)/[\w/]+\.py\)", functions)
+    assert re.search(r"\[test_\w+\]\(\.\./tests/test_\w+\.py\)", tests)
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [
+        ("Eq. 12 and 14 to 16", {12, 14, 15, 16}),
+        ("Eq. 1–4, 9–18", {1, 2, 3, 4, *range(9, 19)}),
+        ("Eqs. 3, 4 and 5; Eq.\n    7", {3, 4, 5, 7}),
+        ("Eq. 10 to 0.1 %", {10}),
+        ("Walter et al. 2007, Eq. 20, 33, 34", set()),
+    ],
+)
+def test_citations_of_equations_are_read_as_lists_and_ranges(text, numbers):
+    spec = importlib.util.spec_from_file_location("equation_index", ROOT / "docs/equation_index.py")
+    index = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(index)
+    assert index.cited(text) == numbers
+
+
+def test_the_method_names_functions_and_settings_that_exist():
+    """`FILE`: `NAME`, …; constants of these files; `STAGE.NAME`; and `STAGE.NAME=VALUE`, the default."""
+    page = (ROOT / "docs/method.md").read_text(encoding="utf-8")
+    for section in page.split("\n## ")[1:]:
+        named = re.findall(r"`(stages/[\w/]+\.py)`: ((?:`[\w.]+`(?:, )?)+)", section)
+        assert named, section
+        sources = {file: (ROOT / file).read_text(encoding="utf-8") for file, _ in named}
+        for file, names in named:
+            for name in re.findall(r"[\w.]+", names):
+                definition = rf"^\s*(?:def|class) {name.split('.')[-1]}\b"
+                assert re.search(definition, sources[file], re.MULTILINE), f"{file}: {name}"
+        for name in re.findall(r"`([A-Z_]+)`", section):
+            assignment = rf"^[A-Z_, ]*\b{name}\b.* = "
+            assert any(re.search(assignment, text, re.MULTILINE) for text in sources.values()), name
+    declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
+    defaults = check_settings(declared, {})
+    for stage, name, value in re.findall(r"`([a-z_]+)\.([a-z_]+)(=[^`]+)?`", page):
+        if stage in declared:
+            assert name in declared[stage].model_json_schema(by_alias=True)["properties"], f"{stage}.{name}"
+            if value:
+                assert check_settings(declared, override({}, [f"{stage}.{name}{value}"])) == defaults, name

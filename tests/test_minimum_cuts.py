@@ -45,6 +45,7 @@ def random_shading(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarr
 @given(SEEDS, SMOOTHNESS, CONSISTENCY)
 @FEW
 def test_the_cuts_find_the_optimum_of_the_linear_program(seed, smoothness, consistency):
+    """Eq. 10, exactly."""
     rng = np.random.default_rng(seed)
     graph = graph_of(random_views(rng, side=5), EnergyWeights(smoothness, consistency, 1e-4))
     image, shading = rng.random(graph.size), random_shading(rng, (graph.size,))

@@ -69,6 +69,7 @@ def test_pixels_are_numbered_view_after_view_row_by_row():
 
 
 def test_differences_stay_inside_the_mask():
+    """D_x and D_y of Eq. 4 and Eq. 17, by hand."""
     mask = np.array([[True, True, False], [True, False, True]])
     d_x, d_y = difference_matrices([mask])
     rho = np.array([1.0, 4.0, 9.0, 16.0])  # (0,0) (0,1) (1,0) (1,2)

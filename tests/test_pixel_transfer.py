@@ -160,6 +160,7 @@ def test_the_two_sides_of_a_thin_sheet_are_not_taken_for_one_another():
 
 
 def test_without_occlusion_the_basis_is_eq_1s():
+    """Eq. 1: transfer vectors of points that see the whole sky are ν."""
     normals = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]])
     nothing = Occlusion(
         np.zeros((1, 9), np.float32), *(sp.csr_array((1, 1), dtype=np.float32) for _ in range(2))

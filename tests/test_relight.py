@@ -50,6 +50,7 @@ def test_a_light_comes_back_from_its_picture():
 
 
 def test_under_even_light_open_surface_shows_its_albedo():
+    """Eq. 1 with the same shading everywhere."""
     normals, none = even_directions(400), sp.csr_array((1, 1), dtype=np.float32)
     scene = SkyScene.of(
         normals,

@@ -43,6 +43,7 @@ def test_directions_are_unit_and_even():
 
 
 def test_under_harmonic_light_open_points_shade_as_the_paper_has_it():
+    """Eq. 1: light of degree 2, sampled in even directions, shades as the nine harmonics do."""
     rng = np.random.default_rng(1)
     normals, light = unit(rng, 200), rng.normal(size=(9, 3))
     radiance = real_harmonics(even_directions(COUNT), 2) @ light

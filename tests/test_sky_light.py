@@ -479,6 +479,7 @@ def solved(views: StackedViews, image, shading, trusted, weights, edges=ALIKE) -
 
 
 def test_under_the_true_light_the_true_albedo_comes_back(lit):
+    """Eq. 10 under a light that stays."""
     views, _, albedo, shading, _ = lit
     everywhere = np.ones(len(albedo), bool)
     weights = EnergyWeights(0.02, 0.0, 1e-4)

@@ -12,7 +12,7 @@ from stages.photometry.transport.transfer_vectors import bounced
 def relit(
     scene: SkyScene, albedo: np.ndarray, light: np.ndarray, bounces: int, brightest: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Radiance that the pixels would show.
+    """Radiance that the pixels would show: Eq. 1 under another light.
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ class StackedViews:
         return linked_pixels(self.links, self.starts)
 
     def shading(self, light: np.ndarray) -> np.ndarray:
-        """``S = σ^i·ν^i(p)`` of all pixels, shape (N,), under one light per view, shape (n, K)."""
+        """``S = σ^i·ν^i(p)`` of Eq. 1, all pixels, shape (N,), under one light per view, shape (n, K)."""
         # einsum rather than a BLAS product: the same bits whatever the number of threads.
         parts = [np.einsum("pk,k->p", self.basis[self.view(i)], light[i]) for i in range(self.view_count)]
         return np.concatenate(parts)

@@ -47,7 +47,7 @@ def smoothness_of_edges(
     soft: np.ndarray,
     edges: PaintEdges,
 ) -> np.ndarray:
-    """λ of all edges in the order of `StackedViews.neighbours`, (E,), float32.
+    """λ of Eq. 4 for all edges in the order of `StackedViews.neighbours`, (E,), float32.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def smoothness_of_edges(
 
 
 def agreement_of_links(views: StackedViews, consistency: float, disputed: np.ndarray) -> np.ndarray:
-    """μ of all links in the order of `StackedViews.linked_pixels`, (L,), float32.
+    """μ of Eq. 5 for all links in the order of `StackedViews.linked_pixels`, (L,), float32.
 
     Where views contradict each other, (N,), 0 to 1, a pixel's own photo is the doubtful witness, and what the
     other views say counts more: ``μ (1 + 4 (d_p + d_q) / 2)``. Where they do not, links blur fine paint by

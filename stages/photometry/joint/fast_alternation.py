@@ -88,7 +88,7 @@ def solve(
     threads: int,
     step: Callable[[], None],
 ) -> FastDescent:
-    """Minimise Eq. 2 in all channels together, from coarse to fine.
+    """Minimise Eq. 2 in all channels together, from coarse to fine: Eq. 9 and 10 in one iteration.
 
     Parameters
     ----------

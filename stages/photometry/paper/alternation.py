@@ -181,7 +181,7 @@ def decompose_channels(
     executor: Executor,
     after_each: Callable[[], None] = lambda: None,
 ) -> list[Descent]:
-    """Alternate in every channel from the paper's start to its end; the channels know nothing of each other.
+    """Alternate Eq. 9 and 10 in every channel, from the paper's start; channels know nothing of each other.
 
     Parameters
     ----------

@@ -110,9 +110,9 @@ def darkened(linked: Linked, image: np.ndarray, times: float = DARKENED) -> np.n
     One walks through the picture, the photographer's shadow falls on the stone, a background was painted
     black: to the views that see the place as it is, it would be a highlight of theirs. Over most of its links
     a pixel sees less than a third (1/`times`), and it is black, or most links of the square around it, or of
-    one close by, say so too; gloss hardly ever does as much (see docs/transfer.md). A square is asked where
-    pixels have more links than one: of two views alone, either may be the one that is wrong. What is dark
-    wherever it is seen stays.
+    one close by, say so too; gloss hardly ever does as much (see docs/experiments.md). A square is asked
+    where pixels have more links than one: of two views alone, either may be the one that is wrong. What is
+    dark wherever it is seen stays.
     """
     seen = _log_brightness(image)
     balance = np.zeros(len(seen), np.int32)

@@ -34,7 +34,7 @@ class Bounces:
 
 @dataclass(frozen=True, eq=False)
 class PixelTransfer:
-    """N pixels above P vertices.
+    """N pixels above P vertices: ν of Eq. 1 for points that know what they can see.
 
     Attributes
     ----------

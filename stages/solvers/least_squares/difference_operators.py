@@ -42,7 +42,7 @@ def neighbours(mask: np.ndarray, first: int = 0) -> tuple[Pixels, Pixels]:
 
 
 def difference_matrices(masks: Sequence[np.ndarray]) -> tuple[sp.csr_array, sp.csr_array]:
-    """Build D_x and D_y: ``(D_x ρ)(p) = ρ(p + (1, 0)) − ρ(p)`` where both pixels are in Ω, 0 elsewhere.
+    """Build D_x and D_y (Eq. 4, 17): ``(D_x ρ)(p) = ρ(p + (1, 0)) − ρ(p)`` where both are in Ω, 0 elsewhere.
 
     Parameters
     ----------
