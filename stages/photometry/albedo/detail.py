@@ -77,7 +77,8 @@ def with_detail(
     ``ρ + (ρ + d/S) (exp(Σ_k g_k r_k) − 1)``: r = log (I + d)/(ρ S + d), d = 0.01, as mean logarithm, log R/G
     and log B/G, divided into octaves r_k; I/S where all g_k are 1. In every octave:
 
-    1. The shading's own change is taken for as much as the photos show of it, `ShownChange`.
+    1. Of brightness, in the four finest octaves, the shading's own change is taken for as much as the photos
+       show of it, `ShownChange`.
     2. r_k of the other views is averaged in, as far as noise is more than what views see misplaced.
     3. ``g_k = max(0, 1 − U/E)``: E the local variance of r_k, by the mean of |r_k|^1.5, U that of
        what noise and the shading's error, ``κ² L²``, make of it (`ShadingDoubt`).
