@@ -51,8 +51,8 @@ class TransferSettings(Settings):
     light_distances: tuple[Distance, ...] = setting(
         (8.0, 4.0),
         "How far away the light may be, beside infinitely far: a lamp at hand lights near things more. The "
-        "stage `lighting` takes the distance that explains the photos best. Nearer than 1.5 it would be inside "
-        "what it lights. Empty: infinitely far.",
+        "stage `lighting` takes the distance that explains the photos best. Nearer than 1.5 it would be "
+        "inside what it lights. Empty: infinitely far.",
         unit="radii of the mesh",
         max_length=8,
     )
