@@ -32,7 +32,7 @@ def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsil
 
     from stages.formats.images.exr import read_exr
     from stages.formats.images.photos import read_mask
-    from stages.geometry.overlap import correspondences
+    from stages.geometry.correspondences import correspondences
 
     maps = []
     for camera in (camera_i, camera_j):

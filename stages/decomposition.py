@@ -42,7 +42,7 @@ def _under_light(job: Job) -> None:
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
-    from stages.formats.artefacts.light_file import read_light
+    from stages.formats.artefacts.light_npz import read_light
     from stages.formats.artefacts.link_files import numbered_links
     from stages.formats.artefacts.view_files import read_arrays, read_maps, ways_to_cameras
     from stages.formats.images.photos import read_mask
@@ -77,7 +77,7 @@ def _with_its_light(job: Job) -> None:
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
-    from stages.formats.artefacts.lighting_file import write_lighting
+    from stages.formats.artefacts.lighting_json import write_lighting
     from stages.formats.artefacts.link_files import numbered_links
     from stages.formats.artefacts.view_files import read_views, scaled_channels, write_maps
     from stages.photometry.stack import stack_views
@@ -136,7 +136,7 @@ def _by_transfer(
     from stages.formats.artefacts.transfer_file import read_transfer
     from stages.formats.artefacts.view_files import read_surface_points, ways_to_cameras
     from stages.formats.meshes.triangle_meshes import read_mesh
-    from stages.geometry.pixel_blends import pixels_on_proxy
+    from stages.geometry.vertex_interpolation import pixels_on_proxy
     from stages.photometry import transfer_solutions
 
     settings: DecompositionSettings = job.settings

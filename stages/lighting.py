@@ -115,7 +115,7 @@ def _scenes(job: Job, opened: Opened, stored: StoredTransfer) -> list[SkyScene]:
     """What the pixels see, under light from each distance; points and blends on the way there are let go."""
     from stages.formats.artefacts.view_files import read_surface_points
     from stages.formats.meshes.triangle_meshes import read_mesh
-    from stages.geometry.pixel_blends import pixels_on_proxy
+    from stages.geometry.vertex_interpolation import pixels_on_proxy
     from stages.photometry.transport.lit_scenes import sky_scenes
     from stages.scene.wording import tell_seen_from_behind
 
@@ -203,8 +203,8 @@ def _write(job: Job, opened: Opened, stored: StoredTransfer, found: Illumination
     """The light as numbers and as pictures of all directions, the shading, and what is left of the photos."""
     import numpy as np
 
-    from stages.formats.artefacts.light_file import StoredLight, write_light
-    from stages.formats.artefacts.lighting_file import LightAround, write_light_around
+    from stages.formats.artefacts.light_npz import StoredLight, write_light
+    from stages.formats.artefacts.lighting_json import LightAround, write_light_around
     from stages.formats.artefacts.view_files import write_arrays, write_maps, write_pictures_of_light
     from stages.photometry.transport.environment import picture_of_light
     from stages.scene.upright import upright_from_world

@@ -35,10 +35,10 @@ def run(job: Job) -> None:
     from stages.formats.artefacts.view_files import read_maps, read_surface_points, write_maps, write_previews
     from stages.formats.images.photos import read_environment, read_mask
     from stages.formats.meshes.triangle_meshes import read_mesh
-    from stages.geometry.pixel_blends import pixels_on_proxy
-    from stages.photometry.relighting import relit
+    from stages.geometry.vertex_interpolation import pixels_on_proxy
     from stages.photometry.transport.environment import turned_light
     from stages.photometry.transport.lit_scenes import sky_scenes
+    from stages.photometry.transport.relighting import relit
     from stages.scene.upright import upright_from_world
     from stages.solvers.kernels.threading_layer import use_threads
 
@@ -64,7 +64,7 @@ def run(job: Job) -> None:
 
 def _brightest(job: Job) -> float:
     """What the brightest material reflects: as asked for, as found with the light, or bright."""
-    from stages.formats.artefacts.light_file import read_light
+    from stages.formats.artefacts.light_npz import read_light
 
     asked: float | None = job.settings.brightest
     if asked is None and "found_light" in job.inputs:

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stages.photometry.albedo.albedo_given_light import SkySolution, decompose_under_light
 from stages.photometry.albedo.paint_edges import PaintEdges
-from stages.photometry.albedo.under_light import SkySolution, decompose_under_light
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.joint.fast_alternation import FastSettings
 from stages.photometry.lighting.illumination import Illumination, IlluminationSettings, find_illumination
 from stages.photometry.lighting.light_estimate import SkySettings
-from stages.photometry.lighting.lit_photos import Lighting, Looks
+from stages.photometry.lighting.lit_photos import Looks
+from stages.photometry.lighting.shared_or_own_lights import Lighting
 from stages.photometry.solver_settings import as_sky
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import SkyScene

@@ -8,9 +8,10 @@ import scipy.sparse as sp
 
 from stages.photometry.albedo.detail import Detail, with_detail
 from stages.photometry.albedo.detail_octaves import DetailSettings
+from stages.photometry.albedo.noise_estimation import grain_of, noise_between_views
 from stages.photometry.albedo.octaves import SIGMAS_PX, KnownPixels, gaussian_mean, response_to_noise
-from stages.photometry.albedo.other_views import OtherViews, noise_between_views
-from stages.photometry.albedo.shading_doubt import ShownChange, error_of_change, grain_of, log_shading
+from stages.photometry.albedo.other_views import OtherViews
+from stages.photometry.albedo.shading_uncertainty import ShownChange, error_of_change, log_shading
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.stack import StackedViews
 

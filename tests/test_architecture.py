@@ -71,7 +71,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "synthetic/paints": set(),
 }
 GROUND = {  # files beside the rooms that they may import; the others lead them
-    "photometry": {"stack", "observations", "chromaticity", "neighbourhoods"},
+    "photometry": {"stack", "observations", "chromaticity", "neighbourhoods", "statistics_by_class"},
     "stereo": {"view_selection"},
 }
 CROWDED = 12  # files that a room holds at most; steps and tests are lists, not rooms

@@ -14,8 +14,8 @@ from pipeline import Job, Stage, UserError
 from stages.correspondence import CORRESPONDENCE, CorrespondenceSettings
 from stages.decomposition import DECOMPOSITION, DecompositionSettings
 from stages.formats.artefacts.camera_file import write_cameras
-from stages.formats.artefacts.light_file import StoredLight, read_light, write_light
-from stages.formats.artefacts.lighting_file import LightAround, write_light_around
+from stages.formats.artefacts.light_npz import StoredLight, read_light, write_light
+from stages.formats.artefacts.lighting_json import LightAround, write_light_around
 from stages.formats.artefacts.link_files import numbered_links
 from stages.formats.artefacts.view_files import (
     read_arrays,

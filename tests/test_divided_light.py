@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from stages.photometry.lighting.direction_refinement import MOST_CELLS, bright_cells, divided
 from stages.photometry.lighting.light_estimate import FoundLight
 from stages.photometry.lighting.light_search import sky_light
-from stages.photometry.lighting.lit_photos import Lighting
+from stages.photometry.lighting.shared_or_own_lights import Lighting
 from stages.photometry.transport.directional_transport import AROUND, Eyes, Sphere, even_directions, honeycomb
 from stages.photometry.transport.environment import picture_of_light
 from stages.photometry.transport.light_priors import contrast

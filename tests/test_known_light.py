@@ -15,7 +15,8 @@ from stages.formats.images.photos import read_mask
 from stages.photometry.lighting.illumination import IlluminationSettings, illumination_by
 from stages.photometry.lighting.known_light import FINE_DEG, STEP_DEG, KnownLight, _lowest
 from stages.photometry.lighting.light_estimate import SkySettings
-from stages.photometry.lighting.lit_photos import Lighting, Looks
+from stages.photometry.lighting.lit_photos import Looks
+from stages.photometry.lighting.shared_or_own_lights import Lighting
 from stages.photometry.transport.environment import directions_of_picture
 from tests.rendered_scene import TINY, artefact, unshade, write_config
 from tests.sphere_scene import sphere_scene

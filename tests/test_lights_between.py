@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stages.photometry.lighting.lit_photos import GLOSSY, MATT, Lighting
+from stages.photometry.lighting.shared_or_own_lights import GLOSSY, MATT, Lighting
 from stages.photometry.lighting_settings import LightingSettings
 from tests.by_sky import decompose_by_sky
 from tests.test_sky_light import HOW, lit, looks, photo_of  # noqa: F401

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.geometry.overlap import correspondences
+from stages.geometry.correspondences import correspondences
 from stages.scene.cameras import Camera, back_project, footprint
 from tests.sphere_scene import sphere_scene
 

@@ -5,9 +5,9 @@ import pytest
 import scipy.sparse as sp
 
 from stages.formats.meshes.triangle_meshes import Surface
-from stages.geometry.pixel_blends import blend_of_pixels
 from stages.geometry.proxy import blend_of, short_edged_with_proxy
 from stages.geometry.rays import vertex_normals
+from stages.geometry.vertex_interpolation import blend_of_pixels
 from stages.photometry.paper.harmonics import shading_basis
 from stages.photometry.transport.pixel_transfer import (
     Bounces,

@@ -11,10 +11,10 @@ import scipy.sparse as sp
 
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import read_mask, write_png_srgb8
-from stages.photometry.relighting import relit
 from stages.photometry.transport.directional_transport import even_directions
 from stages.photometry.transport.environment import directions_of_picture, light_of_picture, picture_of_light
 from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.transport.relighting import relit
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from stages.scene.upright import upright_from_world
 from stages.synthetic.lights import SKY_DOME, dome_picture

@@ -12,11 +12,12 @@ import scipy.sparse as sp
 from stages.formats.artefacts.view_files import ways_to_cameras
 from stages.photometry.lighting.light_estimate import FoundLight
 from stages.photometry.lighting.light_from_pairs import PairObjective
-from stages.photometry.lighting.light_in_gloss import light_in_gloss
+from stages.photometry.lighting.light_from_specular import light_in_gloss
 from stages.photometry.lighting.light_search import Search
-from stages.photometry.lighting.lit_photos import Lighting, Looks, Photos
+from stages.photometry.lighting.lit_photos import Looks, Photos
+from stages.photometry.lighting.shared_or_own_lights import Lighting
 from stages.photometry.specular.chromaticity_clusters import PALETTE, paints_of
-from stages.photometry.specular.sheen import Mirror, Sheen, highlights_of, without_sheen
+from stages.photometry.specular.specular_reflection import Mirror, Sheen, highlights_of, without_sheen
 from stages.photometry.specular.view_differences import MOST_EXPLAINED, Differences, some_links
 from stages.photometry.stack import stack_views
 from stages.photometry.transport.directional_transport import Sphere, even_directions, offsets_in

@@ -11,9 +11,9 @@ import pytest
 from stages import transfer
 from stages.formats.artefacts.transfer_file import read_transfer
 from stages.formats.meshes.triangle_meshes import Surface, read_mesh, write_mesh
-from stages.geometry.pixel_blends import pixels_on_proxy
 from stages.geometry.proxy import roughly_decimated, roughness_of, short_edged_with_proxy
 from stages.geometry.short_edges import with_short_edges
+from stages.geometry.vertex_interpolation import pixels_on_proxy
 from stages.photometry.transport.directional_transport import even_directions
 from tests.bowls import bowl
 

@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sp
 
 from stages.formats.artefacts.view_files import ways_to_cameras
-from stages.photometry.albedo import under_light as sky_decomposition
+from stages.photometry.albedo import albedo_given_light as sky_decomposition
 from stages.photometry.albedo.appearance import appearance_of
 from stages.photometry.albedo.paint_edges import PaintEdges, agreement_of_links, smoothness_of_edges
 from stages.photometry.albedo.smooth_albedo import albedo_under_light
@@ -22,8 +22,9 @@ from stages.photometry.lighting.illumination import explained_best
 from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
 from stages.photometry.lighting.light_from_pairs import ENOUGH, PairObjective, PairWeights, Sample, believed
 from stages.photometry.lighting.light_search import Search, disagreements, sky_light
-from stages.photometry.lighting.lit_photos import Lighting, Looks, Photos
+from stages.photometry.lighting.lit_photos import Looks, Photos
 from stages.photometry.lighting.pair_sampling import COLOUR, Pairs, alike_pairs, sample_of
+from stages.photometry.lighting.shared_or_own_lights import Lighting
 from stages.photometry.lighting.view_gains import view_gains
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.specular import highlights

@@ -7,14 +7,8 @@ from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.occluders import Occluders
 from stages.geometry.rays import vertex_normals
 from stages.photometry.paper.harmonics import real_harmonics, shading_basis
-from stages.photometry.transport.transfer_vectors import (
-    Occlusion,
-    around,
-    bounced,
-    cosine_spiral,
-    occlusion,
-    tangents,
-)
+from stages.photometry.transport.interreflection import bounced
+from stages.photometry.transport.transfer_vectors import Occlusion, around, cosine_spiral, occlusion, tangents
 from tests.bowls import bowl, cone
 
 DIRECTIONS = 512

@@ -1,1 +1,1 @@
-"""Rays, visibility, overlap, lenses, surfaces: what only needs cameras, depths and meshes."""
+"""Rays, visibility, correspondences, lenses, surfaces: what only needs cameras, depths and meshes."""

@@ -8,7 +8,7 @@ from stages.photometry.decomposition_settings import DecompositionSettings, give
 from stages.photometry.lighting_settings import LightingSettings
 
 if TYPE_CHECKING:
-    from stages.photometry.albedo.under_light import SkyDecomposition
+    from stages.photometry.albedo.albedo_given_light import SkyDecomposition
     from stages.photometry.joint.fast_alternation import FastSettings
     from stages.photometry.joint.transfer_alternation import TransferAlternation
     from stages.photometry.lighting.illumination import IlluminationSettings
@@ -84,7 +84,7 @@ def as_illumination(settings: LightingSettings) -> IlluminationSettings:
     from stages.photometry.lighting.illumination import IlluminationSettings
     from stages.photometry.lighting.light_estimate import SkySettings
     from stages.photometry.lighting.light_from_pairs import PairWeights
-    from stages.photometry.lighting.lit_photos import Lighting
+    from stages.photometry.lighting.shared_or_own_lights import Lighting
 
     return IlluminationSettings(
         light=SkySettings(
@@ -100,9 +100,9 @@ def as_illumination(settings: LightingSettings) -> IlluminationSettings:
 
 def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> SkyDecomposition:
     """For the albedo under that light."""
+    from stages.photometry.albedo.albedo_given_light import SkyDecomposition
     from stages.photometry.albedo.detail_octaves import DetailSettings
     from stages.photometry.albedo.paint_edges import PaintEdges
-    from stages.photometry.albedo.under_light import SkyDecomposition
 
     return SkyDecomposition(
         edges=PaintEdges(

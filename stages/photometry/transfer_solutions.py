@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.photometry.albedo.under_light import SkyDecomposition, decompose_under_light
+from stages.photometry.albedo.albedo_given_light import SkyDecomposition, decompose_under_light
 from stages.photometry.energy_history import rounds_under_light_as_json
 from stages.photometry.joint.transfer_alternation import TransferAlternation, solve_with_transfer
 from stages.photometry.observations import Observations

@@ -1,4 +1,4 @@
-"""Dense stereo on the CPU: the stage's settings handed to `geometry.dense_stereo`, view by view."""
+"""Dense stereo on the CPU: the stage's settings handed to `depth.dense_stereo`, view by view."""
 
 from __future__ import annotations
 

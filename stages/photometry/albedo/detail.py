@@ -21,7 +21,7 @@ from stages.photometry.albedo.detail_octaves import (
 )
 from stages.photometry.albedo.octaves import response_to_noise
 from stages.photometry.albedo.other_views import borrowed
-from stages.photometry.albedo.shading_doubt import DARK, ShadingDoubt
+from stages.photometry.albedo.shading_uncertainty import DARK, ShadingDoubt
 from stages.photometry.observations import UNLIT
 from stages.photometry.stack import StackedViews
 

@@ -7,17 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
+from stages.photometry.albedo.noise_estimation import grain_of, noise_between_views, noise_of_one_view
 from stages.photometry.albedo.octaves import KnownPixels
-from stages.photometry.albedo.other_views import OtherViews, noise_between_views
-from stages.photometry.albedo.shading_doubt import (
+from stages.photometry.albedo.other_views import OtherViews
+from stages.photometry.albedo.shading_uncertainty import (
     DARK,
     FINE,
     ShownChange,
     error_of_change,
-    grain_of,
     log_quotient,
     log_shading,
-    noise_of_one_view,
 )
 from stages.photometry.stack import StackedViews
 

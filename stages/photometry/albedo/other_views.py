@@ -6,10 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.albedo.classes import by_size, deviation, line_through
 from stages.photometry.stack import StackedViews
-
-TINY = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,28 +70,6 @@ def borrowed(views: StackedViews, values: np.ndarray, trusted: np.ndarray) -> tu
     lent = ~trusted & (count > 0)
     values = np.where(lent[:, None], others / np.maximum(count, 1)[:, None], values)
     return values.astype(np.float32), trusted | lent
-
-
-def noise_between_views(difference: np.ndarray, texture: np.ndarray) -> float:
-    """Standard deviation of what views do not share, where surface has no texture.
-
-    Parameters
-    ----------
-    difference : ndarray, shape (n,)
-        Of a band between a view and the mean of its others, by the standard deviation that it has for noise
-        of 1 in each.
-    texture : ndarray, shape (n,)
-        Local mean square of the next coarser band: noise there is another, texture is much the same.
-
-    Notes
-    -----
-    Texture that views see half a pixel off differs between them as well: in classes of equal number by
-    texture t², ``d² ≈ N + m t²``, by non-negative least squares over relative errors.
-    """
-    classes = by_size(texture)
-    strengths = [texture[own].mean() for own in classes]
-    line = line_through(strengths, [deviation(difference[own]) ** 2 for own in classes], TINY)
-    return float(np.sqrt(line.intercept)) if line else 0.0
 
 
 def _sum_over_links(views: StackedViews, values: np.ndarray) -> np.ndarray:

@@ -11,12 +11,12 @@ import numpy as np
 from stages.photometry.lighting.direction_refinement import divided
 from stages.photometry.lighting.known_light import KnownLight, light_at, turn_of
 from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
-from stages.photometry.lighting.lights_between import mixed_with_own_lights
-from stages.photometry.lighting.lit_photos import Lighting, Looks, Photos
+from stages.photometry.lighting.lit_photos import Looks, Photos
 from stages.photometry.lighting.reflectance import FIRST, Reflectance, reflectance_of
+from stages.photometry.lighting.shared_or_own_lights import Lighting, mixed_with_own_lights
 from stages.photometry.lighting.view_gains import ViewGains, view_gains
 from stages.photometry.observations import UNLIT, Observations
-from stages.photometry.specular.sheen import Sheen
+from stages.photometry.specular.specular_reflection import Sheen
 from stages.photometry.specular.view_differences import Differences
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import SkyScene

@@ -17,9 +17,9 @@ from stages.photometry.lighting.light_from_pairs import (
 )
 from stages.photometry.lighting.pair_sampling import Drawn, Pairs
 from stages.photometry.stack import StackedViews
+from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.lit_scenes import SkyScene
 from stages.photometry.transport.pixel_transfer import WHITEST
-from stages.photometry.transport.transfer_vectors import bounced
 
 BRIGHT_SHARE = 0.98  # of the vertices' albedo, weighted by their light: the brightest material
 LOOKED_AT = 300_000  # pixels that tell the albedo of the vertices while light is sought

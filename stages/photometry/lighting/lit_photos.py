@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
-from stages.photometry.lighting.light_in_gloss import light_in_gloss
+from stages.photometry.lighting.light_from_specular import light_in_gloss
 from stages.photometry.lighting.light_search import Search, disagreements, sky_light
+from stages.photometry.lighting.shared_or_own_lights import Lighting
 from stages.photometry.specular.chromaticity_clusters import paints_of
 from stages.photometry.specular.highlights import DARKENED, Linked, brightening, darkened, without_highlights
-from stages.photometry.specular.sheen import Mirror, Sheen, highlights_of, without_sheen
+from stages.photometry.specular.specular_reflection import Mirror, Sheen, highlights_of, without_sheen
 from stages.photometry.specular.view_differences import MOST_EXPLAINED, Differences, MirrorStrength
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import SkyScene
 
-MATT, GLOSSY = 1.04, 1.06  # `brightening` up to which views do not differ by gloss, and from which they do
 NEVER = 10.0  # power of `DARKENED` that nothing in a photo reaches
 TURNS = 2  # of taking the sheen off and finding light and sheen together
 PAINT_GLOSSY = 0.98  # one strength, that knows less of the light, leaves no more of a paint's differences
@@ -44,32 +43,6 @@ class Looks:
         """The same, but that some pixels, (N,) bool, are trusted no more, unless none would be left."""
         trusted = self.trusted & ~pixels
         return replace(self, trusted=trusted) if trusted.any() else self
-
-
-@dataclass(frozen=True)
-class Lighting:
-    """One light for all views, one for each, or what lies between.
-
-    Attributes
-    ----------
-    asked : str
-        auto: by what follows, and `MATT` and `GLOSSY`.
-    still, moving : float
-        Spread of the views (see `ViewGains`) up to which one light is taken to serve all, and from which on
-        each has its own, unless they differ as gloss makes them (see `brightening`).
-    """
-
-    asked: Literal["auto", "shared", "per-view"]
-    still: float
-    moving: float
-
-    def apart(self, spread: float, rise: float) -> float:
-        """Weigh lights of the views' own against one for all: from 0, one light, to 1, each its own."""
-        if self.asked != "auto":
-            return float(self.asked == "per-view")
-        moved = (spread - self.still) / (self.moving - self.still)
-        matt = (GLOSSY - rise) / (GLOSSY - MATT)
-        return float(np.clip(moved, 0, 1) * np.clip(matt, 0, 1))
 
 
 @dataclass(frozen=True, eq=False)

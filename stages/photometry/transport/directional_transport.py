@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from stages.photometry.transport.transport_loops import (
+from stages.photometry.transport.transport_kernels import (
     gather_irradiance,
     gather_lobes,
     gather_mirrored,

@@ -9,7 +9,8 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from stages.photometry.paper.harmonics import shading_basis
-from stages.photometry.transport.transfer_vectors import Occlusion, Proxy, bounced
+from stages.photometry.transport.interreflection import bounced
+from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 
 BRIGHT_QUANTILE = 0.99  # of all albedo values: what counts as the brightest material; specks are brighter
 WHITEST = 0.95  # no surface gives back more: bounces would not die out

@@ -11,7 +11,7 @@ import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401
 from stages.solvers.kernels.sliced_ellpack import Blocks, held_at
-from stages.solvers.primal_dual.bounds import UNIT
+from stages.solvers.primal_dual.duality_gap import UNIT
 from stages.solvers.primal_dual.sliced_graph import NEARLY_FREE, SlicedGraph
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from stages.solvers.kernels.simd import COUNT
 from stages.solvers.primal_dual.anchor import NOWHERE, Anchor
-from stages.solvers.primal_dual.bounds import Bounds, bounds
+from stages.solvers.primal_dual.duality_gap import Bounds, bounds
 from stages.solvers.primal_dual.filling import fill_in
 from stages.solvers.primal_dual.gram_matrices import gram_matrices
 from stages.solvers.primal_dual.loops import (

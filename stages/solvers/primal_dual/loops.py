@@ -20,7 +20,7 @@ from stages.solvers.kernels.simd import (
 )
 from stages.solvers.kernels.sliced_ellpack import EIGHT, ONE, QUADS, SIXTEEN, SLICE, THREE, ZERO
 from stages.solvers.primal_dual.anchor import DATA_NOTCH, EDGE_NOTCH
-from stages.solvers.primal_dual.bounds import UNIT
+from stages.solvers.primal_dual.duality_gap import UNIT
 
 CHUNK = np.uint64(32)  # slices whose pulls stay in the nearest cache
 FORESIGHT = np.uint64(16)  # rows of half-edges: neighbours in other views come from afar

@@ -1,15 +1,46 @@
-"""Light between one for all views and one for each of them: both are found, and mixed by their weight."""
+"""One light for all views, or one for each of them: their weights, and the mixture of both."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
-from stages.photometry.lighting.lit_photos import Photos
 from stages.photometry.transport.lit_scenes import SkyScene
+
+if TYPE_CHECKING:
+    from stages.photometry.lighting.lit_photos import Photos
+
+MATT, GLOSSY = 1.04, 1.06  # `brightening` up to which views do not differ by gloss, and from which they do
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """One light for all views, one for each, or what lies between.
+
+    Attributes
+    ----------
+    asked : str
+        auto: by what follows, and `MATT` and `GLOSSY`.
+    still, moving : float
+        Spread of the views (see `ViewGains`) up to which one light is taken to serve all, and from which on
+        each has its own, unless they differ as gloss makes them (see `brightening`).
+    """
+
+    asked: Literal["auto", "shared", "per-view"]
+    still: float
+    moving: float
+
+    def apart(self, spread: float, rise: float) -> float:
+        """Weigh lights of the views' own against one for all: from 0, one light, to 1, each its own."""
+        if self.asked != "auto":
+            return float(self.asked == "per-view")
+        moved = (spread - self.still) / (self.moving - self.still)
+        matt = (GLOSSY - rise) / (GLOSSY - MATT)
+        return float(np.clip(moved, 0, 1) * np.clip(matt, 0, 1))
 
 
 def mixed_with_own_lights(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.lit_scenes import SkyScene
 from stages.photometry.transport.pixel_transfer import WHITEST, at_vertices, on_absolute_scale
-from stages.photometry.transport.transfer_vectors import bounced
 
 
 def relit(

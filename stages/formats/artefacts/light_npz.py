@@ -9,7 +9,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from pipeline import UserError
-from stages.formats.artefacts.lighting_file import LightAround
+from stages.formats.artefacts.lighting_json import LightAround
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import nnls
 
-from stages.photometry.albedo.classes import by_size, deviation, line_through
-from stages.photometry.albedo.octaves import response_to_noise
+from stages.photometry.statistics_by_class import by_size, deviation, line_through
 
 DARK = 0.01  # of the scaled image, under the logarithms: as dark as that, hardly anything is told
 SHARE = 0.8  # of the error that is told: some of it is paint, as renders of known truth show
-TEXTURE = (0.6, 1.0, 1.0, 1.0, 1.0)  # of 1/f brightness, a little blurred: deviations of the finest octaves
 OUTLYING = 3.0  # deviations: what is beyond is a border of paint, and says nothing of the shading
 SURE = 2.0  # standard errors: what is less is not told
 MOST_TOO_WEAK = 0.5  # of the shading's own change: by how much more of it the photos may show
@@ -59,18 +56,6 @@ def log_quotient(image: np.ndarray, explained: np.ndarray) -> np.ndarray:
 def log_shading(light: np.ndarray) -> np.ndarray:
     """Average the logarithms of the channels of a shading above 0, (N, 3); (N,), float32."""
     return np.log(light).mean(axis=1).astype(np.float32)
-
-
-def grain_of(explained: np.ndarray) -> np.ndarray:
-    """Noise by brightness, (N, 3), float32, of mean logarithm, log R/G and log B/G: 1 where it is median.
-
-    Photons' variance grows as their number does, so a channel's ``log(I + d)`` varies by 1/(E + d) of what is
-    explained, E; the axes by the sum of these over their channels. From a half to eight.
-    """
-    red, green, blue = 1 / (np.maximum(explained, 0) + DARK).T
-    variance = np.stack([(red + green + blue) / 9, red + green, blue + green], axis=1)
-    typical = np.median(variance, axis=0) if len(variance) else 1.0
-    return np.clip(np.sqrt(variance / typical), 0.5, 8.0).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,37 +146,8 @@ def error_of_change(size: np.ndarray, quotient: np.ndarray, left: np.ndarray) ->
     return SHARE * min(by_median, by_square)
 
 
-def noise_of_one_view(sizes: list[np.ndarray], quotients: list[np.ndarray]) -> float:
-    """Estimate white noise from a view alone, where no other shows the same.
-
-    Parameters
-    ----------
-    sizes, quotients : list of ndarray, shape (n,)
-        Of the finest octaves: local mean squares of the band of log S, and the band of log I/S by the noise
-        at its brightness.
-
-    Notes
-    -----
-    Where the shading is most even, what is left is told by its octaves: noise is white and halves from one
-    to the next, texture is as strong in all.
-    """
-    deviations = [_least_deviation(*each) for each in zip(sizes, quotients, strict=True)]
-    count = min(len(TEXTURE), len(deviations))
-    variances = np.square(deviations[:count])
-    relative = 1 / (variances + 1e-8)
-    design = np.square([TEXTURE[:count], response_to_noise()[:count]]).T * relative[:, None]
-    (_, noise), _ = nnls(design, variances * relative)
-    return float(np.sqrt(noise))
-
-
 def _slope(classes: list[np.ndarray], size: np.ndarray, variance_of: Callable[[np.ndarray], float]) -> float:
     """κ, as far as it is sure."""
     strengths = [size[own].mean() for own in classes]
     line = line_through(strengths, [variance_of(own) for own in classes], 1e-6)
     return float(np.sqrt(max(line.slope - line.error, 0.0))) if line else 0.0
-
-
-def _least_deviation(size: np.ndarray, band: np.ndarray) -> float:
-    """Of the class that varies least among those in which the shading is most even."""
-    classes = by_size(size)
-    return min((deviation(band[own]) for own in classes[: max(1, len(classes) // 8)]), default=0.0)

@@ -1,0 +1,37 @@
+"""Light that surface sends on to other surface."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.photometry.transport.transfer_vectors import Occlusion
+
+
+def bounced(
+    direct: np.ndarray, seen: Occlusion, albedo: np.ndarray, of_backs: float, bounces: int
+) -> np.ndarray:
+    """Transfer with interreflection, in one channel.
+
+    ``t(X) = t_direct(X) + 1/π ∫ (1 − V) max(0, n·ω) ρ(q) t(q) dω``, q the point hit along ω
+
+    Parameters
+    ----------
+    direct : ndarray, shape (V, K)
+        Open sky's ν less `Occlusion.blocked`.
+    seen : Occlusion
+    albedo : ndarray, shape (V,)
+        ρ, on the absolute scale: within [0, 1).
+    of_backs : float
+        ρ of surface that is hit from behind; its light is taken to be that of its front.
+    bounces : int
+        How often light is passed on. What is left out is at most ``ρ^(bounces + 1)`` of all that would
+        arrive, ρ the brightest there is.
+
+    Returns
+    -------
+    ndarray, shape (V, K)
+    """
+    total = direct
+    for _ in range(bounces):
+        total = direct + seen.form_factors @ (albedo[:, None] * total) + of_backs * (seen.behind @ total)
+    return total
