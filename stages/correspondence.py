@@ -42,11 +42,11 @@ def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsil
     return int(links.nnz)
 
 
-def run(job: Job) -> None:
+def run(job: Job[CorrespondenceSettings]) -> None:
     """Open the cameras, link every pair, write the index."""
     from stages.formats.artefacts.camera_file import read_cameras
 
-    settings: CorrespondenceSettings = job.settings
+    settings = job.settings
     cameras = read_cameras(job.inputs["cameras"])
     folder = job.outputs["correspondences"]
     rows, futures = [], []

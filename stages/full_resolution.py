@@ -46,7 +46,7 @@ class View:
     most_times_bright: float
 
 
-def run(job: Job) -> None:
+def run(job: Job[FullResolutionSettings]) -> None:
     """Hand the views to workers. Memory per worker: some 70 B per pixel of a photo."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.colmap.model import read_model, registered
