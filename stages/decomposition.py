@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from stages.formats.artefacts.transfer_file import StoredTransfer
     from stages.photometry.paper.energy import EnergyWeights
-    from stages.photometry.solutions import Solved
+    from stages.photometry.solutions import Solved, SolvedWithLight
     from stages.photometry.stack import StackedViews
     from stages.photometry.transport.pixel_transfer import PixelTransfer
     from stages.scene.cameras import Camera
@@ -44,7 +44,7 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.artefacts.light_file import read_light
     from stages.formats.artefacts.link_files import numbered_links
-    from stages.formats.artefacts.view_files import read_arrays, read_maps, ways_to_cameras
+    from stages.formats.artefacts.view_files import read_arrays, read_maps
     from stages.formats.images.photos import read_mask
     from stages.photometry import transfer_solutions
     from stages.photometry.observations import Observations
@@ -64,10 +64,8 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
     with job.progress("rounds", 2 * settings.stopping.rounds) as step:
         solved = transfer_solutions.under_light(views, shading, observed, how, job.threads, step)
     job.note(doubt=solved.detail.doubt.as_json())
-    normals = read_maps(job.inputs["normal"], cameras, masks, job.executor.map)
-    incidence = np.einsum("nk,nk->n", normals, ways_to_cameras(cameras, masks))
     trusted = observed.trusted & light.trusted  # where none was, all had to do: their albedo is a guess
-    solved = solved.judged(views, observed.seen, incidence, trusted)
+    solved = solved.judged(trusted)
     _write_albedo(job, cameras, masks, solved, np.float32(light.image_scale) / mean)
     _write_history(job, solved)
 
@@ -109,7 +107,9 @@ def _with_its_light(job: Job[DecompositionSettings]) -> None:
     _write_history(job, solved)
 
 
-def _as_the_paper(job: Job[DecompositionSettings], views: StackedViews, images: list[np.ndarray]) -> Solved:
+def _as_the_paper(
+    job: Job[DecompositionSettings], views: StackedViews, images: list[np.ndarray]
+) -> SolvedWithLight:
     """`mode: paper`, by the solver that was asked for."""
     from stages.photometry import solutions
 
@@ -129,7 +129,7 @@ def _by_transfer(
     views: StackedViews,
     images: list[np.ndarray],
     normals: np.ndarray,
-) -> Solved:
+) -> SolvedWithLight:
     """`light: harmonics`: Eq. 2 as it stands, with transfer vectors for ν; all data count."""
     import numpy as np
 
@@ -199,7 +199,7 @@ def _write_albedo(
     )
 
 
-def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solved: Solved) -> None:
+def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solved: SolvedWithLight) -> None:
     """Harmonic light as pictures of all directions."""
     from stages.formats.artefacts.view_files import write_pictures_of_light
     from stages.photometry.transport.environment import picture_of_light
@@ -216,9 +216,10 @@ def _write_history(job: Job[DecompositionSettings], solved: Solved) -> None:
     """`energy.json`; what did not converge is said."""
     from stages.photometry.energy_history import LEGEND, UNDER_LIGHT
     from stages.photometry.paper.alternation import Outcome
+    from stages.photometry.solutions import SolvedUnderLight
 
     content = {
-        "legend": UNDER_LIGHT if solved.light is None else LEGEND,
+        "legend": UNDER_LIGHT if isinstance(solved, SolvedUnderLight) else LEGEND,
         "settings": job.settings.model_dump(by_alias=True),
         "channels": dict(zip(CHANNELS, solved.histories, strict=True)),
     }

@@ -73,17 +73,17 @@ def run(job: Job[LightingSettings]) -> None:
         stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
     scenes = _scenes(job, opened, stored)
     seen = opened.views, opened.images
-    how = Looks(trusted, towards), as_illumination(job.settings), job.threads
-    tries = len(SCALE) // 2 if how[1].reflectance_is_found else 0
+    looks, how = Looks(trusted, towards), as_illumination(job.settings)
+    tries = len(SCALE) // 2 if how.reflectance_is_found else 0
     if known is not None:
         light = _as_known(known, job.settings, opened)
         with job.progress("steps", light.turns + 1 + tries) as step:
-            found = illumination_by(light, *seen, scenes[0], *how, step)
+            found = illumination_by(light, *seen, scenes[0], looks, how, job.threads, step)
     else:
-        scales = len(how[1].light.scales)
+        scales = len(how.light.scales)
         steps = scales * (len(scenes) + 1) + 2 * tries + TURNS + REFINED
         with job.progress("steps", steps) as step:
-            found = find_illumination(*seen, scenes, *how, step)
+            found = find_illumination(*seen, scenes, looks, how, job.threads, step)
     _note(job, stored, found, trusted)
     _tell(job, stored, found)
     _write(job, opened, stored, found, bool(trusted.any()))
@@ -151,7 +151,7 @@ def _unclipped(pixels: np.ndarray) -> np.ndarray:
 
     if pixels.max(initial=0.0) > 1.0001:
         return np.ones(len(pixels), bool)
-    return (pixels < SATURATED).all(axis=1)
+    return np.all(pixels < SATURATED, axis=1)
 
 
 def _tell_clipped(job: Job[LightingSettings], clipped: int, pixels: int) -> None:

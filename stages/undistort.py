@@ -137,10 +137,10 @@ def undistort_view(view: View) -> Undistorted:
     from stages.geometry.lenses import through_pinhole
 
     size = view.lens["width"], view.lens["height"]
-    *photo, impossible = read_masked_photo(
+    linear, kept, impossible = read_masked_photo(
         view.photo, view.mask, size, view.as_stored, view.most_times_bright
     )
-    linear, kept, touched = through_pinhole(*photo, view.lens, view.camera)
+    linear, kept, touched = through_pinhole(linear, kept, view.lens, view.camera)
     write_exr(view.linear, linear)
     write_png_srgb8(view.image, linear)
     if view.mask is not None or not kept.all():

@@ -31,7 +31,7 @@ def evaluate_verb(command: Evaluate, terminal: Terminal) -> None:
         parts = list(judged_parts(command, terminal.advance))
     finally:
         terminal.end()
-    page, answer = Table.grid(), {}
+    page, answer = Table.grid(), dict[str, Any]()
     for part, tables in parts:
         answer |= part
         for table in tables:
@@ -81,7 +81,7 @@ def judged_parts(command: Evaluate, step: Callable[[], None]) -> Iterator[tuple[
         detail = compare_with_photos(prediction, photos, shading, masks, step)
         yield {"detail_against_photos": detail.as_json()}, tables_of_photo_detail(detail)
     if command.other_light:
-        both = (photos, command.other_photos) if command.other_photos else None
+        both = (photos, command.other_photos) if photos and command.other_photos else None
         stability = compare_two_lights(prediction, command.other_light, both, masks, step)
         yield {"stability": stability.as_json()}, tables_of_stability(stability)
 

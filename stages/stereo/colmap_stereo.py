@@ -81,6 +81,6 @@ def _hand_over(job: Job[MvsSettings], workspace: Workspace, stereo: Path) -> dic
 def _read_fused(path: Path) -> FusedPoints:
     import open3d as o3d
 
-    cloud = o3d.io.read_point_cloud(str(path))
+    cloud = o3d.io.read_point_cloud(path)
     colours = np.rint(np.asarray(cloud.colors) * 255).astype(np.uint8).reshape(-1, 3)
     return FusedPoints(np.array(cloud.points), np.array(cloud.normals, np.float32), colours)

@@ -160,7 +160,7 @@ def write_arrays(
         number, camera = view
         path = folder / f"{camera.name}.npz"
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(path, **{kind: own[number] for kind, own in parts.items()})
+        np.savez(path, allow_pickle=False, **{kind: own[number] for kind, own in parts.items()})
 
     for _ in each(write_view, enumerate(cameras)):
         pass

@@ -72,13 +72,19 @@ class Ply:
 
     def columns(self, *names: str) -> np.ndarray | None:
         """Vertex properties side by side, (v, n), float64; None where one of them is missing."""
-        if not set(names) <= self.vertex.keys():
-            return None
-        return np.stack([np.asarray(self.vertex[name], np.float64) for name in names], axis=1)
+        return self._side_by_side(names) if set(names) <= self.vertex.keys() else None
+
+    @property
+    def places(self) -> np.ndarray:
+        """Of the vertices, (v, 3), float64: no file is read that lacks them."""
+        return self._side_by_side(("x", "y", "z"))
 
     def polygons(self) -> Polygons:
         """The faces over the vertices' places."""
-        return Polygons(self.columns("x", "y", "z"), self.sizes, self.corners)
+        return Polygons(self.places, self.sizes, self.corners)
+
+    def _side_by_side(self, names: tuple[str, ...]) -> np.ndarray:
+        return np.stack([np.asarray(self.vertex[name], np.float64) for name in names], axis=1)
 
 
 def read_ply(path: Path) -> Ply:
@@ -247,7 +253,7 @@ class _BinaryRows:
         if any((rows[f"{name} sizes"] != rows[f"{name} sizes"][0]).any() for name in lists):
             return None
         self._at += element.count * row.itemsize
-        flat = {name: rows[name].reshape(-1) for name in row.names}
+        flat = {name: rows[name].reshape(-1) for name, *_ in fields}
         return {name: column.astype(column.dtype.newbyteorder("=")) for name, column in flat.items()}
 
     def _one_by_one(self, element: Element) -> dict[str, np.ndarray]:
