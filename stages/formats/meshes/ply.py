@@ -7,6 +7,7 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -233,7 +234,7 @@ class _BinaryRows:
 
     def _with_lists_as_the_first(self, element: Element) -> dict[str, np.ndarray] | None:
         """All rows at once, if all their lists are as long as those of the first."""
-        fields: list[tuple] = []
+        fields: list[tuple[str, np.dtype] | tuple[str, np.dtype, tuple[int]]] = []
         at = self._at
         for one in element.properties:
             kind = np.dtype(self._order + one.type)
@@ -259,7 +260,7 @@ class _BinaryRows:
     def _one_by_one(self, element: Element) -> dict[str, np.ndarray]:
         kinds = {name: np.dtype(name).char for name in TYPES.values()}
         found = _no_rows(element)
-        values: dict[str, list] = {name: [] for name in found}
+        values: dict[str, list[float]] = {name: [] for name in found}
         for _ in range(element.count):
             for one in element.properties:
                 length = 1
@@ -269,7 +270,7 @@ class _BinaryRows:
                 values[one.name].extend(self._unpack(kinds[one.type], length))
         return {name: np.array(column, found[name].dtype) for name, column in values.items()}
 
-    def _unpack(self, kind: str, count: int = 1) -> tuple:
+    def _unpack(self, kind: str, count: int = 1) -> tuple[Any, ...]:
         layout = f"{self._order}{int(count)}{kind}"
         values = struct.unpack_from(layout, self._data, self._at)
         self._at += struct.calcsize(layout)
@@ -319,7 +320,7 @@ class _TextRows:
             raise ValueError(f"{len(self._numbers) - self._at} numbers are left over")
 
     def _one_by_one(self, element: Element) -> dict[str, np.ndarray]:
-        values: dict[str, list] = {name: [] for name in _no_rows(element)}
+        values: dict[str, list[float]] = {name: [] for name in _no_rows(element)}
         for _ in range(element.count):
             for one in element.properties:
                 length = 1
