@@ -53,9 +53,10 @@ test: $(VENV)/.ready-test ## the fast tests
 test-all: $(VENV)/.ready-test ## all tests (the long ones take most of an hour)
 	$(PYTEST)
 
-check: $(VENV)/.ready-test ## format, lint, generated documentation up to date
+check: $(VENV)/.ready-test ## format, lint, types, generated documentation up to date
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/ruff check .
+	$(VENV)/bin/mypy
 	$(VENV)/bin/python docs/generate.py --check
 
 docs: $(VENV)/.ready ## write the generated documentation anew
@@ -73,5 +74,5 @@ benchmarks: $(VENV)/.ready-benchmarks ## accuracy (after make sample, make fount
 	$(VENV)/bin/python -m benchmarks.solver --quick
 
 clean: ## remove the environment and all caches of tools; workspaces stay
-	rm -rf $(VENV) build *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -4,10 +4,12 @@ from pipeline.errors import UserError
 from pipeline.job import Job, Progress, Silence
 from pipeline.json_text import finite_or_null, json_text
 from pipeline.settings import Settings, setting
-from pipeline.stage import Artefact, Source, Stage
+from pipeline.stage import AnyStage, Artefact, Flow, Source, Stage, settings_of
 
 __all__ = [
+    "AnyStage",
     "Artefact",
+    "Flow",
     "Job",
     "Progress",
     "Settings",
@@ -18,4 +20,5 @@ __all__ = [
     "finite_or_null",
     "json_text",
     "setting",
+    "settings_of",
 ]

@@ -23,9 +23,9 @@ class _Loader(yaml.SafeLoader):
     The library wants 1.0e-6 and null, makes text of the others, and drops the first of two equal names.
     """
 
-    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+    def compose_mapping_node(self, anchor: object) -> yaml.MappingNode:
         """The library's, where no name stands twice."""
-        node = super().compose_mapping_node(anchor)
+        node = super().compose_mapping_node(anchor)  # type: ignore[arg-type]  # types-PyYAML has it a dict
         names = [name.value for name, _ in node.value]
         for place, (name, _) in enumerate(node.value):
             if name.value in names[:place]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +87,7 @@ def overview(store: Store, order: Sequence[str]) -> list[dict[str, Any]]:
     return [_row(store, stage) for stage in dict.fromkeys((*known, *there))]
 
 
-def _row(store: Store, stage: str) -> Mapping[str, Any]:
+def _row(store: Store, stage: str) -> dict[str, Any]:
     records = store.records(stage)
     current = store.current(stage) or (records[-1] if records else None)
     return {

@@ -7,9 +7,11 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 from pipeline.settings import Settings
+
+S_co = TypeVar("S_co", bound=Settings, covariant=True)  # what takes any stage's job takes a Job[Settings]
 
 
 class Progress(Protocol):
@@ -38,8 +40,8 @@ class Silence:
         """Nothing."""
 
 
-@dataclass
-class Job:
+@dataclass(frozen=True)
+class Job(Generic[S_co]):
     """One run of one stage: where its inputs lie, where its outputs go, and whom to tell.
 
     Attributes
@@ -60,7 +62,7 @@ class Job:
         What `Stage.machine` said: the choices that this machine imposes.
     """
 
-    settings: Settings
+    settings: S_co
     inputs: Mapping[str, Path]
     outputs: Mapping[str, Path]
     scratch: Path

@@ -8,8 +8,8 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from pipeline.digest import digest_files, digest_value
-from pipeline.settings import Settings, settings_that_matter
-from pipeline.stage import Stage
+from pipeline.settings import settings_that_matter
+from pipeline.stage import S, Stage
 
 FileDigests = Mapping[str, str]
 
@@ -50,7 +50,7 @@ class Ingredients:
         )
 
 
-def ingredients(stage: Stage, settings: Settings, inputs: Mapping[str, FileDigests]) -> Ingredients:
+def ingredients(stage: Stage[S], settings: S, inputs: Mapping[str, FileDigests]) -> Ingredients:
     """What `stage` would be made from now."""
     return Ingredients(
         stage=stage.name,

@@ -9,8 +9,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pipeline.job import Job
-from pipeline.settings import settings_that_matter
-from pipeline.stage import Stage
+from pipeline.settings import Settings, settings_that_matter
+from pipeline.stage import AnyStage
 
 
 class _FileOfALog(logging.FileHandler):
@@ -26,7 +26,7 @@ class _FileOfALog(logging.FileHandler):
 
 
 @contextmanager
-def logged(stage: Stage, job: Job, path: Path, failures: Path) -> Iterator[None]:
+def logged(stage: AnyStage, job: Job[Settings], path: Path, failures: Path) -> Iterator[None]:
     """Log a block into `path`; if it fails, keep a copy as `failures/STAGE.txt`, where it can be found."""
     handler = _FileOfALog(path, encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))

@@ -13,7 +13,7 @@ from typing import Any
 from pipeline.digest import replace_text
 from pipeline.json_text import json_text
 from pipeline.record import Record
-from pipeline.stage import Artefact, Stage
+from pipeline.stage import AnyStage, Artefact
 from pipeline.store import Store
 
 Digests = Mapping[str, Mapping[str, str]]  # by artefact or source, then by file
@@ -34,7 +34,7 @@ class Output:
         self._flow = flow
         self._ledger = store.root / "output.json"
 
-    def show(self, stage: Stage, record: Record) -> None:
+    def show(self, stage: AnyStage, record: Record) -> None:
         """Bring the stage's artefacts into `output/`, and take away what it gave once and gives no more.
 
         And what is left of a stage that the dataflow does without now, where this one gives what that gave.
@@ -50,7 +50,7 @@ class Output:
         if shown != self._shown():
             replace_text(self._ledger, json_text(shown, indent=1) + "\n")
 
-    def outdated(self, later: Iterable[Stage], available: Digests) -> list[str]:
+    def outdated(self, later: Iterable[AnyStage], available: Digests) -> list[str]:
         """Sentences on what is shown there and was made from something else than what there is now.
 
         Parameters

@@ -13,7 +13,7 @@ from pipeline.key import FileDigests, Ingredients, ingredients
 from pipeline.reasons import why_run
 from pipeline.record import Record
 from pipeline.request import Request
-from pipeline.stage import Source, Stage
+from pipeline.stage import AnyStage, Source, settings_of
 from pipeline.store import Store
 
 Available = dict[str, FileDigests]
@@ -44,7 +44,7 @@ class Decision:
         The result to reuse.
     """
 
-    stage: Stage
+    stage: AnyStage
     action: Action
     reason: str
     made_from: Ingredients | None = None
@@ -76,7 +76,7 @@ def plan(request: Request, store: Store, sources: Available) -> list[Decision]:
     return decisions
 
 
-def decide(stage: Stage, request: Request, store: Store, available: Mapping[str, FileDigests]) -> Decision:
+def decide(stage: AnyStage, request: Request, store: Store, available: Mapping[str, FileDigests]) -> Decision:
     """Decide for one stage, given what is available now."""
     position = request.flow.index(stage)
     if position > request.last_index():
@@ -85,7 +85,7 @@ def decide(stage: Stage, request: Request, store: Store, available: Mapping[str,
     if unknown:
         return Decision(stage, Action.WAIT, f"depends on {_givers(unknown, request)}, which will run first")
     inputs = {name: available[name] for name in (*stage.takes, *stage.may_take) if name in available}
-    made_from = ingredients(stage, request.settings[stage.name], inputs)
+    made_from = ingredients(stage, settings_of(stage, request.settings), inputs)
     if request.selection.force and stage.name in request.selected():
         return Decision(stage, Action.RUN, "it was asked for with --force", made_from)
     record = store.record(stage.name, made_from.key)

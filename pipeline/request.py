@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from pipeline.settings import Settings, near
-from pipeline.stage import Source, Stage
+from pipeline.stage import Flow, Source
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Request:
         Never changes a result.
     """
 
-    flow: tuple[Stage, ...]
+    flow: Flow
     settings: Mapping[str, Settings]
     sources: Mapping[str, Path]
     kinds: tuple[Source, ...]
@@ -96,7 +96,7 @@ class Request:
         return [stage.name for stage in self.flow].index(self.selected()[-1])
 
 
-def check_flow(flow: tuple[Stage, ...], kinds: tuple[Source, ...]) -> None:
+def check_flow(flow: Flow, kinds: tuple[Source, ...]) -> None:
     """Refuse a dataflow in which a stage takes what nobody before it gives, or two give the same.
 
     Raises

@@ -24,7 +24,8 @@ from pipeline.plan import Decision, decide, read_sources
 from pipeline.reasons import changed_files
 from pipeline.record import Record
 from pipeline.request import Request
-from pipeline.stage import Stage
+from pipeline.settings import Settings
+from pipeline.stage import AnyStage, S, Stage, settings_of
 from pipeline.store import Store
 
 NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}  # only what is written meets these
@@ -120,9 +121,11 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
             f"{request.selected()[0]} needs an up-to-date {stage.name}, but {decision.reason}. "
             f"Run once with --to {stage.name}, or without choosing stages."
         )
+    if made_from is None:
+        raise RuntimeError(f"{stage.name} was to run though {decision.reason}")
     partial = store.begin(stage.name)
     with _kept_only_if_finished(partial), _threads(request.threads) as executor:
-        job = _job(stage, decision, request, store, listener, executor, partial)
+        job = _job(stage, made_from, request, store, listener, executor, partial)
         with logged(stage, job, partial / "log.txt", request.workspace / "logs"), measured() as reading:
             stage.run(job)
         _check_sources(stage, made_from, request, store)
@@ -155,14 +158,14 @@ def _threads(number: int) -> Iterator[Executor]:
 
 
 def _job(
-    stage: Stage,
-    decision: Decision,
+    stage: Stage[S],
+    made_from: Ingredients,
     request: Request,
     store: Store,
     listener: Listener,
     executor: Executor,
     partial: Path,
-) -> Job:
+) -> Job[S]:
     """What the stage is handed: inputs found, outputs prepared."""
     outputs = {artefact.name: partial / artefact.path for artefact in stage.gives}
     for artefact in stage.gives:
@@ -171,7 +174,7 @@ def _job(
     scratch = partial / "scratch"
     scratch.mkdir()
     return Job(
-        settings=request.settings[stage.name],
+        settings=settings_of(stage, request.settings),
         inputs=_input_paths(stage, request, store),
         outputs=outputs,
         scratch=scratch,
@@ -179,11 +182,11 @@ def _job(
         executor=executor,
         shown=listener,
         say=listener.say,
-        machine=decision.made_from.machine,
+        machine=made_from.machine,
     )
 
 
-def _input_paths(stage: Stage, request: Request, store: Store) -> dict[str, Path]:
+def _input_paths(stage: AnyStage, request: Request, store: Store) -> dict[str, Path]:
     """Where each input of a stage lies: a source, or an artefact of an earlier stage's current result."""
     places = dict(request.sources)
     for earlier in request.flow[: request.flow.index(stage)]:
@@ -194,7 +197,7 @@ def _input_paths(stage: Stage, request: Request, store: Store) -> dict[str, Path
     return {name: places[name] for name in (*stage.takes, *stage.may_take) if name in places}
 
 
-def _check_sources(stage: Stage, made_from: Ingredients, request: Request, store: Store) -> None:
+def _check_sources(stage: AnyStage, made_from: Ingredients, request: Request, store: Store) -> None:
     """Refuse a result whose sources changed since the run began: its key is made of what they were then.
 
     Raises
@@ -212,7 +215,7 @@ def _check_sources(stage: Stage, made_from: Ingredients, request: Request, store
             )
 
 
-def _record(stage: Stage, made_from: Ingredients, job: Job, store: Store) -> Record:
+def _record(stage: AnyStage, made_from: Ingredients, job: Job[Settings], store: Store) -> Record:
     """The record of a finished stage.
 
     Raises

@@ -50,8 +50,13 @@ def setting(
     **bounds
         pydantic's ``ge``, ``gt``, ``le``, ``lt``, ``min_length``.
     """
-    extra = {"unit": unit, "changes_result": changes_result}
-    return Field(default, description=why, alias=name, json_schema_extra=extra, **bounds)
+    return Field(
+        default,
+        description=why,
+        alias=name,
+        json_schema_extra={"unit": unit, "changes_result": changes_result},
+        **bounds,
+    )
 
 
 def settings_that_matter(settings: Settings) -> dict[str, Any]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from pipeline.settings import Settings
 
 if TYPE_CHECKING:
     from pipeline.job import Job
+
+S = TypeVar("S", bound=Settings)
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ def no_facts(settings: Settings) -> Mapping[str, str]:
 
 
 @dataclass(frozen=True)
-class Stage:
+class Stage(Generic[S]):
     """A step of the dataflow, declared.
 
     Attributes
@@ -72,13 +74,31 @@ class Stage:
     name: str
     version: int
     about: str
-    settings: type[Settings]
+    settings: type[S]
     takes: tuple[str, ...]
     gives: tuple[Artefact, ...]
-    run: Callable[[Job], None]
+    run: Callable[[Job[S]], None]
     may_take: tuple[str, ...] = ()
     tools: tuple[str, ...] = ()
-    machine: Callable[[Settings], Mapping[str, str]] = field(default=no_facts)
+    machine: Callable[[S], Mapping[str, str]] = field(default=no_facts)
+
+
+AnyStage = Stage[Any]  # one of a dataflow, whose stages differ in their settings: `settings_of` gives its own
+Flow = tuple[AnyStage, ...]
+
+
+def settings_of(stage: Stage[S], settings: Mapping[str, Settings]) -> S:
+    """A stage's own settings, among those of all stages by name.
+
+    Raises
+    ------
+    TypeError
+        They are another stage's: a fault of the program.
+    """
+    own = settings[stage.name]
+    if not isinstance(own, stage.settings):
+        raise TypeError(f"{stage.name} takes {stage.settings.__name__}; got {type(own).__name__}")
+    return own
 
 
 @dataclass(frozen=True)

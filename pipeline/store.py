@@ -6,12 +6,13 @@ import json
 import os
 import shutil
 import uuid
+from collections.abc import Mapping
 from pathlib import Path
 
 from pipeline.digest import DigestMemo, replace_text
 from pipeline.json_text import json_text
 from pipeline.record import RECORD, Record, read_record, write_record
-from pipeline.stage import Stage
+from pipeline.stage import AnyStage
 
 PARTIAL = ".partial-"
 
@@ -62,7 +63,7 @@ class Store:
         except (OSError, ValueError):
             return {}
 
-    def damage(self, stage: Stage, record: Record) -> str | None:
+    def damage(self, stage: AnyStage, record: Record) -> str | None:
         """What is wrong with a cached result, in words; None if every file is as it was published."""
         entry = self.entry(record.stage, record.key)
         for artefact in stage.gives:
@@ -126,7 +127,7 @@ def _below(artefact_path: str, name: str) -> str:
     return "" if artefact_path == name else f"/{name}"
 
 
-def _harm(name: str, found: dict[str, str], published: dict[str, str]) -> str:
+def _harm(name: str, found: Mapping[str, str], published: Mapping[str, str]) -> str:
     if name not in found:
         return "is missing"
     return "was changed" if name in published else "was added"

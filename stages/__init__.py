@@ -11,7 +11,7 @@ import zlib  # noqa: F401
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from pipeline import Settings, Source, Stage, UserError
+from pipeline import AnyStage, Flow, Settings, Source, UserError, settings_of
 from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
 from stages.correspondence import CORRESPONDENCE
@@ -52,7 +52,7 @@ SOURCES = (
     Source("light"),
 )
 
-DATAFLOW = (
+DATAFLOW: Flow = (
     SFM,  #             Eq. 7: K, R, t
     UNDISTORT,  #       pinhole images, linear light
     MVS,  #             depth maps, fused points
@@ -64,14 +64,14 @@ DATAFLOW = (
     DECOMPOSITION_UNDER_LIGHT,  # Eq. 1–4, 9–18: ρ
     DELIVER,  #         what people open
 )
-ENTRY_POINTS = (ADOPT_MODEL, ADOPT_MESH)
-EXPERIMENT = (RENDER, KNOWN_GEOMETRY)  # instead of photos: scenes whose truth is known
-AFTERWARDS = (FULL_RESOLUTION, RELIGHT)  # what is made of a result when one asks for it
+ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_MESH)
+EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: scenes whose truth is known
+AFTERWARDS: Flow = (FULL_RESOLUTION, RELIGHT)  # what is made of a result when one asks for it
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
 IN_ORDER = (*EXPERIMENT, *ENTRY_POINTS, *DATAFLOW, *AFTERWARDS)  # each after all that it can take from
 
 
-def dataflow(given: Collection[str], light: str = "directions") -> tuple[Stage, ...]:
+def dataflow(given: Collection[str], light: str = "directions") -> Flow:
     """The stages to go through, given the names of the sources at hand and the kind of light.
 
     Raises
@@ -99,7 +99,7 @@ def dataflow(given: Collection[str], light: str = "directions") -> tuple[Stage, 
     return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_paint(light), DELIVER)
 
 
-def experiment(given: Collection[str], light: str = "directions") -> tuple[Stage, ...]:
+def experiment(given: Collection[str], light: str = "directions") -> Flow:
     """The stages of a rendered scene, given the names of the sources at hand and the kind of light.
 
     Raises
@@ -124,14 +124,15 @@ def kind_of_light(settings: Mapping[str, Settings], given: Collection[str] = ())
         The solver that was asked for does not know that light, or the transfer not all of it; or a known
         light was given that these settings have no use for.
     """
-    check_mode(settings[DECOMPOSITION.name], settings[TRANSFER.name].degree)
-    kind = settings[DECOMPOSITION.name].kind_of_light
+    decomposition = settings_of(DECOMPOSITION, settings)
+    check_mode(decomposition, settings_of(TRANSFER, settings).degree)
+    kind = decomposition.kind_of_light
     if "known_light" in given:
-        check_known_light(settings[LIGHTING.name], kind)
+        check_known_light(settings_of(LIGHTING, settings), kind)
     return kind
 
 
-def light_and_paint(light: str) -> tuple[Stage, ...]:
+def light_and_paint(light: str) -> Flow:
     """The stages that find light and albedo: only light from directions is found before the albedo."""
     return {
         "paper": (DECOMPOSITION,),
@@ -140,18 +141,18 @@ def light_and_paint(light: str) -> tuple[Stage, ...]:
     }[light]
 
 
-def with_relighting(flow: tuple[Stage, ...]) -> tuple[Stage, ...]:
+def with_relighting(flow: Flow) -> Flow:
     """A dataflow that also shows the views under another light; `mode: paper` lacks the transfer for it."""
     transfer = () if TRANSFER in flow else (TRANSFER,)
     return (*flow, *transfer, RELIGHT_AS_FOUND if LIGHTING in flow else RELIGHT)
 
 
-def with_full_resolution(flow: tuple[Stage, ...]) -> tuple[Stage, ...]:
+def with_full_resolution(flow: Flow) -> Flow:
     """A dataflow that also carries the albedo to the photos' own resolution."""
     return (*flow, FULL_RESOLUTION)
 
 
-def kinds_of_sources(flow: Collection[Stage]) -> tuple[Source, ...]:
+def kinds_of_sources(flow: Collection[AnyStage]) -> tuple[Source, ...]:
     """What the user may bring to a dataflow: a rendered scene makes its own photos."""
     made = {artefact.name for stage in flow for artefact in stage.gives}
     return tuple(source for source in SOURCES if source.name not in made)

@@ -21,7 +21,7 @@ class AdoptMeshSettings(Settings):
     )
 
 
-def run(job: Job) -> None:
+def run(job: Job[AdoptMeshSettings]) -> None:
     """Read the mesh, whatever its format, and keep it as PLY; corners that are one become one."""
     from stages.formats.meshes.mesh_files import read_mesh_file
     from stages.formats.meshes.triangle_meshes import without_strays, write_mesh

@@ -33,7 +33,7 @@ class AdoptModelSettings(Settings):
     )
 
 
-def run(job: Job) -> None:
+def run(job: Job[AdoptModelSettings]) -> None:
     """Find the model, match it with the photos, save it in binary under the photos' names."""
     from stages.formats.colmap.assembly import assemble
     from stages.formats.colmap.model import find_model, read_model, registered, write_model
@@ -71,7 +71,7 @@ def run(job: Job) -> None:
     )
 
 
-def _photo_of_each(job: Job, names: list[str], source: Path) -> dict[str, str]:
+def _photo_of_each(job: Job[AdoptModelSettings], names: list[str], source: Path) -> dict[str, str]:
     """The photo of every image of the model: the same name, or the same but for the extension."""
     from stages.formats.images.photo_folder import find_photos
     from stages.scene.cameras import view_name

@@ -10,6 +10,8 @@ from pipeline import Artefact, Job, Settings, Stage, json_text, setting
 from stages.scene.distributions import PICTURES
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from stages.scene.cameras import Camera
 
 
@@ -34,37 +36,39 @@ def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsil
     from stages.formats.images.photos import read_mask
     from stages.geometry.correspondences import correspondences
 
-    maps = []
-    for camera in (camera_i, camera_j):
-        maps += [camera, read_exr(depth / f"{camera.name}.exr"), read_mask(mask / f"{camera.name}.png")]
-    links = correspondences(*maps, epsilon=epsilon)
+    def opened(camera: Camera) -> tuple[Camera, np.ndarray, np.ndarray]:
+        return camera, read_exr(depth / f"{camera.name}.exr"), read_mask(mask / f"{camera.name}.png")
+
+    links = correspondences(*opened(camera_i), *opened(camera_j), epsilon=epsilon)
     sp.save_npz(file, links)
     return int(links.nnz)
 
 
-def run(job: Job) -> None:
+def run(job: Job[CorrespondenceSettings]) -> None:
     """Open the cameras, link every pair, write the index."""
     from stages.formats.artefacts.camera_file import read_cameras
 
-    settings: CorrespondenceSettings = job.settings
+    settings = job.settings
     cameras = read_cameras(job.inputs["cameras"])
     folder = job.outputs["correspondences"]
-    rows, futures = [], []
+    pairs, futures = [], []
     for (i, camera_i), (j, camera_j) in combinations(enumerate(cameras), 2):
         file = f"{i:04d}_{j:04d}.npz"
-        rows.append({"i": camera_i.name, "j": camera_j.name, "file": file})
+        pairs.append({"i": camera_i.name, "j": camera_j.name, "file": file})
         paths = (job.inputs["depth"], job.inputs["mask"])
         futures.append(
             job.executor.submit(link_pair, camera_i, camera_j, *paths, settings.epsilon, folder / file)
         )
-    with job.progress("links", len(rows)) as step:
-        for row, future in zip(rows, futures, strict=True):
-            row["links"] = future.result()
+    counts = []
+    with job.progress("links", len(pairs)) as step:
+        for future in futures:
+            counts.append(future.result())
             step()
+    rows = [{**pair, "links": count} for pair, count in zip(pairs, counts, strict=True)]
     (folder / "index.json").write_text(json_text(rows, indent=1) + "\n", encoding="utf-8")
-    total = sum(row["links"] for row in rows)
-    job.note(pairs=len(rows), links=total, pairs_without_links=sum(not row["links"] for row in rows))
-    if rows and not total:
+    total = sum(counts)
+    job.note(pairs=len(pairs), links=total, pairs_without_links=counts.count(0))
+    if pairs and not total:
         job.warn(
             "No two views show a common surface point, so nothing ties their albedos together; "
             "choose views that overlap, or check that depths and cameras are in one frame."

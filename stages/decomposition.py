@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from stages.formats.artefacts.transfer_file import StoredTransfer
     from stages.photometry.paper.energy import EnergyWeights
-    from stages.photometry.solutions import Solved
+    from stages.photometry.solutions import Solved, SolvedWithLight
     from stages.photometry.stack import StackedViews
     from stages.photometry.transport.pixel_transfer import PixelTransfer
     from stages.scene.cameras import Camera
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 CHANNELS = ("red", "green", "blue")
 
 
-def run(job: Job) -> None:
+def run(job: Job[DecompositionSettings]) -> None:
     """Decompose under the light that was given, or find it with the albedo; save maps and history.
 
     Memory, per masked pixel and all channels together: `solver: fast` some 550 B in `mode: paper`, 600 B in
@@ -37,14 +37,14 @@ def run(job: Job) -> None:
         _with_its_light(job)
 
 
-def _under_light(job: Job) -> None:
+def _under_light(job: Job[DecompositionSettings]) -> None:
     """`mode: transfer`: the albedo, under the light that the stage before has found."""
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.artefacts.light_npz import read_light
     from stages.formats.artefacts.link_files import numbered_links
-    from stages.formats.artefacts.view_files import read_arrays, read_maps, ways_to_cameras
+    from stages.formats.artefacts.view_files import read_arrays, read_maps
     from stages.formats.images.photos import read_mask
     from stages.photometry import transfer_solutions
     from stages.photometry.observations import Observations
@@ -59,20 +59,18 @@ def _under_light(job: Job) -> None:
     observed = Observations(
         **read_arrays(job.inputs["observations"], cameras, kinds, job.executor.map), glossy=light.glossy
     )
-    settings: DecompositionSettings = job.settings
+    settings = job.settings
     how = as_sky(settings, _weights(job, views), views.side)
     with job.progress("rounds", 2 * settings.stopping.rounds) as step:
         solved = transfer_solutions.under_light(views, shading, observed, how, job.threads, step)
     job.note(doubt=solved.detail.doubt.as_json())
-    normals = read_maps(job.inputs["normal"], cameras, masks, job.executor.map)
-    incidence = np.einsum("nk,nk->n", normals, ways_to_cameras(cameras, masks))
     trusted = observed.trusted & light.trusted  # where none was, all had to do: their albedo is a guess
-    solved = solved.judged(views, observed.seen, incidence, trusted)
+    solved = solved.judged(trusted)
     _write_albedo(job, cameras, masks, solved, np.float32(light.image_scale) / mean)
     _write_history(job, solved)
 
 
-def _with_its_light(job: Job) -> None:
+def _with_its_light(job: Job[DecompositionSettings]) -> None:
     """Light that is found together with the albedo: the paper's, or harmonics with transfer vectors."""
     import numpy as np
 
@@ -109,11 +107,13 @@ def _with_its_light(job: Job) -> None:
     _write_history(job, solved)
 
 
-def _as_the_paper(job: Job, views: StackedViews, images: list[np.ndarray]) -> Solved:
+def _as_the_paper(
+    job: Job[DecompositionSettings], views: StackedViews, images: list[np.ndarray]
+) -> SolvedWithLight:
     """`mode: paper`, by the solver that was asked for."""
     from stages.photometry import solutions
 
-    settings: DecompositionSettings = job.settings
+    settings = job.settings
     weights = _weights(job, views)
     if settings.solver == "fast":
         with job.progress("rounds", settings.stopping.rounds) as step:
@@ -123,13 +123,13 @@ def _as_the_paper(job: Job, views: StackedViews, images: list[np.ndarray]) -> So
 
 
 def _by_transfer(
-    job: Job,
+    job: Job[DecompositionSettings],
     cameras: list[Camera],
     masks: list[np.ndarray],
     views: StackedViews,
     images: list[np.ndarray],
     normals: np.ndarray,
-) -> Solved:
+) -> SolvedWithLight:
     """`light: harmonics`: Eq. 2 as it stands, with transfer vectors for ν; all data count."""
     import numpy as np
 
@@ -139,7 +139,7 @@ def _by_transfer(
     from stages.geometry.vertex_interpolation import pixels_on_proxy
     from stages.photometry import transfer_solutions
 
-    settings: DecompositionSettings = job.settings
+    settings = job.settings
     stored = read_transfer(job.inputs["transfer"])
     points = read_surface_points(job.inputs, cameras, masks)
     transfer = _pixel_transfer(
@@ -152,7 +152,7 @@ def _by_transfer(
     return solved.judged(views, np.stack(images, axis=1), incidence, np.ones(len(normals), bool))
 
 
-def _weights(job: Job, views: StackedViews) -> EnergyWeights:
+def _weights(job: Job[DecompositionSettings], views: StackedViews) -> EnergyWeights:
     """λ and μ at the size of the views, noted."""
     weights = weights_at(job.settings, views.side, views.links_per_pixel)
     job.note(weights={"lambda": weights.smoothness, "mu": weights.consistency})
@@ -160,7 +160,7 @@ def _weights(job: Job, views: StackedViews) -> EnergyWeights:
 
 
 def _pixel_transfer(
-    job: Job, stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray
+    job: Job[DecompositionSettings], stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray
 ) -> PixelTransfer:
     """What the masked pixels see, in harmonics."""
     from stages.photometry.transport.lit_scenes import proxy_in
@@ -174,7 +174,11 @@ def _pixel_transfer(
 
 
 def _write_albedo(
-    job: Job, cameras: list[Camera], masks: list[np.ndarray], solved: Solved, scale: float | np.ndarray
+    job: Job[DecompositionSettings],
+    cameras: list[Camera],
+    masks: list[np.ndarray],
+    solved: Solved,
+    scale: float | np.ndarray,
 ) -> None:
     """Albedo in the images' own units, Eq. 2's own and the confidence where they are known.
 
@@ -195,7 +199,7 @@ def _write_albedo(
     )
 
 
-def _write_pictures(job: Job, cameras: list[Camera], solved: Solved) -> None:
+def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solved: SolvedWithLight) -> None:
     """Harmonic light as pictures of all directions."""
     from stages.formats.artefacts.view_files import write_pictures_of_light
     from stages.photometry.transport.environment import picture_of_light
@@ -208,13 +212,14 @@ def _write_pictures(job: Job, cameras: list[Camera], solved: Solved) -> None:
     write_pictures_of_light(job.outputs["light_pictures"], pictures)
 
 
-def _write_history(job: Job, solved: Solved) -> None:
+def _write_history(job: Job[DecompositionSettings], solved: Solved) -> None:
     """`energy.json`; what did not converge is said."""
     from stages.photometry.energy_history import LEGEND, UNDER_LIGHT
     from stages.photometry.paper.alternation import Outcome
+    from stages.photometry.solutions import SolvedUnderLight
 
     content = {
-        "legend": UNDER_LIGHT if solved.light is None else LEGEND,
+        "legend": UNDER_LIGHT if isinstance(solved, SolvedUnderLight) else LEGEND,
         "settings": job.settings.model_dump(by_alias=True),
         "channels": dict(zip(CHANNELS, solved.histories, strict=True)),
     }

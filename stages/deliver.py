@@ -46,7 +46,7 @@ def common_white(folder: Path, masks: Path, names: list[str], quantile: float) -
     return (float(white) if white > 0 else 1.0), float(middle)
 
 
-def tell_dark_pictures(job: Job, kind: str, white: float, middle: float) -> None:
+def tell_dark_pictures(job: Job[DeliverSettings], kind: str, white: float, middle: float) -> None:
     """Say so where half of what is shown is so far below white that one sees nothing of it."""
     if middle < DARK_PICTURE * white:
         job.warn(
@@ -56,13 +56,13 @@ def tell_dark_pictures(job: Job, kind: str, white: float, middle: float) -> None
         )
 
 
-def run(job: Job) -> None:
+def run(job: Job[DeliverSettings]) -> None:
     """Encode, one view at a time."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.images.contact_sheet import contact_sheet
     from stages.formats.images.photos import write_png8
 
-    settings: DeliverSettings = job.settings
+    settings = job.settings
     cameras = read_cameras(job.inputs["cameras"])
     names = [camera.name for camera in cameras]
     whites = {}
@@ -96,7 +96,7 @@ def evenly(names: list[str], count: int) -> list[str]:
     return [names[round(index * last / max(count - 1, 1))] for index in range(count)]
 
 
-def deliver_maps(job: Job, kind: str, name: str, white: float) -> np.ndarray:
+def deliver_maps(job: Job[DeliverSettings], kind: str, name: str, white: float) -> np.ndarray:
     """Write one map as 16-bit PNG; returns it scaled so that white is 1, linear."""
     from stages.formats.images.exr import read_exr
     from stages.formats.images.photos import write_png_srgb16
@@ -106,7 +106,7 @@ def deliver_maps(job: Job, kind: str, name: str, white: float) -> np.ndarray:
     return scaled
 
 
-def deliver_dense_view(job: Job, camera: Camera, albedo: np.ndarray) -> None:
+def deliver_dense_view(job: Job[DeliverSettings], camera: Camera, albedo: np.ndarray) -> None:
     """One view of the albedo workspace: its image, and the mesh's depth and normals as COLMAP maps.
 
     With the maps there, COLMAP's `stereo_fusion` makes an albedo-coloured point cloud of it.
@@ -123,7 +123,9 @@ def deliver_dense_view(job: Job, camera: Camera, albedo: np.ndarray) -> None:
     write_map(dense / "stereo/normal_maps" / file, normals)
 
 
-def sheet_row(job: Job, camera: Camera, albedo: np.ndarray, shading: np.ndarray) -> list[np.ndarray]:
+def sheet_row(
+    job: Job[DeliverSettings], camera: Camera, albedo: np.ndarray, shading: np.ndarray
+) -> list[np.ndarray]:
     """Photo, albedo, shading and normals of one view as 8-bit pictures."""
     from stages.formats.images.exr import read_exr
     from stages.formats.images.photos import encode_srgb8, read_mask
@@ -137,7 +139,7 @@ def sheet_row(job: Job, camera: Camera, albedo: np.ndarray, shading: np.ndarray)
     return [encode_srgb8(photo / bright), encode_srgb8(albedo), encode_srgb8(shading), painted]
 
 
-def write_dense_model(job: Job, cameras: list[Camera]) -> None:
+def write_dense_model(job: Job[DeliverSettings], cameras: list[Camera]) -> None:
     """The sparse model and settings that turn the albedo images into a COLMAP workspace."""
     from stages.formats.colmap.dense_workspace import write_stereo_settings
     from stages.formats.colmap.model import pinhole_model, read_model, write_model

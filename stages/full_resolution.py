@@ -46,7 +46,7 @@ class View:
     most_times_bright: float
 
 
-def run(job: Job) -> None:
+def run(job: Job[FullResolutionSettings]) -> None:
     """Hand the views to workers. Memory per worker: some 70 B per pixel of a photo."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.colmap.model import read_model, registered
@@ -92,10 +92,10 @@ def write_view(view: View) -> str:
 
     finer = max(1.0, focal_px_of(view.lens) / view.camera.focal_px)
     camera = view.camera.scaled(round(view.camera.width * finer), round(view.camera.height * finer))
-    *photo, _ = read_masked_photo(
+    linear, kept, _ = read_masked_photo(
         view.photo, None, (view.lens["width"], view.lens["height"]), view.as_stored, view.most_times_bright
     )
-    linear, kept, _ = through_pinhole(*photo, view.lens, camera)
+    linear, kept, _ = through_pinhole(linear, kept, view.lens, camera)
     known = read_exr(view.albedo), read_mask(view.mask)
     albedo, _ = at_full_resolution(*known, linear, kept, view.most_contrast)
     write_exr(view.maps, albedo)

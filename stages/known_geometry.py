@@ -19,7 +19,7 @@ class KnownGeometrySettings(Settings):
     )
 
 
-def run(job: Job) -> None:
+def run(job: Job[KnownGeometrySettings]) -> None:
     """Read the true mesh, smooth it, keep it as the mesh that every later stage believes."""
     import numpy as np
 

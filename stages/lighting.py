@@ -48,7 +48,7 @@ class Opened:
     unclipped: np.ndarray
 
 
-def run(job: Job) -> None:
+def run(job: Job[LightingSettings]) -> None:
     """Open the views, find their light, save it, the shading, and what the pixels are worth.
 
     Memory: some 400 B per masked pixel. Where sheen is looked for, 0.4 GB more at any size, and 0.2 GB for
@@ -73,23 +73,23 @@ def run(job: Job) -> None:
         stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
     scenes = _scenes(job, opened, stored)
     seen = opened.views, opened.images
-    how = Looks(trusted, towards), as_illumination(job.settings), job.threads
-    tries = len(SCALE) // 2 if how[1].reflectance_is_found else 0
+    looks, how = Looks(trusted, towards), as_illumination(job.settings)
+    tries = len(SCALE) // 2 if how.reflectance_is_found else 0
     if known is not None:
         light = _as_known(known, job.settings, opened)
         with job.progress("steps", light.turns + 1 + tries) as step:
-            found = illumination_by(light, *seen, scenes[0], *how, step)
+            found = illumination_by(light, *seen, scenes[0], looks, how, job.threads, step)
     else:
-        scales = len(how[1].light.scales)
+        scales = len(how.light.scales)
         steps = scales * (len(scenes) + 1) + 2 * tries + TURNS + REFINED
         with job.progress("steps", steps) as step:
-            found = find_illumination(*seen, scenes, *how, step)
+            found = find_illumination(*seen, scenes, looks, how, job.threads, step)
     _note(job, stored, found, trusted)
     _tell(job, stored, found)
     _write(job, opened, stored, found, bool(trusted.any()))
 
 
-def _open(job: Job) -> Opened:
+def _open(job: Job[LightingSettings]) -> Opened:
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
@@ -111,7 +111,7 @@ def _open(job: Job) -> Opened:
     return Opened(cameras, views, images, scale, np.concatenate(normals), unclipped)
 
 
-def _scenes(job: Job, opened: Opened, stored: StoredTransfer) -> list[SkyScene]:
+def _scenes(job: Job[LightingSettings], opened: Opened, stored: StoredTransfer) -> list[SkyScene]:
     """What the pixels see, under light from each distance; points and blends on the way there are let go."""
     from stages.formats.artefacts.view_files import read_surface_points
     from stages.formats.meshes.triangle_meshes import read_mesh
@@ -135,7 +135,7 @@ def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -
     return KnownLight.of(picture, upright_from_world(opened.cameras), settings.known_turn_deg, scale)
 
 
-def _eyes(job: Job, stored: StoredTransfer) -> Eyes:
+def _eyes(job: Job[LightingSettings], stored: StoredTransfer) -> Eyes:
     """Of the proxy's vertices, and the proxy in their way."""
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.geometry.occluders import Occluders
@@ -151,10 +151,10 @@ def _unclipped(pixels: np.ndarray) -> np.ndarray:
 
     if pixels.max(initial=0.0) > 1.0001:
         return np.ones(len(pixels), bool)
-    return (pixels < SATURATED).all(axis=1)
+    return np.all(pixels < SATURATED, axis=1)
 
 
-def _tell_clipped(job: Job, clipped: int, pixels: int) -> None:
+def _tell_clipped(job: Job[LightingSettings], clipped: int, pixels: int) -> None:
     if 2 * clipped > pixels:
         job.warn(
             f"{clipped} of {pixels} pixels are white in a channel of their photo (from {SATURATED:.0%} on); "
@@ -162,7 +162,9 @@ def _tell_clipped(job: Job, clipped: int, pixels: int) -> None:
         )
 
 
-def _note(job: Job, stored: StoredTransfer, found: Illumination, trusted: np.ndarray) -> None:
+def _note(
+    job: Job[LightingSettings], stored: StoredTransfer, found: Illumination, trusted: np.ndarray
+) -> None:
     """What was found out about the light, and by what."""
     import numpy as np
 
@@ -183,7 +185,7 @@ def _note(job: Job, stored: StoredTransfer, found: Illumination, trusted: np.nda
     )
 
 
-def _tell(job: Job, stored: StoredTransfer, found: Illumination) -> None:
+def _tell(job: Job[LightingSettings], stored: StoredTransfer, found: Illumination) -> None:
     """What was decided, and by what, in a line."""
     import numpy as np
 
@@ -199,7 +201,9 @@ def _tell(job: Job, stored: StoredTransfer, found: Illumination) -> None:
     )
 
 
-def _write(job: Job, opened: Opened, stored: StoredTransfer, found: Illumination, trusted: bool) -> None:
+def _write(
+    job: Job[LightingSettings], opened: Opened, stored: StoredTransfer, found: Illumination, trusted: bool
+) -> None:
     """The light as numbers and as pictures of all directions, the shading, and what is left of the photos."""
     import numpy as np
 

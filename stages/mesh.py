@@ -45,13 +45,13 @@ class MeshSettings(Settings):
     )
 
 
-def run(job: Job) -> None:
+def run(job: Job[MeshSettings]) -> None:
     """Open the fused points and the cameras, reconstruct, save the mesh."""
     from stages.formats.colmap.model import cameras_of, read_model
     from stages.formats.meshes.triangle_meshes import read_points, write_mesh
     from stages.geometry import surface as s
 
-    settings: MeshSettings = job.settings
+    settings = job.settings
     cameras = cameras_of(read_model(job.inputs["workspace"] / "sparse"))
     x_in_world, normals = read_points(job.inputs["fused"])
     points = s.OrientedPoints(x_in_world, normals, s.smallest_footprints(x_in_world, cameras))

@@ -52,7 +52,7 @@ def _fits(name: str, pattern: str) -> bool:
     return name == pattern or fnmatchcase(name, pattern)
 
 
-def run(job: Job) -> None:
+def run(job: Job[RaycastSettings]) -> None:
     """Open mesh and cameras, cast each view's rays, save the maps. Memory: one view and the mesh."""
     import numpy as np
 
@@ -65,7 +65,7 @@ def run(job: Job) -> None:
     from stages.geometry.rays import RayCaster
     from stages.stereo.workspace import open_workspace
 
-    settings: RaycastSettings = job.settings
+    settings = job.settings
     workspace = open_workspace(job.inputs["workspace"])
     cameras, sparse = {camera.name: camera for camera in workspace.cameras}, workspace.points
     observed = dict(zip(cameras, sparse.seen, strict=True))
@@ -104,7 +104,7 @@ def run(job: Job) -> None:
     job.note(coverage=coverage, mean_coverage=round(float(np.mean(list(coverage.values()))), 4))
 
 
-def _tell_fit(job: Job, gaps: np.ndarray, sightings: int, size: float) -> None:
+def _tell_fit(job: Job[RaycastSettings], gaps: np.ndarray, sightings: int, size: float) -> None:
     """Warn where the mesh lies elsewhere than the surface that the photos show."""
     apart = int((gaps > APART * size).sum())
     if sightings < ENOUGH or (2 * apart <= len(gaps) and len(gaps)):

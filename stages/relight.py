@@ -26,7 +26,7 @@ class RelightSettings(Settings):
     )
 
 
-def run(job: Job) -> None:
+def run(job: Job[RelightSettings]) -> None:
     """Open surface, albedo and light; shade; save. Memory: some 150 B per masked pixel."""
     import numpy as np
 
@@ -42,7 +42,7 @@ def run(job: Job) -> None:
     from stages.scene.upright import upright_from_world
     from stages.solvers.kernels.threading_layer import use_threads
 
-    settings: RelightSettings = job.settings
+    settings = job.settings
     picture = read_environment(job.inputs["light"])  # what is no light is said at once
     cameras = read_cameras(job.inputs["cameras"])
     masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
@@ -62,7 +62,7 @@ def run(job: Job) -> None:
     job.note(opposed_pixels=opposed, mean_shading=np.round(shading.mean(axis=0, dtype=float), 6).tolist())
 
 
-def _brightest(job: Job) -> float:
+def _brightest(job: Job[RelightSettings]) -> float:
     """What the brightest material reflects: as asked for, as found with the light, or bright."""
     from stages.formats.artefacts.light_npz import read_light
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from stages.synthetic.truth import PaintedSurface, Truth
 
 
-def run(job: Job) -> None:
+def run(job: Job[RenderSettings]) -> None:
     """Build, pose, photograph and measure; save the images as a pipeline wants them, the truth beside."""
     import numpy as np
 
@@ -37,7 +37,7 @@ def run(job: Job) -> None:
     )
     from stages.synthetic.truth import PaintedSurface
 
-    settings: RenderSettings = job.settings
+    settings = job.settings
     _require_mitsuba()
     use_threads(job.threads)
     whole = _subject(job)
@@ -82,18 +82,18 @@ def _require_mitsuba() -> None:
         )
 
 
-def _subject(job: Job) -> Subject:
+def _subject(job: Job[RenderSettings]) -> Subject:
     """What is rendered: the object that was given, or one of our own."""
     from stages.formats.meshes.mesh_files import read_mesh_file
     from stages.synthetic.subjects.subject import built_subject, mesh_subject
 
-    settings: RenderSettings = job.settings
+    settings = job.settings
     if "object" not in job.inputs:
         return built_subject(settings.subject, settings.spacing)
     return mesh_subject(read_mesh_file(job.inputs["object"]), settings.object_parts, settings.y_up)
 
 
-def _own_colours(job: Job) -> np.ndarray | None:
+def _own_colours(job: Job[RenderSettings]) -> np.ndarray | None:
     """Those that the object brings, (V, 3); None where the paint is another."""
     from stages.formats.meshes.triangle_meshes import read_vertex_colours
 
@@ -104,7 +104,7 @@ def _own_colours(job: Job) -> np.ndarray | None:
     return read_vertex_colours(job.inputs["object"])
 
 
-def _surroundings(job: Job) -> np.ndarray | None:
+def _surroundings(job: Job[RenderSettings]) -> np.ndarray | None:
     """The picture of all directions, (h, 2h, 3), linear; None where the light is another."""
     from stages.formats.images.photos import read_photo
 
@@ -125,7 +125,7 @@ def _surroundings(job: Job) -> np.ndarray | None:
 
 
 def _write_truths(
-    job: Job, surface: PaintedSurface, metal: PaintedSurface | None, cameras: list[Camera]
+    job: Job[RenderSettings], surface: PaintedSurface, metal: PaintedSurface | None, cameras: list[Camera]
 ) -> list[Truth]:
     """Save albedo, mask and parts of every view, and keep what the images will be held against.
 
@@ -148,7 +148,7 @@ def _write_truths(
     return truths
 
 
-def _write_image(job: Job, camera: Camera, truth: Truth, image: np.ndarray) -> None:
+def _write_image(job: Job[RenderSettings], camera: Camera, truth: Truth, image: np.ndarray) -> None:
     """Save an image, and the true shading: image over albedo where the albedo is known well enough."""
     import numpy as np
 
@@ -161,7 +161,7 @@ def _write_image(job: Job, camera: Camera, truth: Truth, image: np.ndarray) -> N
     write_exr(job.outputs["truth"] / "shading" / f"{camera.name}.exr", shading)
 
 
-def _note(job: Job, subject: Subject, noises: list[Noise]) -> None:
+def _note(job: Job[RenderSettings], subject: Subject, noises: list[Noise]) -> None:
     import numpy as np
 
     job.note(

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def run(job: Job) -> None:
+def run(job: Job[SfmSettings]) -> None:
     """Survey the photos, find and compare features, place, adjust, publish."""
     from stages.motion.mapping import colour_points, quiet_colmap
 
@@ -34,13 +34,13 @@ def run(job: Job) -> None:
         _publish(job, model, database, photos)
 
 
-def _survey(job: Job) -> list[Photo]:
+def _survey(job: Job[SfmSettings]) -> list[Photo]:
     """The readable photos, with their reduced copies in `scratch`; the others are named aloud."""
     from stages.formats.images.photo_folder import find_photos, unread_photos
     from stages.motion.database import copy_name
     from stages.motion.photo_set import exposure_for_matching, survey, write_linear_copy
 
-    settings: SfmSettings = job.settings
+    settings = job.settings
     folder = job.inputs["images"]
     names = find_photos(folder)
     unread = unread_photos(folder, names)
@@ -72,7 +72,7 @@ def _survey(job: Job) -> list[Photo]:
     return photos
 
 
-def _find_features(job: Job, photos: Sequence[Photo], database: Path) -> list[np.ndarray]:
+def _find_features(job: Job[SfmSettings], photos: Sequence[Photo], database: Path) -> list[np.ndarray]:
     """Fill the database with features; the photos' colours at the features are returned."""
     import pycolmap
 
@@ -80,7 +80,7 @@ def _find_features(job: Job, photos: Sequence[Photo], database: Path) -> list[np
     from stages.motion.features import detect, read_features
     from stages.motion.photo_set import camera_groups, initial_cameras
 
-    settings: SfmSettings = job.settings
+    settings = job.settings
     groups = camera_groups(photos, settings.cameras)
     cameras = initial_cameras(
         photos, groups, settings.camera_model, settings.camera_params, settings.focal_factor
@@ -97,10 +97,10 @@ def _find_features(job: Job, photos: Sequence[Photo], database: Path) -> list[np
         return write_features(database, cameras, groups, features)
 
 
-def _match(job: Job, database: Path, count: int) -> None:
+def _match(job: Job[SfmSettings], database: Path, count: int) -> None:
     from stages.motion import matching
 
-    settings: SfmSettings = job.settings
+    settings = job.settings
     mode = settings.matching
     if mode == "auto":
         mode = "exhaustive" if count <= settings.exhaustive_up_to else "sequential"
@@ -117,7 +117,7 @@ def _match(job: Job, database: Path, count: int) -> None:
             step(len(batch))
 
 
-def _map(job: Job, database: Path, photos: Sequence[Photo]) -> pycolmap.Reconstruction:
+def _map(job: Job[SfmSettings], database: Path, photos: Sequence[Photo]) -> pycolmap.Reconstruction:
     """The largest model of the best attempt; what it lacks is said."""
     from stages.formats.colmap.model import registered
 
@@ -146,10 +146,10 @@ def _map(job: Job, database: Path, photos: Sequence[Photo]) -> pycolmap.Reconstr
     return best
 
 
-def _map_globally(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
+def _map_globally(job: Job[SfmSettings], database: Path) -> list[pycolmap.Reconstruction]:
     from stages.motion.mapping import map_globally
 
-    settings: SfmSettings = job.settings
+    settings = job.settings
     calibrate = settings.camera_params is None
     with job.progress("placing photos"):
         models = map_globally(database, job.scratch, settings.seed, settings.holds_cameras, calibrate)
@@ -158,11 +158,11 @@ def _map_globally(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
     return models
 
 
-def _map_incrementally(job: Job, database: Path, count: int) -> list[pycolmap.Reconstruction]:
+def _map_incrementally(job: Job[SfmSettings], database: Path, count: int) -> list[pycolmap.Reconstruction]:
     """Attempt after attempt until enough photos are placed; the models of the best one."""
     from stages.motion.mapping import attempts, map_incrementally
 
-    settings: SfmSettings = job.settings
+    settings = job.settings
     best: list[pycolmap.Reconstruction] = []
     placed = 0
     for number, attempt in enumerate(attempts(settings.attempts, settings.seed), 1):
@@ -179,11 +179,11 @@ def _map_incrementally(job: Job, database: Path, count: int) -> list[pycolmap.Re
     return best
 
 
-def _adjust(job: Job, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
+def _adjust(job: Job[SfmSettings], model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
     """Last bundle adjustments: everything, then the principal point too."""
     from stages.motion.mapping import adjust, free_principal_point
 
-    settings: SfmSettings = job.settings
+    settings = job.settings
     with job.progress("adjusting"):
         adjust(model, model.cameras if settings.holds_cameras else ())
         if not settings.free_principal_point or settings.holds_cameras:
@@ -199,7 +199,9 @@ def _adjust(job: Job, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction
     return outcome.model
 
 
-def _publish(job: Job, model: pycolmap.Reconstruction, database: Path, photos: Sequence[Photo]) -> None:
+def _publish(
+    job: Job[SfmSettings], model: pycolmap.Reconstruction, database: Path, photos: Sequence[Photo]
+) -> None:
     """Model and database under the photos' own names."""
     from stages.formats.colmap.model import registered, write_model
     from stages.formats.images.photo_turns import write_as_stored
@@ -221,7 +223,7 @@ def _publish(job: Job, model: pycolmap.Reconstruction, database: Path, photos: S
     )
 
 
-def _each(job: Job, work: Callable[..., T], *columns: Any) -> Iterator[T]:
+def _each(job: Job[SfmSettings], work: Callable[..., T], *columns: Any) -> Iterator[T]:
     """`work` on every row of the columns, in order, by the job's executor; single values are repeated."""
     rows = max(len(column) for column in columns if isinstance(column, list))
     filled = [column if isinstance(column, list) else [column] * rows for column in columns]

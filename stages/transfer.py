@@ -80,7 +80,7 @@ class TransferSettings(Settings):
     )
 
 
-def run(job: Job) -> None:
+def run(job: Job[TransferSettings]) -> None:
     """Look from the vertices of the mesh into the sky. Memory: 16 B per blocked ray, and 100 MB a thread."""
     import numpy as np
 
@@ -91,7 +91,7 @@ def run(job: Job) -> None:
     from stages.geometry.rays import vertex_normals
     from stages.photometry.transport.directional_transport import Eyes
 
-    settings: TransferSettings = job.settings
+    settings = job.settings
     mesh = read_mesh(job.inputs["mesh"])
     longest = settings.longest_edge * _middle(mesh)[1]
     short, proxy = short_edged_with_proxy(mesh, longest, settings.max_vertices)
@@ -128,7 +128,7 @@ def run(job: Job) -> None:
     job.note(vertices=len(normals), mean_blocked=round(float(blocked.mean()), 4))
 
 
-def _surface_seen(eyes: Eyes, occluders: Occluders, job: Job) -> Occlusion:
+def _surface_seen(eyes: Eyes, occluders: Occluders, job: Job[TransferSettings]) -> Occlusion:
     """What vertices see of each other instead of the sky."""
     from stages.photometry.transport.transfer_vectors import occlusion, points_at_once
 
@@ -137,7 +137,9 @@ def _surface_seen(eyes: Eyes, occluders: Occluders, job: Job) -> Occlusion:
         return occlusion(eyes.positions, eyes.normals, occluders.cast, count, *asked, eyes.executor, step)
 
 
-def _sky_seen(eyes: Eyes, centre: np.ndarray, radii: Sequence[float], job: Job) -> np.ndarray:
+def _sky_seen(
+    eyes: Eyes, centre: np.ndarray, radii: Sequence[float], job: Job[TransferSettings]
+) -> np.ndarray:
     """In which directions vertices see each of the spheres that light may come from: (D, P, ⌈M/8⌉) bits."""
     import numpy as np
 

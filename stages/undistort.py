@@ -52,7 +52,7 @@ class View:
     kept: Path
 
 
-def run(job: Job) -> None:
+def run(job: Job[UndistortSettings]) -> None:
     """Choose the pinhole cameras, resample view by view, write the workspace."""
     from stages.formats.colmap.dense_workspace import write_stereo_settings
     from stages.formats.colmap.model import pinhole_model, read_model, registered, write_model
@@ -137,10 +137,10 @@ def undistort_view(view: View) -> Undistorted:
     from stages.geometry.lenses import through_pinhole
 
     size = view.lens["width"], view.lens["height"]
-    *photo, impossible = read_masked_photo(
+    linear, kept, impossible = read_masked_photo(
         view.photo, view.mask, size, view.as_stored, view.most_times_bright
     )
-    linear, kept, touched = through_pinhole(*photo, view.lens, view.camera)
+    linear, kept, touched = through_pinhole(linear, kept, view.lens, view.camera)
     write_exr(view.linear, linear)
     write_png_srgb8(view.image, linear)
     if view.mask is not None or not kept.all():
@@ -168,7 +168,7 @@ def _pinhole_cameras(model: pycolmap.Reconstruction, settings: UndistortSettings
     return [c.scaled(*working_size(c.width, c.height, settings.max_size_px)) for c in cameras]
 
 
-def _find_masks(job: Job, names: list[str]) -> dict[str, Path]:
+def _find_masks(job: Job[UndistortSettings], names: list[str]) -> dict[str, Path]:
     """The mask of every photo that has one; photos without are named aloud."""
     from stages.formats.images.photo_folder import find_mask
 
@@ -187,7 +187,7 @@ def _find_masks(job: Job, names: list[str]) -> dict[str, Path]:
     return found
 
 
-def _tell_black_masks(job: Job, black: list[str], views: int) -> None:
+def _tell_black_masks(job: Job[UndistortSettings], black: list[str], views: int) -> None:
     """Raise where nothing at all is kept: what follows, stereo first, would be for nothing."""
     if len(black) == views:
         raise UserError(
@@ -198,7 +198,7 @@ def _tell_black_masks(job: Job, black: list[str], views: int) -> None:
         job.warn(f"{len(black)} of {views} masks keep no pixel of their photos: {listed(black)}.")
 
 
-def _tell_impossible(job: Job, counts: dict[str, int]) -> None:
+def _tell_impossible(job: Job[UndistortSettings], counts: dict[str, int]) -> None:
     """What of the photos can be no light from a surface, photo by photo."""
     counts = {name: count for name, count in counts.items() if count}
     if counts:
@@ -209,7 +209,7 @@ def _tell_impossible(job: Job, counts: dict[str, int]) -> None:
         )
 
 
-def _tell_remarks(job: Job, remarks: dict[str, list[str]]) -> None:
+def _tell_remarks(job: Job[UndistortSettings], remarks: dict[str, list[str]]) -> None:
     """What the headers say and was not delivered: a line per remark on the terminal, photo by photo noted."""
     remarks = {name: own for name, own in remarks.items() if own}
     if not remarks:

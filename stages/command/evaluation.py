@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.table import Table
 
@@ -15,12 +15,14 @@ from stages.command.words import Evaluate
 if TYPE_CHECKING:
     from stages.evaluation.detail import OctaveDetail, PhotoOctave
     from stages.evaluation.evaluate import Report
+    from stages.evaluation.leak import PartLeak
     from stages.evaluation.part_variance import PartVariance
     from stages.evaluation.scores import Scores
     from stages.evaluation.without_truth import PhotoDetail, Stability
 
 MISSING = "–"
 Row = dict[str, str]
+Cell = TypeVar("Cell", "PartVariance", "PartLeak")
 
 
 def evaluate_verb(command: Evaluate, terminal: Terminal) -> None:
@@ -31,7 +33,7 @@ def evaluate_verb(command: Evaluate, terminal: Terminal) -> None:
         parts = list(judged_parts(command, terminal.advance))
     finally:
         terminal.end()
-    page, answer = Table.grid(), {}
+    page, answer = Table.grid(), dict[str, Any]()
     for part, tables in parts:
         answer |= part
         for table in tables:
@@ -81,7 +83,7 @@ def judged_parts(command: Evaluate, step: Callable[[], None]) -> Iterator[tuple[
         detail = compare_with_photos(prediction, photos, shading, masks, step)
         yield {"detail_against_photos": detail.as_json()}, tables_of_photo_detail(detail)
     if command.other_light:
-        both = (photos, command.other_photos) if command.other_photos else None
+        both = (photos, command.other_photos) if photos and command.other_photos else None
         stability = compare_two_lights(prediction, command.other_light, both, masks, step)
         yield {"stability": stability.as_json()}, tables_of_stability(stability)
 
@@ -173,9 +175,9 @@ def variance_cell(cell: PartVariance) -> str:
     return number(cell.variance, 6) + ("" if cell.enters_ratios or math.isnan(cell.variance) else "*")
 
 
-def by_part(cells: tuple) -> dict[str, list]:
+def by_part(cells: tuple[Cell, ...]) -> dict[str, list[Cell]]:
     """Cells of each part, in order."""
-    parts: dict[str, list] = {}
+    parts: dict[str, list[Cell]] = {}
     for cell in cells:
         parts.setdefault(cell.part, []).append(cell)
     return parts

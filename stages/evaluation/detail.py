@@ -143,7 +143,7 @@ def photo_octaves(views: Sequence[PhotoView], settings: BandSettings = BANDS) ->
     masks = [view.mask for view in views]
     albedos, photos = [view.albedo for view in views], [view.photo for view in views]
     maps = (albedos, photos, [view.shading for view in views])
-    scales = (_scales_onto(photos, albedos, masks), 1, 1)
+    scales: tuple[np.ndarray | float, ...] = (_scales_onto(photos, albedos, masks), 1, 1)
     logs = (_logs(images, masks, scale, settings) for images, scale in zip(maps, scales, strict=True))
     moments, total = np.zeros((len(settings.octaves), len(KINDS), 4)), 0
     for mask, *signals in zip(masks, *logs, strict=True):

@@ -70,7 +70,7 @@ def _source_from_target(lens: pycolmap.Camera, camera: Camera, xy: np.ndarray) -
     rays = np.ones((len(xy), 3))
     rays[:, 0] = (xy[:, 0] - K[0, 2]) / K[0, 0]
     rays[:, 1] = (xy[:, 1] - K[1, 2]) / K[1, 1]
-    return lens.img_from_cam(rays)
+    return np.asarray(lens.img_from_cam(rays), float)
 
 
 def _same_camera(lens: pycolmap.Camera, camera: Camera) -> bool:

@@ -31,7 +31,7 @@ class Occluders:
             The vertex nearest to what was met, −1 for nothing; whether it was met from behind.
         """
         packed = np.concatenate([origins, directions], axis=1)
-        found = self._scene.cast_rays(o3d.core.Tensor(packed), nthreads=self._threads)
+        found = self._scene.cast_rays(o3d.core.Tensor.from_numpy(packed), nthreads=self._threads)
         met = np.isfinite(found["t_hit"].numpy())
         vertex, behind = np.full(len(met), -1, np.int32), np.zeros(len(met), bool)
         u, v = found["primitive_uvs"].numpy()[met].T
@@ -44,7 +44,7 @@ class Occluders:
     def blocked(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Whether rays, as for `cast`, meet anything at all: shape (r,), bool."""
         packed = np.concatenate([origins, directions], axis=1)
-        return self._scene.test_occlusions(o3d.core.Tensor(packed), nthreads=self._threads).numpy()
+        return self._scene.test_occlusions(o3d.core.Tensor.from_numpy(packed), nthreads=self._threads).numpy()
 
 
 def scene_of(surface: Surface, threads: int = 0) -> tuple[o3d.t.geometry.RaycastingScene, np.ndarray]:
@@ -55,7 +55,7 @@ def scene_of(surface: Surface, threads: int = 0) -> tuple[o3d.t.geometry.Raycast
     origin = surface.vertices.mean(axis=0)
     scene = o3d.t.geometry.RaycastingScene(nthreads=threads)
     scene.add_triangles(
-        o3d.core.Tensor((surface.vertices - origin).astype(np.float32)),
-        o3d.core.Tensor(surface.faces.astype(np.uint32)),
+        o3d.core.Tensor.from_numpy((surface.vertices - origin).astype(np.float32)),
+        o3d.core.Tensor.from_numpy(surface.faces.astype(np.uint32)),
     )
     return scene, origin

@@ -109,7 +109,7 @@ def blend_of(
     count = len(surface.vertices)
     if proxy is surface:
         own = np.repeat(np.arange(count, dtype=np.int32)[:, None], 3, axis=1)
-        return own, np.tile(np.float32([1, 0, 0]), (count, 1))
+        return own, np.tile(np.array([1, 0, 0], np.float32), (count, 1))
     scene, origin = scene_of(proxy, threads)
     places = (surface.vertices - origin).astype(np.float32)
     faces, weights, facing = _nearest(scene, places, normals)
@@ -123,7 +123,7 @@ def _nearest(
     scene: o3d.t.geometry.RaycastingScene, places: np.ndarray, normals: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nearest face, weights of its corners, and whether it looks the way of the normal."""
-    nearest = scene.compute_closest_points(o3d.core.Tensor(places))
+    nearest = scene.compute_closest_points(o3d.core.Tensor.from_numpy(places))
     u, v = nearest["primitive_uvs"].numpy().T
     weights = np.clip(np.stack([1 - u - v, u, v], axis=1), 0, 1)
     facing = np.einsum("vk,vk->v", nearest["primitive_normals"].numpy(), normals) >= 0

@@ -56,7 +56,7 @@ class RayCaster:
         rays = rays_in_world(camera)
         origins = np.broadcast_to(camera.centre_in_world - self._origin, rays.shape)
         packed = np.concatenate([origins, rays], axis=-1).astype(np.float32)
-        hit = self._scene.cast_rays(o3d.core.Tensor(packed), nthreads=threads)
+        hit = self._scene.cast_rays(o3d.core.Tensor.from_numpy(packed), nthreads=threads)
         distance = hit["t_hit"].numpy()
         mask = np.isfinite(distance)  # rays have z = 1 in the camera: the distance is z
         triangles, barycentric = hit["primitive_ids"].numpy(), hit["primitive_uvs"].numpy()

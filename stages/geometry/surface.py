@@ -88,8 +88,7 @@ def trim_to_points(
 def without_crumbs(surface: Surface, smallest_share: float) -> Surface:
     """Drop connected components with less than `smallest_share` of the largest one's faces."""
     mesh = to_open3d(surface)
-    labels, counts, _ = mesh.cluster_connected_triangles()
-    labels, counts = np.asarray(labels), np.asarray(counts)
+    labels, counts = map(np.asarray, mesh.cluster_connected_triangles()[:2])
     return with_faces(surface, counts[labels] >= smallest_share * counts.max())
 
 

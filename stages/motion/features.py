@@ -63,12 +63,14 @@ def detect(copies: Sequence[Path], database: Path, max_features: int, threads: i
 
 def read_features(database: pycolmap.Database, copy: Path, width: int, height: int) -> Features:
     """Features of one reduced copy, carried to the full photo of `width` × `height` pixels."""
-    image_id = database.read_image_with_name(copy.name).image_id
+    image = database.read_image_with_name(copy.name)
+    if image is None:
+        raise LookupError(f"no features were sought in {copy.name}")
     small = encode_srgb8(read_photo(copy))
-    keypoints = database.read_keypoints(image_id)
+    keypoints = database.read_keypoints(image.image_id)
     return Features(
         keypoints=in_full_photo(keypoints, width / small.shape[1], height / small.shape[0]),
-        descriptors=np.asarray(database.read_descriptors(image_id).data, np.uint8).reshape(-1, 128),
+        descriptors=np.asarray(database.read_descriptors(image.image_id).data, np.uint8).reshape(-1, 128),
         colours=_colours_at(small, keypoints),
     )
 

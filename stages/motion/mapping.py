@@ -80,12 +80,17 @@ def map_incrementally(
     options.mapper.abs_pose_refine_extra_params = not hold_cameras
     options.triangulation.random_seed = attempt.seed
     pycolmap.set_random_seed(attempt.seed)
+
+    def step_for_both() -> None:
+        step()
+        step()
+
     models = pycolmap.incremental_mapping(
         database,
         scratch,
         scratch,
         options,
-        initial_image_pair_callback=lambda: (step(), step()),
+        initial_image_pair_callback=step_for_both,
         next_image_callback=step,
     )
     return by_size(models.values())

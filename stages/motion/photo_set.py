@@ -98,7 +98,7 @@ def camera_groups(photos: Sequence[Photo], sharing: str) -> list[int]:
     Photos share a camera (``"shared"``: all of them, ``"per_folder"``, ``"per_image"``: none) only if size,
     orientation and EXIF focal length agree: a zoom or a turned camera is another camera.
     """
-    keys: dict[tuple, int] = {}
+    keys: dict[tuple[int, int, int | None, str], int] = {}
     groups = []
     for photo in photos:
         prior = round(photo.focal_prior_px) if photo.focal_prior_px else None

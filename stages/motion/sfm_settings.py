@@ -87,10 +87,10 @@ class SfmSettings(Settings):
     @field_validator("camera_params")
     @classmethod
     def _fit_the_model(cls, params: list[float] | None, others: ValidationInfo) -> list[float] | None:
-        model = others.data.get("camera_model")  # missing where it is refused itself
+        model = others.data.get("camera_model", "")  # missing where it is refused itself
         names = CAMERA_PARAMS.get(model, "")
         count = names.count(",") + 1
-        if params is not None and model is not None and len(params) != count:
+        if params is not None and model and len(params) != count:
             raise ValueError(f"the {count} numbers of {model}, in pixels of the upright photo: {names}")
         return params
 

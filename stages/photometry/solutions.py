@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -32,8 +32,6 @@ class Solved:
     albedo : ndarray, shape (N, 3)
         In the unit of the scaled images.
     shading : ndarray, shape (N, 3)
-    light : ndarray, shape (n, 3, K), or None
-        Of the basis; None where the light was given.
     histories : list of dict
         Per channel, for `energy.json`.
     outcomes : list of Outcome
@@ -42,26 +40,50 @@ class Solved:
         Eq. 2's own, where `albedo` is another.
     confidence : ndarray, shape (N,), or None
         In `mode: transfer`.
-    detail : Detail or None
-        Where the light was given: how far it is doubted, and the albedo with it.
     """
 
     views: StackedViews
     albedo: np.ndarray
     shading: np.ndarray
-    light: np.ndarray | None
     histories: list[dict[str, Any]]
     outcomes: list[Outcome]
     albedo_tv: np.ndarray | None = None
     confidence: np.ndarray | None = None
-    detail: Detail | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedUnderLight(Solved):
+    """What is found under a light that was given.
+
+    Attributes
+    ----------
+    detail : Detail
+        How far the light is doubted, and the albedo with it.
+    """
+
+    detail: Detail = field(kw_only=True)
+
+    def judged(self, trusted: np.ndarray) -> SolvedUnderLight:
+        """The same with the confidence of every pixel, by its expected error."""
+        return replace(self, confidence=confidence_of(self.detail.variance, trusted))
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedWithLight(Solved):
+    """What is found together with the light.
+
+    Attributes
+    ----------
+    light : ndarray, shape (n, 3, K)
+        Of the basis.
+    """
+
+    light: np.ndarray = field(kw_only=True)
 
     def judged(
         self, views: StackedViews, image: np.ndarray, incidence: np.ndarray, trusted: np.ndarray
-    ) -> Solved:
-        """The same with the confidence of every pixel: by its expected error, else by its circumstances."""
-        if self.detail is not None:
-            return replace(self, confidence=confidence_of(self.detail.variance, trusted))
+    ) -> SolvedWithLight:
+        """The same with the confidence of every pixel, by its circumstances."""
         return replace(
             self, confidence=confidence(views, image, self.shading, self.albedo, incidence, trusted)
         )
@@ -79,18 +101,18 @@ def as_the_paper(
     settings: AlternationSettings,
     executor: Executor,
     step: Callable[[], None],
-) -> Solved:
+) -> SolvedWithLight:
     """`solver: paper`, channels apart."""
     exact = [image.astype(np.float64) for image in images]
     descents = decompose_channels(views, exact, settings, executor, step)
     light = np.stack([descent.state.light for descent in descents], axis=1)
-    return Solved(
+    return SolvedWithLight(
         views=views,
         albedo=np.stack([descent.state.albedo for descent in descents], axis=-1),
         shading=views.shadings(light),
         light=light,
         histories=[descent_as_json(descent) for descent in descents],
-        outcomes=[descent.outcome for descent in descents],
+        outcomes=[descent.ended for descent in descents],
     )
 
 
@@ -100,13 +122,13 @@ def fast(
     settings: FastSettings,
     threads: int,
     step: Callable[[], None],
-) -> Solved:
+) -> SolvedWithLight:
     """`solver: fast` under the paper's light."""
     return solution_of(solve(views, images, settings, threads, step), views, settings)
 
 
-def solution_of(descent: FastDescent, views: StackedViews, settings: FastSettings) -> Solved:
+def solution_of(descent: FastDescent, views: StackedViews, settings: FastSettings) -> SolvedWithLight:
     """What the fast solver found, in all channels together."""
     histories = rounds_as_json(descent, settings.weights)
     outcomes = [descent.outcome] * len(histories)
-    return Solved(views, descent.albedo, descent.shading, descent.light, histories, outcomes)
+    return SolvedWithLight(views, descent.albedo, descent.shading, histories, outcomes, light=descent.light)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
-from stages.formats.artefacts.view_files import images_of
+from stages.formats.artefacts.view_files import Each, images_of
 from stages.photometry.paper.harmonics import shading_basis
 from stages.solvers.least_squares.correspondence_operator import (
     Links,
@@ -130,7 +130,7 @@ def stack_views(
     masks: Sequence[np.ndarray],
     normals_in_world: Sequence[np.ndarray] | None,
     links: Links,
-    each: Callable = map,
+    each: Each = map,
 ) -> StackedViews:
     """Stack the views.
 

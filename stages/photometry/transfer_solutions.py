@@ -12,7 +12,7 @@ from stages.photometry.energy_history import rounds_under_light_as_json
 from stages.photometry.joint.transfer_alternation import TransferAlternation, solve_with_transfer
 from stages.photometry.observations import Observations
 from stages.photometry.paper.alternation import Outcome
-from stages.photometry.solutions import Solved, solution_of
+from stages.photometry.solutions import SolvedUnderLight, SolvedWithLight, solution_of
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.pixel_transfer import PixelTransfer
 
@@ -24,7 +24,7 @@ def by_transfer(
     settings: TransferAlternation,
     threads: int,
     step: Callable[[], None],
-) -> Solved:
+) -> SolvedWithLight:
     """With `light: harmonics`."""
     descent, views = solve_with_transfer(views, images, transfer, settings, threads, step)
     solved = solution_of(descent, views, settings.descent)
@@ -38,15 +38,14 @@ def under_light(
     settings: SkyDecomposition,
     threads: int,
     step: Callable[[], None],
-) -> Solved:
+) -> SolvedUnderLight:
     """With `light: directions`, which is known."""
     found = decompose_under_light(views, shading, observed, settings, threads, step)
     outcome = worse(found.smooth.outcome, found.detailed.outcome)
-    return Solved(
+    return SolvedUnderLight(
         views=views,
         albedo=found.detail.albedo,
         shading=shading,
-        light=None,
         histories=rounds_under_light_as_json(found.smooth, outcome),
         outcomes=[outcome] * 3,
         albedo_tv=np.maximum(found.smooth.albedo, 0),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pipeline import Job
+from pipeline import Job, Settings
 
 
 def listed(names: Sequence[str], at_most: int = 12) -> str:
@@ -17,7 +17,7 @@ def listed(names: Sequence[str], at_most: int = 12) -> str:
     return ", ".join(names[:at_most]) + (f" and {more} more" if more > 0 else "")
 
 
-def tell_seen_from_behind(job: Job, opposed: int, pixels: int) -> None:
+def tell_seen_from_behind(job: Job[Settings], opposed: int, pixels: int) -> None:
     """Note how many of all pixels see the back of the mesh, and warn where most do."""
     job.note(opposed_pixels=opposed)
     if 2 * opposed > pixels:

@@ -12,10 +12,11 @@ from pipeline import Job, UserError
 from stages.formats.colmap.depth_maps import read_map
 from stages.scene.cameras import normals_in_world
 from stages.stereo.depth.fusion import FusedPoints
+from stages.stereo.mvs_settings import MvsSettings
 from stages.stereo.workspace import Workspace, write_depth_maps
 
 
-def compute(job: Job, workspace: Workspace) -> FusedPoints:
+def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
     """Run PatchMatch and fusion on a copy of the workspace; writes the maps and returns the fused cloud.
 
     Raises
@@ -42,7 +43,7 @@ def compute(job: Job, workspace: Workspace) -> FusedPoints:
     return _read_fused(job.scratch / "fused.ply")
 
 
-def patch_match_options(settings) -> pycolmap.PatchMatchOptions:
+def patch_match_options(settings: MvsSettings) -> pycolmap.PatchMatchOptions:
     """PatchMatch with a geometric pass and its filter, our threshold of consistency."""
     options = pycolmap.PatchMatchOptions()
     options.geom_consistency = True
@@ -52,7 +53,7 @@ def patch_match_options(settings) -> pycolmap.PatchMatchOptions:
     return options
 
 
-def fusion_options(settings) -> pycolmap.StereoFusionOptions:
+def fusion_options(settings: MvsSettings) -> pycolmap.StereoFusionOptions:
     """Fusion with our thresholds of agreement."""
     options = pycolmap.StereoFusionOptions()
     options.min_num_pixels = settings.fusion_views
@@ -62,7 +63,7 @@ def fusion_options(settings) -> pycolmap.StereoFusionOptions:
     return options
 
 
-def _hand_over(job: Job, workspace: Workspace, stereo: Path) -> dict[str, float]:
+def _hand_over(job: Job[MvsSettings], workspace: Workspace, stereo: Path) -> dict[str, float]:
     """COLMAP's maps into the artefact; a view that COLMAP skipped gets empty ones. Returns the coverage."""
     coverage = {}
     for name, camera in zip(workspace.image_names, workspace.cameras, strict=True):
@@ -80,6 +81,6 @@ def _hand_over(job: Job, workspace: Workspace, stereo: Path) -> dict[str, float]
 def _read_fused(path: Path) -> FusedPoints:
     import open3d as o3d
 
-    cloud = o3d.io.read_point_cloud(str(path))
+    cloud = o3d.io.read_point_cloud(path)
     colours = np.rint(np.asarray(cloud.colors) * 255).astype(np.uint8).reshape(-1, 3)
     return FusedPoints(np.array(cloud.points), np.array(cloud.normals, np.float32), colours)

@@ -15,6 +15,7 @@ from stages.stereo.depth.fusion import Agreement, FusedPoints
 from stages.stereo.depth.inverse_depth import depth_from_planes
 from stages.stereo.depth.patch_match import Refinement
 from stages.stereo.depth.semi_global import Penalties
+from stages.stereo.mvs_settings import MvsSettings
 from stages.stereo.view_selection import (
     AngleWeight,
     SparsePoints,
@@ -27,7 +28,7 @@ from stages.stereo.workspace import Workspace, write_depth_maps
 FEWEST_POINTS = 10  # a view that sees fewer takes its depth range from all points in front of it
 
 
-def compute(job: Job, workspace: Workspace) -> FusedPoints:
+def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
     """Depth maps of all views, written; returns the fused cloud."""
     use_threads(job.threads)
     began = time.process_time()
@@ -55,7 +56,7 @@ def compute(job: Job, workspace: Workspace) -> FusedPoints:
     return cloud
 
 
-def plan_scene(job: Job, workspace: Workspace) -> tuple[stereo.Scene, list[int]]:
+def plan_scene(job: Job[MvsSettings], workspace: Workspace) -> tuple[stereo.Scene, list[int]]:
     """Choose sources and depth ranges; returns the scene and the views that have no sources."""
     settings, cameras, points = job.settings, workspace.cameras, workspace.points
     if not len(points.x_in_world):
@@ -78,14 +79,16 @@ def plan_scene(job: Job, workspace: Workspace) -> tuple[stereo.Scene, list[int]]
     return scene, [view for view, plan in enumerate(plans) if not plan.sources]
 
 
-def _range_of(workspace: Workspace, points: SparsePoints, view: int, settings: Any) -> tuple[float, float]:
+def _range_of(
+    workspace: Workspace, points: SparsePoints, view: int, settings: MvsSettings
+) -> tuple[float, float]:
     camera = workspace.cameras[view]
     seen = points.x_in_world[points.seen[view]]
     x_in_world = seen if len(seen) >= FEWEST_POINTS else points.x_in_world
     return depth_range(camera, x_in_world, settings.range_outliers, settings.range_margin)
 
 
-def find_planes(job: Job, scene: stereo.Scene, views: list[int], step: Any) -> None:
+def find_planes(job: Job[MvsSettings], scene: stereo.Scene, views: list[int], step: Any) -> None:
     """Sweep, then refine by matching alone; leaves planes and costs in the scene."""
     settings = job.settings
     for view in views:
@@ -96,7 +99,7 @@ def find_planes(job: Job, scene: stereo.Scene, views: list[int], step: Any) -> N
         step()
 
 
-def reconcile(job: Job, scene: stereo.Scene, views: list[int], step: Any) -> None:
+def reconcile(job: Job[MvsSettings], scene: stereo.Scene, views: list[int], step: Any) -> None:
     """Refine with the others' maps; puts new planes and costs into the scene."""
     refined = refinement_of(job.settings, job.settings.geometric_iterations)
     after = ArrayStore(job.scratch / "planes_after")
@@ -107,7 +110,7 @@ def reconcile(job: Job, scene: stereo.Scene, views: list[int], step: Any) -> Non
 
 
 def confirm(
-    job: Job, scene: stereo.Scene, workspace: Workspace, views: list[int], step: Any
+    job: Job[MvsSettings], scene: stereo.Scene, workspace: Workspace, views: list[int], step: Any
 ) -> dict[int, np.ndarray]:
     """Keep what other views confirm and write it; views without sources get empty maps."""
     settings, kept = job.settings, {}
@@ -129,7 +132,7 @@ def confirm(
     return kept
 
 
-def sweep_of(settings: Any) -> stereo.Sweep:
+def sweep_of(settings: MvsSettings) -> stereo.Sweep:
     """The sweep's part of the settings."""
     return stereo.Sweep(
         scale=settings.sweep_scale,
@@ -144,7 +147,7 @@ def sweep_of(settings: Any) -> stereo.Sweep:
     )
 
 
-def refinement_of(settings: Any, iterations: int) -> Refinement:
+def refinement_of(settings: MvsSettings, iterations: int) -> Refinement:
     """The refinement's part of the settings."""
     return Refinement(
         iterations=iterations,
@@ -158,7 +161,7 @@ def refinement_of(settings: Any, iterations: int) -> Refinement:
     )
 
 
-def agreement_of(settings: Any, views: int) -> Agreement:
+def agreement_of(settings: MvsSettings, views: int) -> Agreement:
     """The fusion's part of the settings; never more views than there are."""
     return Agreement(
         reprojection_px=settings.consistent_px,

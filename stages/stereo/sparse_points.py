@@ -6,11 +6,12 @@ import numpy as np
 
 from pipeline import Job, UserError
 from stages.stereo.depth.fusion import FusedPoints
+from stages.stereo.mvs_settings import MvsSettings
 from stages.stereo.sparse_surface import oriented_normals
 from stages.stereo.workspace import Workspace, write_depth_maps
 
 
-def compute(job: Job, workspace: Workspace) -> FusedPoints:
+def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
     """Empty depth maps, written, and the sparse points as a cloud; says so.
 
     Raises

@@ -64,8 +64,8 @@ class _Passes:
         if not mask.any():
             return Noise(0.0, (0.0, 0.0, 0.0), samples)
         mean, variance = self.mean()[mask], (self.variance() / self.count[..., None])[mask]
-        channels = tuple(_ratio(variance[:, c], float(mean[:, c].mean())) for c in range(3))
-        return Noise(_ratio(variance, level), channels, samples)
+        red, green, blue = (_ratio(variance[:, c], float(mean[:, c].mean())) for c in range(3))
+        return Noise(_ratio(variance, level), (red, green, blue), samples)
 
 
 @dataclass(frozen=True)

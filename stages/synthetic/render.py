@@ -7,6 +7,7 @@ box-filtered: a pixel is the mean radiance over its own square, and shares no sa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from stages.scene.cameras import Camera
 from stages.synthetic.lights import Dome, Environment, Lamp, Light, dome_picture
 
 BLOCK = 16  # pixels: the squares that Mitsuba's threads take in turn
+
+Description = dict[str, Any]  # of a part of a scene, as Mitsuba reads it
 
 
 @dataclass(frozen=True)
@@ -162,7 +165,7 @@ def _painted_mesh(mi, surface: Surface, paint: np.ndarray, gloss: Gloss | None):
     return mesh
 
 
-def _material(gloss: Gloss | None) -> dict:
+def _material(gloss: Gloss | None) -> Description:
     diffuse = {"type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": "vertex_color"}}
     if gloss is None:
         return diffuse
@@ -177,7 +180,7 @@ def _material(gloss: Gloss | None) -> dict:
     return {"type": "blendbsdf", "weight": share, "first": diffuse, "second": mirror}
 
 
-def _dome(mi, dome: Dome | Environment) -> dict:
+def _dome(mi, dome: Dome | Environment) -> Description:
     if isinstance(dome, Dome):
         if dome.sky == dome.ground:
             return {"type": "constant", "radiance": {"type": "rgb", "value": list(dome.sky)}}
@@ -191,7 +194,7 @@ def _dome(mi, dome: Dome | Environment) -> dict:
     }
 
 
-def _lamp(mi, lamp: Lamp) -> dict:
+def _lamp(mi, lamp: Lamp) -> Description:
     place = mi.ScalarTransform4f().look_at(origin=list(lamp.centre), target=list(lamp.towards), up=[0, 0, 1])
     return {
         "type": "rectangle",
@@ -200,7 +203,7 @@ def _lamp(mi, lamp: Lamp) -> dict:
     }
 
 
-def _sensor(mi, camera: Camera, quality: Quality, tile: Tile) -> dict:
+def _sensor(mi, camera: Camera, quality: Quality, tile: Tile) -> Description:
     """Our camera in Mitsuba's words: x to the left, y up, z forward; principal point from the centre."""
     K = camera.intrinsics
     if abs(K[0, 0] - K[1, 1]) > 1e-9 * K[0, 0]:

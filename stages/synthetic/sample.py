@@ -83,8 +83,12 @@ def compact_mesh(surface: Surface, faces: int) -> Surface:
 def distances_to(surface: Surface, points: np.ndarray) -> np.ndarray:
     """Unsigned distance of points (n, 3) to a surface, model units, shape (n,)."""
     scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(surface.vertices.astype(np.float32), surface.faces.astype(np.uint32))
-    return scene.compute_distance(np.ascontiguousarray(points, np.float32)).numpy()
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(surface.vertices.astype(np.float32)),
+        o3d.core.Tensor.from_numpy(surface.faces.astype(np.uint32)),
+    )
+    places = o3d.core.Tensor.from_numpy(np.ascontiguousarray(points, np.float32))
+    return scene.compute_distance(places).numpy()
 
 
 def rounded(values: np.ndarray, bits: int = 8) -> np.ndarray:

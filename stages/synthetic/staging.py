@@ -61,6 +61,8 @@ def paint_of(
     if settings.paint in NATURAL_PAINTS:
         return _natural_paint_of(settings, subject, Scale(FINEST_PX * footprint, subject.radius))
     if settings.paint == "vertex":
+        if own_colours is None:
+            raise ValueError("render.paint is vertex, but the object's own colours were not read")
         return own_colours, np.zeros(len(x), np.uint8)
     if settings.paint == "texture":
         return paint_for_matching(x, subject.parts, finest=subject.radius / 200), np.zeros(len(x), np.uint8)
@@ -120,7 +122,7 @@ def gloss_of(settings: RenderSettings, subject: Subject, paint: np.ndarray, foot
     metal = metal_of(settings, subject)
     if settings.gloss == 0 and not metal.any():
         return None
-    share = np.zeros(len(subject.parts))
+    share: np.ndarray = np.zeros(len(subject.parts))
     if settings.gloss > 0:
         names = settings.glossy_parts or subject.part_names
         chosen = [part_index(subject, "glossy_parts", name) for name in names]
@@ -146,6 +148,8 @@ def light_of(settings: RenderSettings, subject: Subject, surroundings: np.ndarra
     if settings.light == "dome":
         return SKY_DOME
     if settings.light == "environment":
+        if surroundings is None:
+            raise ValueError("render.light is environment, but no picture of it was read")
         return Light(Environment(surroundings, settings.turn_deg))
     if settings.light == "sun_and_sky":
         sky = ClearSky(sun_elevation_deg=settings.sun_elevation_deg)

@@ -61,7 +61,7 @@ class PaintedSurface:
         n = samples_per_side
         fine = self._rays.see(camera.scaled(camera.width * n, camera.height * n))
         cells = (camera.height, n, camera.width, n)
-        mask = fine.mask.reshape(cells).all(axis=(1, 3))
+        mask = np.all(fine.mask.reshape(cells), axis=(1, 3))
         albedo = self._albedo_at(fine).reshape(*cells, 3).mean(axis=(1, 3)) * mask[..., None]
         centres = self._rays.see(camera)
         parts = np.zeros(fine.mask.shape, np.uint8)

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 
-class ArrayStore(MutableMapping):
+class ArrayStore(MutableMapping[int, np.ndarray]):
     """A mapping of int to ndarray whose values are ``.npy`` files; reading gives a fresh copy."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
 
-    def _file(self, number: int) -> Path:
+    def _file(self, number: object) -> Path:
         return self._folder / f"{number}.npy"
 
     def __getitem__(self, number: int) -> np.ndarray:

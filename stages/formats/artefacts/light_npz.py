@@ -48,7 +48,7 @@ class StoredLight:
 def write_light(path: Path, light: StoredLight) -> None:
     """Write it, uncompressed."""
     around = {field.name: getattr(light.around, field.name) for field in fields(LightAround)}
-    own = {name: getattr(light, name) for name in _own_names()}
+    own = {field.name: getattr(light, field.name) for field in fields(StoredLight) if field.name != "around"}
     np.savez(path, **around, **own)
 
 
@@ -62,20 +62,26 @@ def read_light(path: Path) -> StoredLight:
     """
     try:
         with np.load(path, allow_pickle=False) as file:
-            around = LightAround(**{field.name: _value(file[field.name]) for field in fields(LightAround)})
-            own = {name: _value(file[name]) for name in _own_names()}
-        return StoredLight(around=around, **own)
+            return StoredLight(
+                around=LightAround(
+                    directions=file["directions"],
+                    cells=file["cells"],
+                    radiance=file["radiance"],
+                    light_of_view=file["light_of_view"],
+                    gains=file["gains"],
+                    centre=file["centre"],
+                    radius=file["radius"].item(),
+                ),
+                image_scale=file["image_scale"].item(),
+                mean_shading=file["mean_shading"],
+                sheen_strength=file["sheen_strength"],
+                sheen_roughness=file["sheen_roughness"].item(),
+                glossy=file["glossy"].item(),
+                trusted=file["trusted"].item(),
+                brightest=file["brightest"].item(),
+            )
     except (OSError, EOFError, BadZipFile, ValueError, KeyError, TypeError) as error:
         raise UserError(
             f"{path} cannot be read as light ({type(error).__name__}: {error}); expected light.npz as in "
             "cache/lighting/KEY."
         ) from error
-
-
-def _own_names() -> list[str]:
-    return [field.name for field in fields(StoredLight) if field.name != "around"]
-
-
-def _value(array: np.ndarray) -> np.ndarray | float | bool:
-    """A number where it is one."""
-    return array if array.ndim else array.item()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -15,9 +16,19 @@ from stages.scene.cameras import Camera, rays_in_world
 
 PREVIEW_WHITE = 0.99
 
+Item = TypeVar("Item")
+Made = TypeVar("Made")
+
+
+class Each(Protocol):
+    """`map`, or that of an executor."""
+
+    def __call__(self, work: Callable[[Item], Made], items: Iterable[Item], /) -> Iterator[Made]:
+        """What is made of the items, in their order."""
+
 
 def read_views(
-    paths: Mapping[str, Path], cameras: Sequence[Camera], each: Callable = map
+    paths: Mapping[str, Path], cameras: Sequence[Camera], each: Each = map
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Open one view after the other; never more full-size images at a time than there are threads.
 
@@ -56,7 +67,7 @@ def read_views(
 
 
 def read_maps(
-    folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray], each: Callable = map
+    folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray], each: Each = map
 ) -> np.ndarray:
     """Open an EXR per view; values of the masked pixels, (N,) or (N, 3), view after view."""
 
@@ -134,7 +145,7 @@ def write_maps(
     cameras: Sequence[Camera],
     masks: Sequence[np.ndarray],
     stacked: np.ndarray,
-    each: Callable = map,
+    each: Each = map,
 ) -> None:
     """Write stacked values, (N,) or (N, 3), as an EXR per view, 0 outside the masks; `each` as above."""
 
@@ -151,7 +162,7 @@ def write_arrays(
     cameras: Sequence[Camera],
     masks: Sequence[np.ndarray],
     stacked: Mapping[str, np.ndarray],
-    each: Callable = map,
+    each: Each = map,
 ) -> None:
     """Write stacked values of some kinds, (N, …) each, as they are: an NPZ per view."""
     parts = {kind: _by_view(masks, values) for kind, values in stacked.items()}
@@ -160,14 +171,14 @@ def write_arrays(
         number, camera = view
         path = folder / f"{camera.name}.npz"
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(path, **{kind: own[number] for kind, own in parts.items()})
+        np.savez(path, allow_pickle=False, **{kind: own[number] for kind, own in parts.items()})
 
     for _ in each(write_view, enumerate(cameras)):
         pass
 
 
 def read_arrays(
-    folder: Path, cameras: Sequence[Camera], kinds: Sequence[str], each: Callable = map
+    folder: Path, cameras: Sequence[Camera], kinds: Sequence[str], each: Each = map
 ) -> dict[str, np.ndarray]:
     """Read some kinds of what `write_arrays` wrote, stacked again."""
 

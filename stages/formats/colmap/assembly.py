@@ -37,7 +37,7 @@ def assemble(
 ) -> pycolmap.Reconstruction:
     """Build a model of posed images, with the 3-D points of `points_from` that two of them still see."""
     model = pycolmap.Reconstruction()
-    camera_ids: dict[tuple, int] = {}
+    camera_ids: dict[tuple[str | float, ...], int] = {}
     lost: set[tuple[int, int]] = set()
     for posed in images:
         camera = posed.camera

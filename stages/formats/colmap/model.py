@@ -8,7 +8,6 @@ import shutil
 import struct
 import tempfile
 from collections.abc import Mapping
-from contextlib import nullcontext
 from itertools import islice
 from pathlib import Path, PurePosixPath
 
@@ -174,13 +173,14 @@ def pinhole_model(
     sources = {view_name(i.name): i for i in registered(points_from)} if points_from else {}
     images = []
     for index, camera in enumerate(cameras):
-        source = sources[camera.name] if points_from else None
-        xy = np.zeros((0, 2))
-        if source is not None:
+        image_id, xy = index + 1, np.zeros((0, 2))
+        if points_from is not None:
+            source = sources[camera.name]
+            image_id = source.image_id
             xy = carried_points(source, points_from.cameras[source.camera_id], camera.intrinsics)
         images.append(
             PosedImage(
-                image_id=index + 1 if source is None else source.image_id,
+                image_id=image_id,
                 name=camera.name + extension,
                 camera=_colmap_camera(camera),
                 cam_from_world=pycolmap.Rigid3d(camera.cam_from_world),
@@ -237,12 +237,18 @@ def _promised_in_text(folder: Path) -> dict[str, int]:
     """What the comments of a text model say that it holds."""
     promised = {}
     for part in COUNTED:
-        path = folder / f"{part}.txt"
-        with path.open("rb") if path.is_file() else nullcontext([]) as lines:
-            head = b" ".join(line for line in islice(lines, 8) if line.startswith(b"#"))
+        head = b" ".join(line for line in _first_lines(folder / f"{part}.txt") if line.startswith(b"#"))
         if found := re.search(rb"Number of \w+: (\d+)", head):
             promised[part] = int(found[1])
     return promised
+
+
+def _first_lines(path: Path, count: int = 8) -> list[bytes]:
+    """None of a file that is not there."""
+    if not path.is_file():
+        return []
+    with path.open("rb") as file:
+        return list(islice(file, count))
 
 
 def _check_counts(model: pycolmap.Reconstruction, promised: Mapping[str, int], source: Path) -> None:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import OpenEXR
 from PIL import Image, UnidentifiedImageError
+from PIL.TiffImagePlugin import TiffImageFile
 
 from pipeline import UserError
 from stages.formats.images.colour import linear_from_srgb, srgb_from_linear
@@ -216,7 +217,7 @@ def _orientation(image: Image.Image, path: Path) -> int:
     Pillow's own `getexif` would decode a whole PNG in search of it.
     """
     try:
-        value = Image.Image.getexif(image).get(EXIF_ORIENTATION)
+        value = Image.Image.getexif(image).get(EXIF_ORIENTATION, 1)
     except DECODING_FAILED as error:
         raise _unreadable(path, error) from error
     return int(value) if value in range(1, 9) else 1
@@ -227,13 +228,13 @@ def _is_16_bit(image: Image.Image, path: Path) -> bool:
     if image.format == "PNG":
         with path.open("rb") as file:
             return file.read(25)[24] == 16  # bit depth, the ninth byte of IHDR
-    if image.format == "TIFF":
+    if isinstance(image, TiffImageFile):
         _check_tiff(image, path)
         return int(np.atleast_1d(image.tag_v2.get(TIFF_BITS_PER_SAMPLE, 8))[0]) == 16
     return False
 
 
-def _check_tiff(image: Image.Image, path: Path) -> None:
+def _check_tiff(image: TiffImageFile, path: Path) -> None:
     """Refuse a TIFF whose values no decoder here brings to light as they are meant."""
     if any(code == 3 for code in np.atleast_1d(image.tag_v2.get(TIFF_SAMPLE_FORMAT, 1))):
         raise UserError(

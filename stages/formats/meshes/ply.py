@@ -7,6 +7,7 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -72,13 +73,19 @@ class Ply:
 
     def columns(self, *names: str) -> np.ndarray | None:
         """Vertex properties side by side, (v, n), float64; None where one of them is missing."""
-        if not set(names) <= self.vertex.keys():
-            return None
-        return np.stack([np.asarray(self.vertex[name], np.float64) for name in names], axis=1)
+        return self._side_by_side(names) if set(names) <= self.vertex.keys() else None
+
+    @property
+    def places(self) -> np.ndarray:
+        """Of the vertices, (v, 3), float64: no file is read that lacks them."""
+        return self._side_by_side(("x", "y", "z"))
 
     def polygons(self) -> Polygons:
         """The faces over the vertices' places."""
-        return Polygons(self.columns("x", "y", "z"), self.sizes, self.corners)
+        return Polygons(self.places, self.sizes, self.corners)
+
+    def _side_by_side(self, names: tuple[str, ...]) -> np.ndarray:
+        return np.stack([np.asarray(self.vertex[name], np.float64) for name in names], axis=1)
 
 
 def read_ply(path: Path) -> Ply:
@@ -227,7 +234,7 @@ class _BinaryRows:
 
     def _with_lists_as_the_first(self, element: Element) -> dict[str, np.ndarray] | None:
         """All rows at once, if all their lists are as long as those of the first."""
-        fields: list[tuple] = []
+        fields: list[tuple[str, np.dtype] | tuple[str, np.dtype, tuple[int]]] = []
         at = self._at
         for one in element.properties:
             kind = np.dtype(self._order + one.type)
@@ -247,13 +254,13 @@ class _BinaryRows:
         if any((rows[f"{name} sizes"] != rows[f"{name} sizes"][0]).any() for name in lists):
             return None
         self._at += element.count * row.itemsize
-        flat = {name: rows[name].reshape(-1) for name in row.names}
+        flat = {name: rows[name].reshape(-1) for name, *_ in fields}
         return {name: column.astype(column.dtype.newbyteorder("=")) for name, column in flat.items()}
 
     def _one_by_one(self, element: Element) -> dict[str, np.ndarray]:
         kinds = {name: np.dtype(name).char for name in TYPES.values()}
         found = _no_rows(element)
-        values: dict[str, list] = {name: [] for name in found}
+        values: dict[str, list[float]] = {name: [] for name in found}
         for _ in range(element.count):
             for one in element.properties:
                 length = 1
@@ -263,7 +270,7 @@ class _BinaryRows:
                 values[one.name].extend(self._unpack(kinds[one.type], length))
         return {name: np.array(column, found[name].dtype) for name, column in values.items()}
 
-    def _unpack(self, kind: str, count: int = 1) -> tuple:
+    def _unpack(self, kind: str, count: int = 1) -> tuple[Any, ...]:
         layout = f"{self._order}{int(count)}{kind}"
         values = struct.unpack_from(layout, self._data, self._at)
         self._at += struct.calcsize(layout)
@@ -313,7 +320,7 @@ class _TextRows:
             raise ValueError(f"{len(self._numbers) - self._at} numbers are left over")
 
     def _one_by_one(self, element: Element) -> dict[str, np.ndarray]:
-        values: dict[str, list] = {name: [] for name in _no_rows(element)}
+        values: dict[str, list[float]] = {name: [] for name in _no_rows(element)}
         for _ in range(element.count):
             for one in element.properties:
                 length = 1

@@ -80,7 +80,7 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
         It was cut off, or has no normals.
     """
     cloud = read_ply(path)
-    x_in_world, normals = cloud.columns("x", "y", "z"), cloud.columns("nx", "ny", "nz")
+    x_in_world, normals = cloud.places, cloud.columns("nx", "ny", "nz")
     if normals is None:
         raise UserError(f"{path} has points without normals; expected nx, ny and nz. Fuse them again.")
     finite = np.isfinite(x_in_world).all(axis=1) & np.isfinite(normals).all(axis=1)

@@ -120,21 +120,20 @@ def from_coarse_to_fine(
     keep_large_blocks_apart()
     levels = pyramid(finest, settings.fewest_pixels)
     del finest  # a level makes room once it is arranged
-    group = levels[0].group
+    groups = [level.group for level in levels if level.group is not None]  # the finest has none
     use_threads(threads_for(levels[0].pixels, threads))
     descent = start(levels.pop(0), settings) if light is None else under(light, levels.pop(0), settings)
     while levels:
         descent.iterate(settings.coarse_iterations * 2 ** (len(levels) - 1))
-        legacy, finer_group = descent.legacy(), levels[0].group
+        legacy = descent.legacy()
         del descent  # before the finer level takes its place
         use_threads(threads_for(levels[0].pixels, threads))
         problem = problem_of(levels.pop(0))
         give_back_free_memory()
-        descent = PrimalDual.inheriting(legacy, problem, group)
+        descent = PrimalDual.inheriting(legacy, problem, groups[0])
         del legacy  # makes room for what follows
-        descent.fill_in(group)
+        descent.fill_in(groups.pop(0))
         give_back_free_memory()
-        group = finer_group
     return descent
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -76,20 +76,23 @@ def problem_of(level: Level) -> Problem:
     Whoever does not keep the level makes room: its graph is let go before the rest is arranged.
     """
     slices = slices_of(level.graph, level.starts)
-    graph, level = sliced_graph(level.graph, slices), replace(level, graph=None)
+    graph = sliced_graph(level.graph, slices)
+    starts, gauge_of_view = level.starts, level.gauge_of_view
+    image, basis, share = level.image, level.basis, level.share
+    del level
     return Problem(
         slices=slices,
         graph=graph,
-        image=slices.spread(level.image),
-        basis=slices.spread_basis(level.basis),
-        share=slices.spread(level.share[:, None]),
-        gauge_of_view=level.gauge_of_view,
-        wanted=_brightness(level),
+        image=slices.spread(image),
+        basis=slices.spread_basis(basis),
+        share=slices.spread(share[:, None]),
+        gauge_of_view=gauge_of_view,
+        wanted=_brightness(starts, image, gauge_of_view),
     )
 
 
-def _brightness(level: Level) -> np.ndarray:
+def _brightness(starts: np.ndarray, image: np.ndarray, gauge_of_view: np.ndarray) -> np.ndarray:
     """Σ|I| of every gauge and channel, (G, 3)."""
-    gauge = level.gauge_of_view[level.view_of_pixel]
-    count = int(level.gauge_of_view.max(initial=-1)) + 1
-    return np.stack([np.bincount(gauge, np.abs(level.image[:, c]), count) for c in range(3)], axis=1)
+    gauge = np.repeat(gauge_of_view, np.diff(starts))
+    count = int(gauge_of_view.max(initial=-1)) + 1
+    return np.stack([np.bincount(gauge, np.abs(image[:, c]), count) for c in range(3)], axis=1)

@@ -24,8 +24,8 @@ class Level:
     image : ndarray, shape (N, 3), float32
     share : ndarray, shape (N,), float32
         How full every group is: 1 where nothing is missing.
-    graph : HalfEdges or None
-        λ and μ are in its weights. None once it is arranged in slices.
+    graph : HalfEdges
+        λ and μ are in its weights.
     gauge_of_view : ndarray, shape (n,), int64
         The same number for views that links join.
     group : ndarray, shape (N of the finer level,), int32, or None
@@ -37,7 +37,7 @@ class Level:
     basis: np.ndarray
     image: np.ndarray
     share: np.ndarray
-    graph: HalfEdges | None
+    graph: HalfEdges
     gauge_of_view: np.ndarray
     group: np.ndarray | None = None
 
@@ -87,7 +87,7 @@ def pyramid(finest: Level, fewest: int) -> list[Level]:
 
 def _groups(half: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Number the places that are taken, view after view, row by row: starts (n + 1,), group (N,)."""
-    group, counts = np.empty(len(half), np.int32), []
+    group, counts = np.empty(len(half), np.int32), list[int]()
     for begin, end in zip(starts[:-1], starts[1:], strict=True):
         rows, columns = half[begin:end].T
         wide = int(columns.max(initial=-1)) + 1

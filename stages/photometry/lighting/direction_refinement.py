@@ -26,7 +26,8 @@ def divided(scene: SkyScene, found: FoundLight) -> tuple[SkyScene, FoundLight]:
         return scene, found
     around = honeycomb(transport.directions[bright], transport.cells[bright] / (AROUND + 1))
     finer = _with_more(transport, bright, around, scene.eyes.see(around, scene.sphere))
-    scene = replace(scene, pixels=replace(scene.pixels, **finer), vertices=replace(scene.vertices, **finer))
+    vertices = replace(scene.vertices, directions=finer.directions, cells=finer.cells, visible=finer.visible)
+    scene = replace(scene, pixels=finer, vertices=vertices)
     of_new = found.radiance[:, np.repeat(bright, AROUND)]
     return scene, replace(found, radiance=np.concatenate([found.radiance, of_new], axis=1))
 
@@ -42,8 +43,8 @@ def bright_cells(radiance: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 def _with_more(
     transport: SkyTransport, bright: np.ndarray, around: np.ndarray, seen: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Directions, cells and what vertices see, with six further directions for each bright cell, (n, 3).
+) -> SkyTransport:
+    """The same with six further directions for each bright cell, (n, 3), their cells, and what vertices see.
 
     `seen`, (P, ⌈n/8⌉), is what they see of these.
     """
@@ -52,8 +53,9 @@ def _with_more(
     whole, rest = divmod(len(cells), 8)
     begun = np.unpackbits(transport.visible[:, whole:], axis=1)[:, :rest]
     further = np.concatenate([begun, np.unpackbits(seen, axis=1, count=len(around))], axis=1)
-    return {
-        "directions": np.concatenate([transport.directions, around]),
-        "cells": np.concatenate([cells, np.repeat(cells[bright], AROUND)]),
-        "visible": np.concatenate([transport.visible[:, :whole], np.packbits(further, axis=1)], axis=1),
-    }
+    return replace(
+        transport,
+        directions=np.concatenate([transport.directions, around]),
+        cells=np.concatenate([cells, np.repeat(cells[bright], AROUND)]),
+        visible=np.concatenate([transport.visible[:, :whole], np.packbits(further, axis=1)], axis=1),
+    )

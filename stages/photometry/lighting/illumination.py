@@ -318,8 +318,8 @@ def _best_explanation(
         best = explained_best(left)
         return best, left, lights[best], None
     differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
-    mirrored = [each.mirrored for each in differences]
-    if all(mirrored) and any(light.explains_most for light in mirrored):
+    mirrored = [light for each in differences if (light := each.mirrored) is not None]
+    if len(mirrored) == len(left) and any(light.explains_most for light in mirrored):
         left = [one * min(light.left, 1.0) for one, light in zip(left, mirrored, strict=True)]
     best = explained_best(left)
     return best, left, lights[best], differences[best]
@@ -338,7 +338,8 @@ def _reflectance(
     def left(lights: Sequence[FoundLight]) -> list[float]:
         return photos.disagreements([scene] * len(lights), lights, how)
 
-    return reflectance_of(light, left, near, step, first=how.brightest)
+    first = FIRST if how.brightest is None else how.brightest
+    return reflectance_of(light, left, near, step, first)
 
 
 def _sought_anew(

@@ -104,7 +104,7 @@ def turn_of(search: Search, known: KnownLight, step: Callable[[], None]) -> floa
     finest, turns = search.settings.scales[-1], np.arange(0, 360, STEP_DEG)
     pairs, left = [search.pairs(None, finest)], []
     for turn in turns:
-        left.append(_left(search, known.radiance(directions, turn), None, pairs))
+        left.append(_left(search, known.radiance(directions, float(turn)), None, pairs))
         step()
     finalists, lights = turns[_lowest(np.array(left))], []
     for turn in finalists:

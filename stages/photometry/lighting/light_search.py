@@ -122,7 +122,7 @@ class Search:
             light = light_from_pairs(self.sample, bounce, pairs, scale, before.radiance, weights)
             now = self.settled(light, before)
             step()
-        return now
+        return now or self.even_light()
 
     def settled(self, light: np.ndarray, before: FoundLight) -> FoundLight:
         """A light, (G, M, 3), at the scale that `brightest` asks for, with the bounces that it then has.

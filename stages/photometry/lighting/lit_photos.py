@@ -168,6 +168,8 @@ class Photos:
         glossy = np.any(shown, axis=0)
         own = differences.within(glossy)
         of_all = own.strength(light)
+        if of_all is None:  # cannot be: one of the paints alone has links enough
+            return None
         return Sheen(of_all.strength, of_all.roughness, of_all.left, glossy), own
 
     def sheen(
@@ -209,8 +211,10 @@ class Photos:
         if whole is not None and whole.left < MOST_EXPLAINED and _likely(whole.strength):
             return Sheen(whole.strength, whole.roughness, whole.left, np.ones(len(self.seen), bool))
         gloss = self._gloss_of_paints(scene, differences, found)
-        explains = gloss is not None and gloss[0].left < PAINT_GLOSSY and _likely(gloss[0].strength)
-        return gloss[0] if explains else None
+        if gloss is None:
+            return None
+        sheen, _ = gloss
+        return sheen if sheen.left < PAINT_GLOSSY and _likely(sheen.strength) else None
 
     def without_sheen(self, sheen: Sheen, mirror: Mirror) -> Photos:
         """The photos without it; what it hides in one view and not in another is no longer trusted."""

@@ -71,7 +71,7 @@ def reflectance_of(
     logarithm.
     """
     best = int(np.argmin(np.abs(np.log(np.array(SCALE) / first))))
-    lights, further = {}, {best}
+    lights, further = dict[int, FoundLight](), {best}
     while further:
         for one in sorted(further):
             lights[one] = light(SCALE[one], lights.get(best, near))

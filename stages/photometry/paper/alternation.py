@@ -109,6 +109,19 @@ class Descent:
     history: tuple[AlternationRecord, ...] = ()
     outcome: Outcome | None = None
 
+    @property
+    def ended(self) -> Outcome:
+        """How it ended.
+
+        Raises
+        ------
+        ValueError
+            It goes on.
+        """
+        if self.outcome is None:
+            raise ValueError(f"not over after {len(self.history)} alternations")
+        return self.outcome
+
 
 def start(views: StackedViews, image: np.ndarray, weights: EnergyWeights) -> Descent:
     """The paper's initial guess: ρ = I, which is in the gauge already, and σ = 1."""

@@ -234,10 +234,10 @@ class Differences:
 def some_links(views: StackedViews, trusted: np.ndarray, count: int) -> Pixels:
     """Every so many-th of all links, `count` or up to twice as many, if both its ends are trusted, (N,)."""
     stride, passed = max(1, views.link_count // count), 0
-    ends = [2 * (np.empty(0, np.int64),)]
-    for pair in views.linked_pixels():
-        ends.append(tuple(side[-passed % stride :: stride] for side in pair))
-        passed += pair[0].size
+    ends: list[Pixels] = [(np.empty(0, np.int64), np.empty(0, np.int64))]
+    for p, q in views.linked_pixels():
+        ends.append((p[-passed % stride :: stride], q[-passed % stride :: stride]))
+        passed += p.size
     one, other = (np.concatenate(side) for side in zip(*ends, strict=True))
     both = trusted[one] & trusted[other]
     return one[both], other[both]

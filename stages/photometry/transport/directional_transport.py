@@ -25,6 +25,9 @@ LEANING = -0.2  # of the sphere's radius: a point's own normal may lean away fro
 # Rays, as origins and unit directions, (r, 3) float32 each, to whether something is in their way, (r,) bool.
 Blocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
+# Of a sparse matrix: where rows begin, columns, values.
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
+
 
 @dataclass(frozen=True)
 class Sphere:
@@ -255,7 +258,7 @@ class SkyTransport:
         return out
 
     @property
-    def _geometry(self) -> tuple:
+    def _geometry(self) -> tuple[np.ndarray, np.ndarray, Rows, np.ndarray, np.ndarray]:
         """What all loops over chosen points look at."""
         return self.normals, self.offsets, self._blend, self.visible, self.directions
 
@@ -264,6 +267,6 @@ class SkyTransport:
         return 4 * self.cells
 
     @property
-    def _blend(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _blend(self) -> Rows:
         blend = self.blend
         return blend.indptr, blend.indices, blend.data

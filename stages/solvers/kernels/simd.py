@@ -8,10 +8,20 @@ by lane like a number.
 from __future__ import annotations
 
 import operator
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec
 
 from llvmlite import ir
 from numba.core import cgutils, types
-from numba.extending import intrinsic, models, overload, register_model
+from numba.extending import models, overload, register_model
+
+if TYPE_CHECKING:
+    Taken = ParamSpec("Taken")
+
+    # What numba's stubs get wrong: whoever calls an intrinsic gives no typing context, and gets an answer.
+    def intrinsic(function: Callable[Concatenate[Any, Taken], object]) -> Callable[Taken, Any]: ...
+else:
+    from numba.extending import intrinsic
 
 COUNT = 8
 

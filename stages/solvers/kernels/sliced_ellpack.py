@@ -90,9 +90,9 @@ class Slices:
     def blocks(self) -> Blocks:
         """The slices in runs of at most `BLOCK`, none across two views: what a thread takes at a time."""
         views, begins = [], []
-        for view in range(len(self.first) - 1):
-            own = np.arange(self.first[view], self.first[view + 1], BLOCK)
-            views.append(np.full(own.size, view))
+        for number in range(len(self.first) - 1):
+            own = np.arange(self.first[number], self.first[number + 1], BLOCK)
+            views.append(np.full(own.size, number))
             begins.append(own)
         view, begin = np.concatenate(views), np.concatenate(begins)
         return Blocks(len(self.first) - 1, view, begin, np.minimum(begin + BLOCK, self.first[view + 1]))

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import numba
 
-numba.config.THREADING_LAYER_PRIORITY = ["omp", "workqueue", "tbb"]
+# Its settings are made when numba is imported, where no type checker sees them.
+numba.config.THREADING_LAYER_PRIORITY = ["omp", "workqueue", "tbb"]  # type: ignore[attr-defined]
 
 
 def use_threads(count: int) -> None:
     """Let compiled loops use `count` threads, as far as numba was started with so many."""
-    numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
+    most = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]  # as above
+    numba.set_num_threads(max(1, min(count, most)))

@@ -27,6 +27,12 @@ def descend_above_zero(
         return value, slope.ravel()
 
     bounds = [(0.0, None)] * start.size
-    options = {"maxiter": steps, "gtol": settled}
-    found = minimize(flat, start.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    found = minimize(
+        flat,
+        start.ravel(),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"maxiter": steps, "gtol": settled},
+    )
     return found.x.reshape(start.shape)

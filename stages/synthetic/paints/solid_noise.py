@@ -51,7 +51,7 @@ def octaves(x: np.ndarray, wavelengths: tuple[float, ...], gain: float, seed: in
 
 
 def fractal_noise(
-    x: np.ndarray, coarsest: float, finest: float, seed: int, stretch: tuple = (1.0, 1.0, 1.0)
+    x: np.ndarray, coarsest: float, finest: float, seed: int, stretch: tuple[float, ...] = (1.0, 1.0, 1.0)
 ) -> np.ndarray:
     """Sum octaves of equal power from wavelength `coarsest` down to `finest`; mean 0, deviation about 1.
 

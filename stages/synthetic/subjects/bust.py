@@ -168,7 +168,7 @@ def _hair(x: np.ndarray) -> np.ndarray:
 
 def _curled(x: np.ndarray) -> np.ndarray:
     """Curls as overlapping balls, each carved by a spiral groove; deep clefts between them."""
-    distance, which = _curls().query(x, k=6, workers=1)
+    distance, which = map(np.asarray, _curls().query(x, k=6, workers=1))
     distance = distance.astype(x.dtype)
     offset = x - _curls().data[which[:, 0]].astype(x.dtype)
     outward = (_curls().data[which[:, 0]] - HEAD_CENTRE).astype(x.dtype)

@@ -8,14 +8,15 @@ to a few per cent near the surface, which is all that an isosurface needs.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
-def sphere(x: np.ndarray, centre: tuple, radius: float) -> np.ndarray:
+def sphere(x: np.ndarray, centre: ArrayLike, radius: float) -> np.ndarray:
     """Distance to a sphere."""
     return np.linalg.norm(x - np.array(centre, x.dtype), axis=-1) - x.dtype.type(radius)
 
 
-def ellipsoid(x: np.ndarray, centre: tuple, radii: tuple) -> np.ndarray:
+def ellipsoid(x: np.ndarray, centre: ArrayLike, radii: ArrayLike) -> np.ndarray:
     """Distance to an axis-aligned ellipsoid, to first order: k₀ (k₀ − 1) / k₁, kₙ = |(x − c) / rⁿ⁺¹|."""
     offset, radii = x - np.array(centre, x.dtype), np.array(radii, x.dtype)
     k0 = np.linalg.norm(offset / radii, axis=-1)
@@ -23,7 +24,9 @@ def ellipsoid(x: np.ndarray, centre: tuple, radii: tuple) -> np.ndarray:
     return k0 * (k0 - 1) / np.maximum(k1, x.dtype.type(1e-9))
 
 
-def capsule(x: np.ndarray, start: tuple, end: tuple, radius_start: float, radius_end: float) -> np.ndarray:
+def capsule(
+    x: np.ndarray, start: ArrayLike, end: ArrayLike, radius_start: float, radius_end: float
+) -> np.ndarray:
     """Distance to a segment swept by a sphere whose radius goes from `radius_start` to `radius_end`."""
     start, end = np.array(start, x.dtype), np.array(end, x.dtype)
     axis = end - start
@@ -32,7 +35,7 @@ def capsule(x: np.ndarray, start: tuple, end: tuple, radius_start: float, radius
     return np.linalg.norm(x - start - along[:, None] * axis, axis=-1) - radius.astype(x.dtype)
 
 
-def torus(x: np.ndarray, centre: tuple, normal: tuple, ring: float, tube: float) -> np.ndarray:
+def torus(x: np.ndarray, centre: ArrayLike, normal: ArrayLike, ring: float, tube: float) -> np.ndarray:
     """Distance to a torus: a circle of radius `ring` around the axis `normal`, thickened by `tube`."""
     normal = np.array(normal, x.dtype) / x.dtype.type(np.linalg.norm(normal))
     offset = x - np.array(centre, x.dtype)
@@ -60,7 +63,7 @@ def smooth_subtraction(solid: np.ndarray, hole: np.ndarray, blend: float) -> np.
     return -smooth_union(-solid, hole, blend)
 
 
-def box(x: np.ndarray, low: tuple, high: tuple, rounding: float = 0.0) -> np.ndarray:
+def box(x: np.ndarray, low: ArrayLike, high: ArrayLike, rounding: float = 0.0) -> np.ndarray:
     """Distance to an axis-aligned box whose edges are rounded by `rounding`."""
     low, high = np.array(low, x.dtype), np.array(high, x.dtype)
     beyond = np.abs(x - (low + high) / 2) - ((high - low) / 2 - x.dtype.type(rounding))

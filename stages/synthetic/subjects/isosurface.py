@@ -51,7 +51,9 @@ def _largest_component(vertices: np.ndarray, faces: np.ndarray) -> Surface:
     return Surface(vertices[kept], index[faces[kept[faces[:, 0]]]].astype(np.int32))
 
 
-def _band_values(distance: Callable, low: np.ndarray, blocks: np.ndarray, spacing: float) -> np.ndarray:
+def _band_values(
+    distance: Callable[[np.ndarray], np.ndarray], low: np.ndarray, blocks: np.ndarray, spacing: float
+) -> np.ndarray:
     """Distances on the whole grid: exact in blocks near the surface, the block centre's value elsewhere."""
     side = spacing * BLOCK
     corners = np.stack(np.meshgrid(*(np.arange(n) for n in blocks), indexing="ij"), axis=-1).reshape(-1, 3)
