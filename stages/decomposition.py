@@ -47,7 +47,7 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
     from stages.formats.artefacts.view_files import read_arrays, read_maps
     from stages.formats.images.photos import read_mask
     from stages.photometry import transfer_solutions
-    from stages.photometry.observations import Observations
+    from stages.photometry.observations import AlbedoData
     from stages.photometry.stack import stack_views
 
     cameras, light = read_cameras(job.inputs["cameras"]), read_light(job.inputs["found_light"])
@@ -55,8 +55,8 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
     views = stack_views(masks, None, numbered_links(job.inputs["correspondences"], cameras))
     mean = light.mean_shading.astype(np.float32)
     shading = read_maps(job.inputs["shading"], cameras, masks, job.executor.map) / mean
-    kinds = ("seen", "matt", "trusted")
-    observed = Observations(
+    kinds = ("seen", "diffuse", "trusted")
+    observed = AlbedoData(
         **read_arrays(job.inputs["observations"], cameras, kinds, job.executor.map), glossy=light.glossy
     )
     settings = job.settings

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
     from stages.photometry.stack import StackedViews
-    from stages.photometry.transport.directional_transport import Eyes
-    from stages.photometry.transport.lit_scenes import SkyScene
+    from stages.photometry.transport.directional_transport import VisibilityProbes
+    from stages.photometry.transport.lit_scenes import LitScene
     from stages.scene.cameras import Camera
 
 GRAZING = 0.1  # cosine: more than 84° off its normal, surface shows mostly its neighbourhood
@@ -61,7 +61,7 @@ def run(job: Job[LightingSettings]) -> None:
     from stages.formats.images.photos import read_environment
     from stages.photometry.lighting.illumination import find_illumination, illumination_by
     from stages.photometry.lighting.light_search import REFINED
-    from stages.photometry.lighting.lit_photos import TURNS, Looks
+    from stages.photometry.lighting.lit_photos import TURNS, Viewing
     from stages.photometry.lighting.reflectance import SCALE
 
     known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
@@ -73,7 +73,7 @@ def run(job: Job[LightingSettings]) -> None:
         stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
     scenes = _scenes(job, opened, stored)
     seen = opened.views, opened.images
-    looks, how = Looks(trusted, towards), as_illumination(job.settings)
+    looks, how = Viewing(trusted, towards), as_illumination(job.settings)
     tries = len(SCALE) // 2 if how.reflectance_is_found else 0
     if known is not None:
         light = _as_known(known, job.settings, opened)
@@ -111,17 +111,17 @@ def _open(job: Job[LightingSettings]) -> Opened:
     return Opened(cameras, views, images, scale, np.concatenate(normals), unclipped)
 
 
-def _scenes(job: Job[LightingSettings], opened: Opened, stored: StoredTransfer) -> list[SkyScene]:
+def _scenes(job: Job[LightingSettings], opened: Opened, stored: StoredTransfer) -> list[LitScene]:
     """What the pixels see, under light from each distance; points and blends on the way there are let go."""
     from stages.formats.artefacts.view_files import read_surface_points
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.vertex_interpolation import pixels_on_proxy
-    from stages.photometry.transport.lit_scenes import sky_scenes
+    from stages.photometry.transport.lit_scenes import scenes_by_distance
     from stages.scene.wording import tell_seen_from_behind
 
     points = read_surface_points(job.inputs, opened.cameras, opened.views.masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
-    scenes, opposed = sky_scenes(stored, blend, opened.normals, _eyes(job, stored))
+    scenes, opposed = scenes_by_distance(stored, blend, opened.normals, _eyes(job, stored))
     tell_seen_from_behind(job, opposed, len(opened.normals))
     return scenes
 
@@ -135,14 +135,16 @@ def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -
     return KnownLight.of(picture, upright_from_world(opened.cameras), settings.known_turn_deg, scale)
 
 
-def _eyes(job: Job[LightingSettings], stored: StoredTransfer) -> Eyes:
+def _eyes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityProbes:
     """Of the proxy's vertices, and the proxy in their way."""
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.geometry.occluders import Occluders
-    from stages.photometry.transport.directional_transport import Eyes
+    from stages.photometry.transport.directional_transport import VisibilityProbes
 
     proxy = Occluders(Surface(stored.vertices, stored.faces), job.threads)
-    return Eyes(stored.eyes - proxy.origin, stored.normals, proxy.blocked, proxy.origin, job.executor)
+    return VisibilityProbes(
+        stored.eyes - proxy.origin, stored.normals, proxy.blocked, proxy.origin, job.executor
+    )
 
 
 def _unclipped(pixels: np.ndarray) -> np.ndarray:
@@ -215,7 +217,7 @@ def _write(
 
     views, directions, lights = (opened.cameras, opened.views.masks), found.directions, found.light.radiance
     write_maps(job.outputs["shading"], *views, found.light.shading, job.executor.map)
-    observed = {kind: getattr(found.observations, kind) for kind in ("seen", "matt", "trusted")}
+    observed = {kind: getattr(found.observations, kind) for kind in ("seen", "diffuse", "trusted")}
     write_arrays(job.outputs["observations"], *views, observed, job.executor.map)
     sphere = stored.centre, float(stored.radii[found.scene])
     around = LightAround(directions, found.cells, lights, found.light_of_view, found.gains.gains, *sphere)
@@ -242,7 +244,7 @@ def _write(
 
 LIGHTING = Stage(
     name="lighting",
-    version=4,
+    version=5,
     about="The light of all views, its distance, gains and gloss, and what each pixel is worth under it.",
     settings=LightingSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),

@@ -37,7 +37,7 @@ def run(job: Job[RelightSettings]) -> None:
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.vertex_interpolation import pixels_on_proxy
     from stages.photometry.transport.environment import turned_light
-    from stages.photometry.transport.lit_scenes import sky_scenes
+    from stages.photometry.transport.lit_scenes import scenes_by_distance
     from stages.photometry.transport.relighting import relit
     from stages.scene.upright import upright_from_world
     from stages.solvers.kernels.threading_layer import use_threads
@@ -52,7 +52,7 @@ def run(job: Job[RelightSettings]) -> None:
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
     # what is seen of light from infinitely far away
     far = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])
-    (scene,), opposed = sky_scenes(far, blend, normals)
+    (scene,), opposed = scenes_by_distance(far, blend, normals)
     use_threads(job.threads)
     upright = upright_from_world(cameras)
     light = turned_light(picture, settings.turn_deg, upright, scene.pixels.directions)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.geometry.occluders import Occluders
-    from stages.photometry.transport.directional_transport import Eyes
+    from stages.photometry.transport.directional_transport import VisibilityProbes
     from stages.photometry.transport.transfer_vectors import Occlusion
 
 
@@ -89,7 +89,7 @@ def run(job: Job[TransferSettings]) -> None:
     from stages.geometry.occluders import Occluders
     from stages.geometry.proxy import blend_of, roughness_of, short_edged_with_proxy
     from stages.geometry.rays import vertex_normals
-    from stages.photometry.transport.directional_transport import Eyes
+    from stages.photometry.transport.directional_transport import VisibilityProbes
 
     settings = job.settings
     mesh = read_mesh(job.inputs["mesh"])
@@ -98,7 +98,9 @@ def run(job: Job[TransferSettings]) -> None:
     normals = vertex_normals(proxy.vertices, proxy.faces)
     places = proxy.vertices + settings.lift * roughness_of(mesh, proxy, short.longest) * normals
     occluders = Occluders(proxy, job.threads)
-    eyes = Eyes(places - occluders.origin, normals, occluders.blocked, occluders.origin, job.executor)
+    eyes = VisibilityProbes(
+        places - occluders.origin, normals, occluders.blocked, occluders.origin, job.executor
+    )
     seen = _surface_seen(eyes, occluders, job)
     centre, radius = _middle(proxy)
     radii = [np.inf, *(radius * distance for distance in settings.light_distances)]
@@ -128,7 +130,7 @@ def run(job: Job[TransferSettings]) -> None:
     job.note(vertices=len(normals), mean_blocked=round(float(blocked.mean()), 4))
 
 
-def _surface_seen(eyes: Eyes, occluders: Occluders, job: Job[TransferSettings]) -> Occlusion:
+def _surface_seen(eyes: VisibilityProbes, occluders: Occluders, job: Job[TransferSettings]) -> Occlusion:
     """What vertices see of each other instead of the sky."""
     from stages.photometry.transport.transfer_vectors import occlusion, points_at_once
 
@@ -138,7 +140,7 @@ def _surface_seen(eyes: Eyes, occluders: Occluders, job: Job[TransferSettings]) 
 
 
 def _sky_seen(
-    eyes: Eyes, centre: np.ndarray, radii: Sequence[float], job: Job[TransferSettings]
+    eyes: VisibilityProbes, centre: np.ndarray, radii: Sequence[float], job: Job[TransferSettings]
 ) -> np.ndarray:
     """In which directions vertices see each of the spheres that light may come from: (D, P, ⌈M/8⌉) bits."""
     import numpy as np

@@ -7,25 +7,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.photometry.albedo.albedo_given_light import SkySolution, decompose_under_light
+from stages.photometry.albedo.albedo_given_light import AlbedoSolution, decompose_under_light
 from stages.photometry.albedo.paint_edges import PaintEdges
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.joint.fast_alternation import FastSettings
 from stages.photometry.lighting.illumination import Illumination, IlluminationSettings, find_illumination
-from stages.photometry.lighting.light_estimate import SkySettings
-from stages.photometry.lighting.lit_photos import Looks
-from stages.photometry.lighting.shared_or_own_lights import Lighting
+from stages.photometry.lighting.light_estimate import LightSearchSettings
+from stages.photometry.lighting.lit_photos import Viewing
+from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.solver_settings import as_sky
 from stages.photometry.stack import StackedViews
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.transport.lit_scenes import LitScene
 
 
 @dataclass(frozen=True)
 class BySky:
     """What is asked for: of the light, then of the albedo."""
 
-    light: SkySettings
-    lighting: Lighting
+    light: LightSearchSettings
+    lighting: LightSharing
     sheen: bool
     edges: PaintEdges
     descent: FastSettings
@@ -36,7 +36,7 @@ class FoundBySky:
     """The light, and the albedo under it."""
 
     light: Illumination
-    solution: SkySolution
+    solution: AlbedoSolution
 
     @property
     def albedo(self) -> np.ndarray:
@@ -47,8 +47,8 @@ class FoundBySky:
 def decompose_by_sky(
     views: StackedViews,
     images: list[np.ndarray],
-    scenes: Sequence[SkyScene],
-    looks: Looks,
+    scenes: Sequence[LitScene],
+    looks: Viewing,
     how: BySky,
     threads: int = 1,
 ) -> FoundBySky:

@@ -9,13 +9,19 @@ import pytest
 import scipy.sparse as sp
 
 from stages.photometry.lighting.direction_refinement import MOST_CELLS, bright_cells, divided
-from stages.photometry.lighting.light_estimate import FoundLight
-from stages.photometry.lighting.light_search import sky_light
-from stages.photometry.lighting.shared_or_own_lights import Lighting
-from stages.photometry.transport.directional_transport import AROUND, Eyes, Sphere, even_directions, honeycomb
+from stages.photometry.lighting.light_estimate import LightEstimate
+from stages.photometry.lighting.light_search import estimate_light
+from stages.photometry.lighting.shared_or_own_lights import LightSharing
+from stages.photometry.transport.directional_transport import (
+    AROUND,
+    Sphere,
+    VisibilityProbes,
+    even_directions,
+    honeycomb,
+)
 from stages.photometry.transport.environment import picture_of_light
 from stages.photometry.transport.light_priors import contrast
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import sphere_scene
@@ -31,20 +37,20 @@ def behind_a_wall(x: float):
     return lambda origins, directions: directions[:, 0] < x
 
 
-def scene_of(blocked, sphere: Sphere | None = None) -> SkyScene:
+def scene_of(blocked, sphere: Sphere | None = None) -> LitScene:
     """Three vertices that face up and aside, shown by a pixel each."""
     normals = np.array([[0.0, 0, 1], [0.6, 0, 0.8], [0, 1, 0]])
-    eyes = Eyes(-ORIGIN + np.zeros((3, 3), np.float32), normals, blocked, ORIGIN)
+    eyes = VisibilityProbes(-ORIGIN + np.zeros((3, 3), np.float32), normals, blocked, ORIGIN)
     none = sp.csr_array((3, 3), dtype=np.float32)
     proxy = Proxy(np.zeros((3, 3)), normals.astype(np.float32), Occlusion(np.zeros((3, 9)), none, none))
     own = sp.csr_array(np.eye(3, dtype=np.float32))
     seen = eyes.see(even_directions(COUNT), sphere)
-    return replace(SkyScene.of(normals, own, proxy, seen, COUNT, sphere), eyes=eyes)
+    return replace(LitScene.of(normals, own, proxy, seen, COUNT, sphere), eyes=eyes)
 
 
-def sunny(peak: float = 20.0) -> FoundLight:
+def sunny(peak: float = 20.0) -> LightEstimate:
     light = 0.5 + peak * np.maximum(even_directions(COUNT) @ SUN, 0) ** 60
-    return FoundLight(np.tile(light[None, :, None], (1, 1, 3)), np.zeros((1, 3, 3), np.float32))
+    return LightEstimate(np.tile(light[None, :, None], (1, 1, 3)), np.zeros((1, 3, 3), np.float32))
 
 
 def test_the_light_is_the_same_and_its_cells_still_hold_all_directions():
@@ -153,11 +159,11 @@ def under_a_roof():
     """Views of a painted sphere; a sun between three directions, and a roof that shades a part."""
     shown = sphere_scene(view_count=3)
     views, normals, albedo = shown.stacked(), normals_of(shown), np.stack(shown.true_channels(), axis=1)
-    eyes, points = Eyes(normals, normals, below_a_roof, np.zeros(3)), len(normals)
+    eyes, points = VisibilityProbes(normals, normals, below_a_roof, np.zeros(3)), len(normals)
     own, none = sp.eye_array(points, dtype=np.float32, format="csr"), sp.csr_array((points, points))
     proxy = Proxy(normals, normals.astype(np.float32), Occlusion(np.zeros((points, 9)), none, none))
     seen = eyes.see(even_directions(DIRECTIONS), None)
-    sky = replace(SkyScene.of(normals, own, proxy, seen, DIRECTIONS, None), eyes=eyes)
+    sky = replace(LitScene.of(normals, own, proxy, seen, DIRECTIONS, None), eyes=eyes)
     towards = even_directions(DIRECTIONS)[np.argsort(-even_directions(DIRECTIONS) @ [0.3, 0.4, 0.87])[:3]]
     sun = towards.sum(axis=0) / np.linalg.norm(towards.sum(axis=0))
     free = ~below_a_roof(normals, np.tile(sun, (points, 1)))
@@ -169,9 +175,9 @@ def under_a_roof():
 def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is(under_a_roof):
     views, sky, image, shading = under_a_roof
     everything, one_light = np.ones(len(image), bool), np.zeros(3, int)
-    coarse = sky_light(sky, views, image, everything, one_light, FEW)
+    coarse = estimate_light(sky, views, image, everything, one_light, FEW)
     finer, near = divided(sky, coarse)
-    fine = sky_light(finer, views, image, everything, one_light, FEW, near=near)
+    fine = estimate_light(finer, views, image, everything, one_light, FEW, near=near)
     left = [
         error(light.shading(scene, views.starts, one_light), shading)
         for scene, light in ((sky, coarse), (finer, fine))
@@ -183,7 +189,7 @@ def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is(under_a
 def test_the_decomposition_divides_what_it_may_look_in(under_a_roof, sheen):
     views, sky, image, shading = under_a_roof
     channels, looked, how = list(image.T.copy()), looks(np.ones(len(image), bool)), replace(HOW, sheen=sheen)
-    how = replace(how, lighting=Lighting("shared", 1.0, 2.0))
+    how = replace(how, lighting=LightSharing("shared", 1.0, 2.0))
     fine, coarse = (
         decompose_by_sky(views, channels, [scene], looked, how).light
         for scene in (sky, replace(sky, eyes=None))

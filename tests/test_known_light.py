@@ -14,15 +14,17 @@ from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import read_mask
 from stages.photometry.lighting.illumination import IlluminationSettings, illumination_by
 from stages.photometry.lighting.known_light import FINE_DEG, STEP_DEG, KnownLight, _lowest
-from stages.photometry.lighting.light_estimate import SkySettings
-from stages.photometry.lighting.lit_photos import Looks
-from stages.photometry.lighting.shared_or_own_lights import Lighting
+from stages.photometry.lighting.light_estimate import LightSearchSettings
+from stages.photometry.lighting.lit_photos import Viewing
+from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.transport.environment import directions_of_picture
 from tests.rendered_scene import TINY, artefact, unshade, write_config
 from tests.sphere_scene import sphere_scene
 from tests.test_sky_light import error, normals_of, open_scene
 
-HOW = IlluminationSettings(SkySettings(samples=3000, bounces=0), Lighting("auto", 0.1, 0.2), sheen=True)
+HOW = IlluminationSettings(
+    LightSearchSettings(samples=3000, bounces=0), LightSharing("auto", 0.1, 0.2), sheen=True
+)
 SEEN = {"views": 4, "width_px": 54, "height_px": 96, "arc_deg": 90.0, "noise": 0.03, "spacing": 0.02}
 ROLLED = 25  # of the picture's 128 columns
 ROLLED_DEG = 360 * ROLLED / 128
@@ -51,7 +53,7 @@ def sphere():
 
 def illuminated(sphere, known: KnownLight, image: np.ndarray):
     views, sky, _, towards = sphere
-    looks = Looks(np.ones(len(image), bool), towards)
+    looks = Viewing(np.ones(len(image), bool), towards)
     channels = list(np.ascontiguousarray(image.T))
     return illumination_by(known, views, channels, sky, looks, HOW, 1, lambda: None)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stages.photometry.lighting.shared_or_own_lights import GLOSSY, MATT, Lighting
+from stages.photometry.lighting.shared_or_own_lights import GLOSSY, MATT, LightSharing
 from stages.photometry.lighting_settings import LightingSettings
 from tests.by_sky import decompose_by_sky
 from tests.test_sky_light import HOW, lit, looks, photo_of  # noqa: F401
@@ -17,7 +17,7 @@ MATTE = 1.0
 
 
 def test_lights_part_by_degrees_as_views_differ_more():
-    lighting = Lighting("auto", 0.2, 0.3)
+    lighting = LightSharing("auto", 0.2, 0.3)
     assert [lighting.apart(spread, MATTE) for spread in (0.0, 0.2, 0.25, 0.3, 0.7)] == pytest.approx(
         [0, 0, 0.5, 1, 1]
     )
@@ -25,15 +25,15 @@ def test_lights_part_by_degrees_as_views_differ_more():
 
 
 def test_gloss_keeps_views_in_one_light_by_degrees_as_well():
-    lighting = Lighting("auto", 0.2, 0.3)
+    lighting = LightSharing("auto", 0.2, 0.3)
     assert lighting.apart(0.5, MATT) == 1
     assert lighting.apart(0.5, (MATT + GLOSSY) / 2) == pytest.approx(0.5)
     assert lighting.apart(0.5, GLOSSY) == 0
 
 
 def test_what_is_asked_for_is_done_whatever_views_show():
-    assert Lighting("shared", 0.2, 0.3).apart(0.9, MATTE) == 0
-    assert Lighting("per-view", 0.2, 0.3).apart(0.0, MATTE) == 1
+    assert LightSharing("shared", 0.2, 0.3).apart(0.9, MATTE) == 0
+    assert LightSharing("per-view", 0.2, 0.3).apart(0.0, MATTE) == 1
 
 
 def test_a_light_between_lies_between_and_goes_over_into_both_ends(lit):  # noqa: F811
@@ -43,24 +43,24 @@ def test_a_light_between_lies_between_and_goes_over_into_both_ends(lit):  # noqa
     image[dim & (views.positions()[:, 1] > np.quantile(views.positions()[:, 1], 0.6))] *= 0.7  # a cloud
     images = [np.ascontiguousarray(image[:, c], np.float32) for c in range(3)]
 
-    def found(lighting: Lighting):
+    def found(lighting: LightSharing):
         how = replace(HOW, lighting=lighting, sheen=False)
         light = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), how).light
         return light, light.light.shading
 
-    one, of_one = found(Lighting("shared", 0.2, 0.3))
-    _, of_each = found(Lighting("per-view", 0.2, 0.3))
+    one, of_one = found(LightSharing("shared", 0.2, 0.3))
+    _, of_each = found(LightSharing("per-view", 0.2, 0.3))
     spread = one.gains.spread
     assert one.brightening < MATT
     apart = np.abs(of_each - of_one).mean()
     assert apart > 0.02
-    halfway, between = found(Lighting("auto", 0.5 * spread, 1.5 * spread))
+    halfway, between = found(LightSharing("auto", 0.5 * spread, 1.5 * spread))
     assert halfway.apart == pytest.approx(0.5)
     assert halfway.light.radiance.shape[0] == 3
     assert np.allclose(between, (of_one + of_each) / 2, atol=0.02)
     for towards, weight in ((of_one, 0.002), (of_each, 0.998)):
         still = spread - 0.1 * weight  # (spread − still) / 0.1 is the weight
-        _, nearly = found(Lighting("auto", still, still + 0.1))
+        _, nearly = found(LightSharing("auto", still, still + 0.1))
         assert np.abs(nearly - towards).mean() < 0.02 * apart
 
 
@@ -79,7 +79,7 @@ def test_the_albedo_makes_no_step_either_where_something_lies_in_a_photo(lit):  
     def found(apart: float) -> np.ndarray:
         still = spread - 0.1 * apart
         return decompose_by_sky(
-            views, images, [sky], trusting, replace(HOW, lighting=Lighting("auto", still, still + 0.1))
+            views, images, [sky], trusting, replace(HOW, lighting=LightSharing("auto", still, still + 0.1))
         ).albedo
 
     steps = [np.abs(np.log(found(at + 0.01) / found(at))).mean() for at in (0.3, 0.495)]

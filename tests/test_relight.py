@@ -13,7 +13,7 @@ from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import read_mask, write_png_srgb8
 from stages.photometry.transport.directional_transport import even_directions
 from stages.photometry.transport.environment import directions_of_picture, light_of_picture, picture_of_light
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.relighting import relit
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from stages.scene.upright import upright_from_world
@@ -52,7 +52,7 @@ def test_a_light_comes_back_from_its_picture():
 def test_under_even_light_open_surface_shows_its_albedo():
     """Eq. 1 with the same shading everywhere."""
     normals, none = even_directions(400), sp.csr_array((1, 1), dtype=np.float32)
-    scene = SkyScene.of(
+    scene = LitScene.of(
         normals,
         sp.csr_array((400, 1), dtype=np.float32),
         Proxy(

@@ -10,18 +10,23 @@ import pytest
 import scipy.sparse as sp
 
 from stages.formats.artefacts.view_files import ways_to_cameras
-from stages.photometry.lighting.light_estimate import FoundLight
+from stages.photometry.lighting.light_estimate import LightEstimate
 from stages.photometry.lighting.light_from_pairs import PairObjective
 from stages.photometry.lighting.light_from_specular import light_in_gloss
 from stages.photometry.lighting.light_search import Search
-from stages.photometry.lighting.lit_photos import Looks, Photos
-from stages.photometry.lighting.shared_or_own_lights import Lighting
-from stages.photometry.specular.chromaticity_clusters import PALETTE, paints_of
-from stages.photometry.specular.specular_reflection import Mirror, Sheen, highlights_of, without_sheen
+from stages.photometry.lighting.lit_photos import Observations, Viewing
+from stages.photometry.lighting.shared_or_own_lights import LightSharing
+from stages.photometry.specular.chromaticity_clusters import PALETTE, chromaticity_clusters
+from stages.photometry.specular.specular_reflection import (
+    Mirror,
+    SpecularReflection,
+    highlights_of,
+    without_specular,
+)
 from stages.photometry.specular.view_differences import MOST_EXPLAINED, Differences, some_links
 from stages.photometry.stack import stack_views
 from stages.photometry.transport.directional_transport import Sphere, even_directions, offsets_in
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.transport.lit_scenes import LitScene
 from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import PAINTS, SphereScene, sphere_scene
 from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, in_shadow_of, looks, normals_of, open_scene
@@ -34,12 +39,12 @@ def glossy():
     """Views of a painted sphere, matt and with sheen, under a lamp and an even light; the mirror is known."""
     scene = sphere_scene(view_count=3)
     sky, mirror, shading = _lit_by_a_lamp(scene)
-    matt = np.stack(scene.true_channels(), axis=1) * shading
-    sheen = STRENGTH * mirror.image(ROUGHNESS, np.arange(len(matt)))
-    return scene.stacked(), sky, mirror, shading, *_scaled(matt, sheen)
+    diffuse = np.stack(scene.true_channels(), axis=1) * shading
+    sheen = STRENGTH * mirror.image(ROUGHNESS, np.arange(len(diffuse)))
+    return scene.stacked(), sky, mirror, shading, *_scaled(diffuse, sheen)
 
 
-def _lit_by_a_lamp(scene: SphereScene) -> tuple[SkyScene, Mirror, np.ndarray]:
+def _lit_by_a_lamp(scene: SphereScene) -> tuple[LitScene, Mirror, np.ndarray]:
     sky = open_scene(normals_of(scene))
     radiance = 0.3 + 12 * np.maximum(even_directions(DIRECTIONS) @ [0.7, 0.3, 0.65], 0) ** 30
     radiance = np.tile(radiance[:, None], 3)
@@ -47,22 +52,22 @@ def _lit_by_a_lamp(scene: SphereScene) -> tuple[SkyScene, Mirror, np.ndarray]:
     return sky, mirror, sky.pixels.shading(radiance)
 
 
-def _scaled(matt: np.ndarray, sheen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    scale = np.percentile(matt + sheen, 99)
-    return (matt / scale).astype(np.float32), (sheen / scale).astype(np.float32)
+def _scaled(diffuse: np.ndarray, sheen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    scale = np.percentile(diffuse + sheen, 99)
+    return (diffuse / scale).astype(np.float32), (sheen / scale).astype(np.float32)
 
 
 def differences_of(views, seen, shading, trusted, mirror) -> Differences:
     return Differences.of(views, seen, trusted, mirror.towards, mirror.pixels, lambda some: shading[some])
 
 
-def photos_of(views, seen, mirror) -> Photos:
-    looked = Looks(everything(seen), mirror.towards)
-    return Photos.of(views, looked, seen, 0.0, Lighting("shared", 1.0, 2.0)).in_one_light()
+def photos_of(views, seen, mirror) -> Observations:
+    looked = Viewing(everything(seen), mirror.towards)
+    return Observations.of(views, looked, seen, 0.0, LightSharing("shared", 1.0, 2.0)).in_one_light()
 
 
-def light_of(mirror: Mirror) -> FoundLight:
-    return FoundLight(mirror.radiance[None], np.zeros((1, 1, 3), np.float32))
+def light_of(mirror: Mirror) -> LightEstimate:
+    return LightEstimate(mirror.radiance[None], np.zeros((1, 1, 3), np.float32))
 
 
 def everything(image: np.ndarray) -> np.ndarray:
@@ -130,8 +135,8 @@ def test_lobes_are_what_the_mirrored_image_is_made_of(glossy):
 
 def test_how_views_differ_tells_the_mirror_and_what_is_seen_in_it(glossy):
     """Without any light to begin with; what all views have in common of it is not told."""
-    views, _, mirror, shading, matt, sheen = glossy
-    differences = differences_of(views, matt + sheen, shading, everything(matt), mirror)
+    views, _, mirror, shading, diffuse, sheen = glossy
+    differences = differences_of(views, diffuse + sheen, shading, everything(diffuse), mirror)
     found = differences.mirrored
     assert found.roughness == ROUGHNESS
     assert found.left < 0.2
@@ -140,8 +145,8 @@ def test_how_views_differ_tells_the_mirror_and_what_is_seen_in_it(glossy):
 
 
 def test_the_slope_of_what_a_light_leaves_is_that_of_its_value(glossy):
-    views, _, mirror, shading, matt, sheen = glossy
-    differences = differences_of(views, matt + sheen, shading, everything(matt), mirror)
+    views, _, mirror, shading, diffuse, sheen = glossy
+    differences = differences_of(views, diffuse + sheen, shading, everything(diffuse), mirror)
     rng = np.random.default_rng(0)
     light, way = 0.1 * rng.random((2, DIRECTIONS, 3))
     rough = differences.in_mirror(ROUGHNESS)
@@ -153,15 +158,15 @@ def test_the_slope_of_what_a_light_leaves_is_that_of_its_value(glossy):
 
 def test_light_and_sheen_are_found_together(glossy):
     """From a light that is wrong by half: wherever it should be dim it is three times as bright."""
-    views, sky, mirror, shading, matt, sheen = glossy
-    photos, wrong = photos_of(views, matt + sheen, mirror), light_of(mirror)
+    views, sky, mirror, shading, diffuse, sheen = glossy
+    photos, wrong = photos_of(views, diffuse + sheen, mirror), light_of(mirror)
     wrong = replace(wrong, radiance=np.maximum(wrong.radiance, 1.0))
     differences = photos.differences(sky, wrong)
     found, light = photos.sheen(sky, wrong, differences, FEW, lambda: None)
     assert found.glossy.all()
     assert found.roughness == ROUGHNESS
     foretold, before = (
-        replace(mirror, radiance=one.radiance[0]).image(ROUGHNESS, np.arange(len(matt)))
+        replace(mirror, radiance=one.radiance[0]).image(ROUGHNESS, np.arange(len(diffuse)))
         for one in (light, wrong)
     )
     assert error(foretold, sheen) < 0.1
@@ -170,12 +175,12 @@ def test_light_and_sheen_are_found_together(glossy):
 
 def test_both_witnesses_are_heard(glossy):
     """What pairs and differences are left with together falls, and neither is left as it was."""
-    views, sky, mirror, shading, matt, sheen = glossy
-    photos, start = photos_of(views, matt + sheen, mirror), np.ones((1, DIRECTIONS, 3))
-    even = FoundLight(start, np.zeros((1, 1, 3), np.float32))
-    objective = Search.of(sky, views, photos.matt, everything(matt), photos.light_of_view, FEW).objective(
-        even
-    )
+    views, sky, mirror, shading, diffuse, sheen = glossy
+    photos, start = photos_of(views, diffuse + sheen, mirror), np.ones((1, DIRECTIONS, 3))
+    even = LightEstimate(start, np.zeros((1, 1, 3), np.float32))
+    objective = Search.of(
+        sky, views, photos.diffuse, everything(diffuse), photos.light_of_view, FEW
+    ).objective(even)
     assert isinstance(objective, PairObjective)
     rough, strength = photos.differences(sky, light_of(mirror)).in_mirror(ROUGHNESS), 0.1 * np.ones(3)
     light = light_in_gloss(objective, rough, strength, start)
@@ -185,32 +190,32 @@ def test_both_witnesses_are_heard(glossy):
 
 
 def test_what_is_taken_off_is_the_sheen_and_never_adds(glossy):
-    _, _, mirror, _, matt, sheen = glossy
-    scale = np.median(sheen / mirror.image(ROUGHNESS, np.arange(len(matt))), axis=0)
-    known = Sheen(scale, ROUGHNESS, 0.1, everything(matt))
+    _, _, mirror, _, diffuse, sheen = glossy
+    scale = np.median(sheen / mirror.image(ROUGHNESS, np.arange(len(diffuse))), axis=0)
+    known = SpecularReflection(scale, ROUGHNESS, 0.1, everything(diffuse))
     added = known.image(mirror)
     assert error(added, sheen) < 1e-3
-    seen, share = without_sheen(matt + sheen, added)
-    assert error(seen, matt) < 0.2 * error(matt + sheen, matt)
-    below = np.where(np.arange(len(matt))[:, None] % 5, matt + sheen, -0.01).astype(np.float32)
-    assert np.all(without_sheen(below, added)[0] <= below)
-    assert np.corrcoef(share, (sheen / (matt + sheen)).mean(axis=1))[0, 1] > 0.95
-    half = replace(known, glossy=np.arange(len(matt)) % 2 == 0)
+    seen, share = without_specular(diffuse + sheen, added)
+    assert error(seen, diffuse) < 0.2 * error(diffuse + sheen, diffuse)
+    below = np.where(np.arange(len(diffuse))[:, None] % 5, diffuse + sheen, -0.01).astype(np.float32)
+    assert np.all(without_specular(below, added)[0] <= below)
+    assert np.corrcoef(share, (sheen / (diffuse + sheen)).mean(axis=1))[0, 1] > 0.95
+    half = replace(known, glossy=np.arange(len(diffuse)) % 2 == 0)
     assert not half.image(mirror)[1::2].any()
     assert half.as_json()["pixels"] == half.glossy.sum()
 
 
 def test_matt_surface_has_none(glossy):
-    views, sky, mirror, shading, matt, _ = glossy
-    differences = differences_of(views, matt, shading, everything(matt), mirror)
+    views, sky, mirror, shading, diffuse, _ = glossy
+    differences = differences_of(views, diffuse, shading, everything(diffuse), mirror)
     assert differences.mirrored.left > 0.95
-    photos = photos_of(views, matt, mirror)
+    photos = photos_of(views, diffuse, mirror)
     assert photos.sheen(sky, light_of(mirror), differences, FEW, lambda: None) is None
 
 
 def test_what_no_other_view_sees_tells_nothing(glossy):
-    views, sky, mirror, shading, matt, sheen = glossy
-    seen, trusted = matt + sheen, everything(matt)
+    views, sky, mirror, shading, diffuse, sheen = glossy
+    seen, trusted = diffuse + sheen, everything(diffuse)
     lamp = np.full_like(shading, 1e-6)
     lamp[0] = 1  # all else is dark beside it
     for untold in (
@@ -260,23 +265,23 @@ def glossy_in_part():
 
 
 def test_a_paint_is_what_has_one_albedo_whatever_light_and_sheen_make_of_it(glossy_in_part):
-    views, _, _, shading, matt, sheen, _ = glossy_in_part
-    paint = paints_of(views, matt + sheen, shading, everything(matt))
+    views, _, _, shading, diffuse, sheen, _ = glossy_in_part
+    paint = chromaticity_clusters(views, diffuse + sheen, shading, everything(diffuse))
     assert 3 <= len(np.unique(paint)) <= PALETTE
-    true = np.unique(np.round(matt / shading, 3), axis=0, return_inverse=True)[1].ravel()
+    true = np.unique(np.round(diffuse / shading, 3), axis=0, return_inverse=True)[1].ravel()
     mixed = sum(len(of) - np.bincount(of).max() for of in (true[paint == k] for k in np.unique(paint)))
     assert mixed < 0.02 * len(paint)
     few = np.arange(len(paint)) % (len(paint) // 3) == 0
-    assert len(np.unique(paints_of(views, matt + sheen, shading, few))) <= few.sum()
-    nothing = np.zeros_like(matt)
-    assert len(np.unique(paints_of(views, nothing, nothing, everything(matt)))) == 1
+    assert len(np.unique(chromaticity_clusters(views, diffuse + sheen, shading, few))) <= few.sum()
+    nothing = np.zeros_like(diffuse)
+    assert len(np.unique(chromaticity_clusters(views, nothing, nothing, everything(diffuse)))) == 1
 
 
 def test_what_is_matt_hides_no_sheen_of_other_paint(glossy_in_part):
-    views, sky, mirror, shading, matt, sheen, part = glossy_in_part
-    seen = matt + sheen
+    views, sky, mirror, shading, diffuse, sheen, part = glossy_in_part
+    seen = diffuse + sheen
     photos, light = photos_of(views, seen, mirror), light_of(mirror)
-    differences = differences_of(views, seen, shading, everything(matt), mirror)
+    differences = differences_of(views, seen, shading, everything(diffuse), mirror)
     assert differences.mirrored.left > MOST_EXPLAINED
     found, again = photos.sheen(sky, light, differences, FEW, lambda: None)
     assert np.mean(found.glossy == part) > 0.99
@@ -287,14 +292,14 @@ def test_what_is_matt_hides_no_sheen_of_other_paint(glossy_in_part):
 
 
 def test_noise_is_no_mirror_however_few_links_there_are(glossy):
-    views, sky, mirror, shading, matt, _ = glossy
+    views, sky, mirror, shading, diffuse, _ = glossy
     rng = np.random.default_rng(0)
-    noisy = (matt * rng.normal(1, 0.1, matt.shape)).astype(np.float32)
-    differences = differences_of(views, noisy, shading, everything(matt), mirror)
+    noisy = (diffuse * rng.normal(1, 0.1, diffuse.shape)).astype(np.float32)
+    differences = differences_of(views, noisy, shading, everything(diffuse), mirror)
     assert differences.p.size > 2000
     photos = photos_of(views, noisy, mirror)
     for count in (30, 200, 300, 500, 1000, 2000, differences.p.size):
-        ends = np.zeros(len(matt), bool)
+        ends = np.zeros(len(diffuse), bool)
         ends[differences.p[:count]] = ends[differences.q[:count]] = True
         few = differences.within(ends)
         assert photos.sheen(sky, light_of(mirror), few, FEW, lambda: None) is None
@@ -302,7 +307,7 @@ def test_noise_is_no_mirror_however_few_links_there_are(glossy):
 
 def test_some_pixels_always_stay_trusted():
     trusted = np.array([True, False, True])
-    looks_so_far = Looks(trusted, np.zeros((3, 3), np.float32))
+    looks_so_far = Viewing(trusted, np.zeros((3, 3), np.float32))
     assert looks_so_far.without(np.array([True, True, False])).trusted.tolist() == [False, False, True]
     assert looks_so_far.without(trusted).trusted.tolist() == trusted.tolist()
 
@@ -327,16 +332,16 @@ def _both_ways(views):
 
 
 def test_the_albedo_comes_nearer_the_paint(glossy):
-    views, sky, _, shading, matt, sheen = glossy
-    images = [np.ascontiguousarray((matt + sheen)[:, c]) for c in range(3)]
-    albedo = matt / shading
+    views, sky, _, shading, diffuse, sheen = glossy
+    images = [np.ascontiguousarray((diffuse + sheen)[:, c]) for c in range(3)]
+    albedo = diffuse / shading
     with_it, without = (
-        decompose_by_sky(views, images, [sky], looks(everything(matt)), replace(HOW, sheen=sheen))
+        decompose_by_sky(views, images, [sky], looks(everything(diffuse)), replace(HOW, sheen=sheen))
         for sheen in (True, False)
     )
     assert with_it.light.sheen is not None
     assert without.light.sheen is None
     assert error(with_it.albedo, albedo) < 0.8 * error(without.albedo, albedo)
-    assert error(with_it.light.observations.seen, matt) < error(without.light.observations.seen, matt)
-    two_threads = decompose_by_sky(views, images, [sky], looks(everything(matt)), HOW, threads=2)
+    assert error(with_it.light.observations.seen, diffuse) < error(without.light.observations.seen, diffuse)
+    two_threads = decompose_by_sky(views, images, [sky], looks(everything(diffuse)), HOW, threads=2)
     assert np.array_equal(two_threads.albedo, with_it.albedo)

@@ -10,7 +10,7 @@ from stages.geometry.occluders import Occluders
 from stages.geometry.rays import vertex_normals
 from stages.photometry.paper.harmonics import real_harmonics, shading_basis
 from stages.photometry.transport.directional_transport import (
-    SkyTransport,
+    DirectionalTransport,
     Sphere,
     even_directions,
     offsets_in,
@@ -27,11 +27,13 @@ def unit(rng: np.random.Generator, count: int) -> np.ndarray:
     return x / np.linalg.norm(x, axis=1, keepdims=True)
 
 
-def open_points(normals: np.ndarray, offsets: np.ndarray | None = None, count: int = COUNT) -> SkyTransport:
+def open_points(
+    normals: np.ndarray, offsets: np.ndarray | None = None, count: int = COUNT
+) -> DirectionalTransport:
     """Points that see everything."""
     nothing = sp.csr_array((len(normals), 1), dtype=np.float32)
     offsets = np.zeros(normals.shape, np.float32) if offsets is None else offsets.astype(np.float32)
-    return SkyTransport.of(normals, offsets, nothing, np.zeros((1, -(-count // 8)), np.uint8), count)
+    return DirectionalTransport.of(normals, offsets, nothing, np.zeros((1, -(-count // 8)), np.uint8), count)
 
 
 def test_directions_are_unit_and_even():
@@ -67,7 +69,7 @@ def test_deep_in_a_bowl_the_open_part_of_the_sky_is_what_arrives():
     lifted = surface.vertices - occluders.origin + 1e-3 * normals
     visible = visible_directions(lifted, normals, occluders.blocked, even_directions(COUNT))
     own = sp.csr_array(sp.eye_array(len(lifted), dtype=np.float32, format="csr"))
-    transport = SkyTransport.of(normals, np.zeros(lifted.shape, np.float32), own, visible, COUNT)
+    transport = DirectionalTransport.of(normals, np.zeros(lifted.shape, np.float32), own, visible, COUNT)
     arriving = transport.shading(np.ones((COUNT, 1)))[0, 0]
     rim = np.arccos((2 * 0.7 - 1 + 1) / np.linalg.norm([np.sqrt(1 - (2 * 0.7 - 1) ** 2), 2 * 0.7]))
     assert arriving == pytest.approx(np.sin(rim) ** 2, abs=0.02)
@@ -77,7 +79,7 @@ def test_points_between_vertices_see_what_both_see_in_part():
     visible = np.array([[0b10000000], [0b11000000]], np.uint8)
     blend = sp.csr_array(np.array([[0.25, 0.75]], np.float32))
     normals = np.array([[0.0, 0, 1]])
-    transport = SkyTransport.of(normals, np.zeros((1, 3), np.float32), blend, visible, 8)
+    transport = DirectionalTransport.of(normals, np.zeros((1, 3), np.float32), blend, visible, 8)
     up = np.maximum(even_directions(8)[:, 2], 0) * 4 / 8
     assert np.allclose(transport.shares(np.array([0]))[0, :2], [up[0], 0.75 * up[1]], atol=1e-6)
     assert np.allclose(transport.shares(np.array([0]))[0, 2:], 0)

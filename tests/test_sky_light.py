@@ -19,63 +19,69 @@ from stages.photometry.chromaticity import DARK, colour_change, in_white_light
 from stages.photometry.joint.fast_alternation import FastSettings
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights, graph_of
 from stages.photometry.lighting.illumination import explained_best
-from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
-from stages.photometry.lighting.light_from_pairs import ENOUGH, PairObjective, PairWeights, Sample, believed
-from stages.photometry.lighting.light_search import Search, disagreements, sky_light
-from stages.photometry.lighting.lit_photos import Looks, Photos
+from stages.photometry.lighting.light_estimate import LightEstimate, LightSearchSettings
+from stages.photometry.lighting.light_from_pairs import (
+    ENOUGH,
+    PairObjective,
+    PairWeights,
+    Sample,
+    weighted_by_reliability,
+)
+from stages.photometry.lighting.light_search import Search, disagreements, estimate_light
+from stages.photometry.lighting.lit_photos import Observations, Viewing
 from stages.photometry.lighting.pair_sampling import COLOUR, Pairs, alike_pairs, sample_of
-from stages.photometry.lighting.shared_or_own_lights import Lighting
+from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.lighting.view_gains import view_gains
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.specular import highlights
-from stages.photometry.specular.highlights import Linked, brightening, darkened, without_highlights
+from stages.photometry.specular.highlights import Linked, brightening, darker_outliers, without_highlights
 from stages.photometry.stack import StackedViews, stack_views
 from stages.photometry.transport.directional_transport import even_directions
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.by_sky import BySky, decompose_by_sky
 from tests.sphere_scene import SphereScene, sphere_scene
 
 DIRECTIONS = 128
 MOVING = 0.1, 0.2
-FEW = SkySettings(samples=3000, bounces=0)
+FEW = LightSearchSettings(samples=3000, bounces=0)
 HOW = BySky(
     light=FEW,
-    lighting=Lighting("auto", *MOVING),
+    lighting=LightSharing("auto", *MOVING),
     sheen=True,
     edges=PaintEdges(coarse=2.0),
     descent=FastSettings(EnergyWeights(0.7, 0.3, 1e-4), max_rounds=20),
 )
 
 
-def looks(trusted: np.ndarray) -> Looks:
+def looks(trusted: np.ndarray) -> Viewing:
     """At three views of the sphere."""
     scene = sphere_scene(view_count=3)
-    return Looks(trusted, ways_to_cameras(scene.cameras, scene.masks))
+    return Viewing(trusted, ways_to_cameras(scene.cameras, scene.masks))
 
 
 def normals_of(scene: SphereScene) -> np.ndarray:
     return np.concatenate([n[m] for n, m in zip(scene.normals, scene.masks, strict=True)])
 
 
-def open_scene(normals: np.ndarray) -> SkyScene:
+def open_scene(normals: np.ndarray) -> LitScene:
     """Every pixel a point that sees everything."""
     of_none = sp.csr_array((len(normals), 1), dtype=np.float32)
     return scene_of(normals, of_none, np.zeros((1, DIRECTIONS), bool))
 
 
-def in_shadow_of(direction: int, shaded: np.ndarray, normals: np.ndarray) -> SkyScene:
+def in_shadow_of(direction: int, shaded: np.ndarray, normals: np.ndarray) -> LitScene:
     """Every pixel a point that sees everything; those that are shaded, (N,), all but one direction."""
     seen = np.ones((2, DIRECTIONS), bool)
     seen[1, direction] = False
     return scene_of(normals, sp.csr_array(np.stack([~shaded, shaded], axis=1).astype(np.float32)), seen)
 
 
-def scene_of(normals: np.ndarray, blend: sp.csr_array, seen: np.ndarray) -> SkyScene:
+def scene_of(normals: np.ndarray, blend: sp.csr_array, seen: np.ndarray) -> LitScene:
     """Of vertices (P, DIRECTIONS) that see the sky and nothing else."""
     count = len(seen)
     nothing = sp.csr_array((count, count), dtype=np.float32)
-    return SkyScene.of(
+    return LitScene.of(
         normals,
         blend,
         Proxy(
@@ -126,7 +132,7 @@ def error(found: np.ndarray, truth: np.ndarray) -> float:
 def light_and_shading(lit, image: np.ndarray):
     views, sky = lit[:2]
     one_light = np.zeros(views.view_count, int)
-    light = sky_light(sky, views, image, np.ones(len(image), bool), one_light, FEW)
+    light = estimate_light(sky, views, image, np.ones(len(image), bool), one_light, FEW)
     return light, light.shading(sky, views.starts, one_light)
 
 
@@ -170,7 +176,7 @@ def test_as_many_lights_as_views_are_found_as_well_as_a_few():
         rows = [slice(int(a), int(b)) for a, b in zip(views.starts, views.starts[1:], strict=False)]
         shading = np.concatenate([sky.pixels.shading(e, r) for e, r in zip(radiance, rows, strict=True)])
         image, everything = photo_of(albedo[own], shading), np.ones(len(shading), bool)
-        light = sky_light(sky, views, image, everything, np.arange(count), FEW)
+        light = estimate_light(sky, views, image, everything, np.arange(count), FEW)
         seen[count] = error(light.shading(sky, views.starts, np.arange(count)), shading)
     assert seen[24] < 0.02 and seen[24] < 1.5 * seen[3], seen
 
@@ -185,7 +191,9 @@ def test_coloured_lamps_are_not_taken_for_paint(lit):
     one_light, found = np.zeros(views.view_count, int), {}
     for price in (FEW.weights.neutrality, 3.0):
         how = replace(FEW, weights=PairWeights(neutrality=price))
-        lights = [sky_light(sky, views, image, everything, one_light, replace(how, seed=k)) for k in range(3)]
+        lights = [
+            estimate_light(sky, views, image, everything, one_light, replace(how, seed=k)) for k in range(3)
+        ]
         shadings = [light.shading(sky, views.starts, one_light) for light in lights]
         found[price] = np.mean([error(image / shading, albedo) for shading in shadings])
     free, held = found.values()
@@ -244,7 +252,11 @@ def test_pairs_count_less_where_they_disagree_more_than_who_is_nearest():
         """Of each of the four, all its copies together."""
         kind = np.tile(np.array(kinds, np.int32), times)
         pairs = Pairs(first, second, np.full(kind.size, 1 / kind.size), kind)
-        return believed(image, np.ones((4, 3)), pairs, 0.4, PairWeights()).weight.reshape(-1, 4).sum(axis=0)
+        return (
+            weighted_by_reliability(image, np.ones((4, 3)), pairs, 0.4, PairWeights())
+            .weight.reshape(-1, 4)
+            .sum(axis=0)
+        )
 
     assert weights(1, 1, 0, 0) == pytest.approx([0.5, 0.5, 0, 0])
     assert weights(0, 0, 1, 1) == pytest.approx([0.1, 0.1, 0.4, 0.4])
@@ -260,7 +272,7 @@ def test_few_pairs_are_no_measure_of_the_others():
     first = np.array([0] + [0, 2] * ENOUGH, np.int32)
     second, kind = np.array([1] + [2, 0] * ENOUGH, np.int32), np.array([1] + [2] * 2 * ENOUGH, np.int32)
     pairs = Pairs(first, second, np.full(first.size, 1 / first.size), kind)
-    alone = believed(image, np.ones((4, 3)), pairs, 0.4, PairWeights()).weight[0]
+    alone = weighted_by_reliability(image, np.ones((4, 3)), pairs, 0.4, PairWeights()).weight[0]
     assert alone == pytest.approx(1 / first.size)
 
 
@@ -268,7 +280,7 @@ def test_a_kind_of_few_pairs_has_no_more_than_their_share():
     image = np.repeat([[0.4], [0.4], [0.5], [0.5]], 3, axis=1)
     places = np.array([0, 2] * 50, np.int32)
     pairs = Pairs(places, places + 1, np.full(100, 0.01), np.array([1] + [2] * 99, np.int32))
-    assert believed(image, np.ones((4, 3)), pairs, 0.4, PairWeights()).weight == pytest.approx(
+    assert weighted_by_reliability(image, np.ones((4, 3)), pairs, 0.4, PairWeights()).weight == pytest.approx(
         np.full(100, 0.01)
     )
 
@@ -288,7 +300,7 @@ def test_light_bounces_from_surface_that_no_pixel_shows_with_the_paint_of_its_ne
         Occlusion(np.zeros((4, 9), np.float32), takes, 0 * takes),
     )
     open_to_all = np.full((4, DIRECTIONS // 8), 255, np.uint8)
-    sky = SkyScene.of(normals, blend, proxy, open_to_all, DIRECTIONS, None)
+    sky = LitScene.of(normals, blend, proxy, open_to_all, DIRECTIONS, None)
     even = np.ones((1, DIRECTIONS, 3))
     image = np.array([0.2, 0.9, 0.05])[of_vertex, None] * sky.pixels.shading(even[0])
     how, one_light = replace(FEW, bounces=1), np.zeros(views.view_count, int)
@@ -307,7 +319,7 @@ def test_lights_are_compared_by_the_same_pairs(lit):
     image, everything = (grain * albedo * shading).astype(np.float32), np.ones(len(albedo), bool)
     towards, nothing = even_directions(DIRECTIONS) @ [0.4, 0.5, 0.77], np.zeros((1, 1, 3), np.float32)
     skies = [0.3 + peak * np.maximum(towards, 0) ** 6 for peak in (2.5, 2.0)]
-    lights = [FoundLight(np.tile(light[:, None], 3)[None], nothing) for light in skies]
+    lights = [LightEstimate(np.tile(light[:, None], 3)[None], nothing) for light in skies]
     one_light = np.zeros(views.view_count, int)
     scenes, shown = [sky] * 3, [*lights, lights[0]]
     left = disagreements(scenes, shown, views, image, everything, one_light, FEW)
@@ -328,10 +340,10 @@ def test_a_light_that_is_near_is_gone_on_from(lit):
     one_light, steps = np.zeros(views.view_count, int), []
     towards = even_directions(DIRECTIONS) @ [0.4, 0.5, 0.77]
     dimmed = np.tile((0.5 + 1.5 * np.maximum(towards, 0) ** 6)[:, None], 3)
-    near = FoundLight(dimmed[None], np.zeros((1, 1, 3), np.float32))
-    again = sky_light(sky, views, image, everything, one_light, FEW, lambda: steps.append(1), near).shading(
-        sky, views.starts, one_light
-    )
+    near = LightEstimate(dimmed[None], np.zeros((1, 1, 3), np.float32))
+    again = estimate_light(
+        sky, views, image, everything, one_light, FEW, lambda: steps.append(1), near
+    ).shading(sky, views.starts, one_light)
     assert len(steps) < len(FEW.scales)
     before = near.shading(sky, views.starts, one_light)
     assert error(again, shading) < 0.05 < error(before, shading)
@@ -552,7 +564,7 @@ def test_everything_together_on_the_sphere(lit):
     assert found.light.sheen is None
     assert np.allclose(found.light.light.shading.mean(axis=0), 1, atol=1e-3)
     assert error(found.albedo, albedo) < 0.25 * error(image, albedo)
-    apart = replace(HOW, lighting=Lighting("per-view", *MOVING))
+    apart = replace(HOW, lighting=LightSharing("per-view", *MOVING))
     per_view = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), apart)
     assert per_view.light.light.radiance.shape == (3, DIRECTIONS, 3)
     assert error(per_view.albedo, albedo) < 0.5 * error(image, albedo)
@@ -578,18 +590,18 @@ def test_what_views_contradict_each_other_about_is_disputed_and_nothing_else(lit
     everywhere, edges = np.ones(len(albedo), bool), PaintEdges(coarse=10.0)
     linked = np.unique(np.concatenate([np.concatenate(ends) for ends in views.linked_pixels()]))
 
-    def disputed(image, light=shading):
-        return appearance_of(views, image, light, everywhere, edges, True).disputed[linked]
+    def inconsistent(image, light=shading):
+        return appearance_of(views, image, light, everywhere, edges, True).inconsistent[linked]
 
     image, dim = albedo * shading, np.ones((len(albedo), 1))
     dim[views.view(1)] = 0.3
-    assert np.quantile(disputed(image), 0.95) < 0.1
-    assert np.quantile(disputed(dim * image, dim * shading), 0.95) < 0.1  # less light, and known to be
+    assert np.quantile(inconsistent(image), 0.95) < 0.1
+    assert np.quantile(inconsistent(dim * image, dim * shading), 0.95) < 0.1  # less light, and known to be
     glossy = image.copy()
     glossy[views.view(0)] *= 1.5
-    assert np.median(disputed(glossy)) > 0.8
+    assert np.median(inconsistent(glossy)) > 0.8
     grain = np.exp(np.random.default_rng(6).uniform(-0.9, 0.9, (len(albedo), 1)))
-    assert np.median(disputed(grain * image)) < 0.1  # fine paint that no two views see alike
+    assert np.median(inconsistent(grain * image)) < 0.1  # fine paint that no two views see alike
 
 
 def test_fine_paint_that_views_misplace_is_texture_unless_it_may_be_gloss():
@@ -636,7 +648,7 @@ def test_disputed_pixels_believe_the_other_views(lit):
 def test_where_nothing_is_trusted_everything_is(lit):
     views, sky, albedo, shading, _ = lit
     image = photo_of(albedo, shading)
-    how = replace(HOW, lighting=Lighting("shared", *MOVING), descent=replace(HOW.descent, max_rounds=5))
+    how = replace(HOW, lighting=LightSharing("shared", *MOVING), descent=replace(HOW.descent, max_rounds=5))
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
     found = decompose_by_sky(views, images, [sky], looks(np.zeros(len(albedo), bool)), how)
     assert found.light.observations.trusted.any()
@@ -650,7 +662,7 @@ def test_clipped_pixels_have_no_say_about_the_light(lit):
     image[clipped] = image.max()
     one_light = np.zeros(views.view_count, int)
     with_all, without = (
-        sky_light(sky, views, image, trusted, one_light, FEW).shading(sky, views.starts, one_light)
+        estimate_light(sky, views, image, trusted, one_light, FEW).shading(sky, views.starts, one_light)
         for trusted in (np.ones(len(image), bool), ~clipped)
     )
     assert error(without, shading) < 0.05
@@ -672,8 +684,8 @@ def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
     assert np.all(clean <= glossy)
     lobe = linked & (highlight[:, 0] > 0.1)
     assert np.abs(np.mean(clean[lobe] - image[lobe])) < 0.3 * np.mean(highlight[lobe])
-    matt = without_highlights(Linked.of(views, everything), (image * noise).astype(np.float32))
-    assert np.mean(np.abs(matt / (image * noise) - 1) < 1e-6) > 0.9
+    diffuse = without_highlights(Linked.of(views, everything), (image * noise).astype(np.float32))
+    assert np.mean(np.abs(diffuse / (image * noise) - 1) < 1e-6) > 0.9
     alone = replace(views, links={pair: block for pair, block in views.links.items() if 0 not in pair})
     assert np.array_equal(without_highlights(Linked.of(alone, everything), glossy)[first], glossy[first])
 
@@ -784,14 +796,14 @@ def darkened_in_the_first(lit, to: float) -> tuple[np.ndarray, np.ndarray]:
 def test_a_place_that_one_photo_darkens_is_no_measure_and_darkens_no_other(lit, to):
     views, everything, image = lit[0], np.ones(len(lit[2]), bool), photo_of(lit[2], lit[3])
     shadowed, place = darkened_in_the_first(lit, to)
-    lighting = Lighting("shared", *MOVING)
-    photos = Photos.of(views, looks(everything), shadowed, 0.0, lighting).in_one_light()
+    lighting = LightSharing("shared", *MOVING)
+    photos = Observations.of(views, looks(everything), shadowed, 0.0, lighting).in_one_light()
     inside = place & near_the_middle_of_the_first(lit, 18) & linked_to_others(views)
     assert np.mean(photos.looks.trusted[inside]) < 0.1
     assert np.mean(photos.looks.trusted[~place]) > 0.99
     dragged, by_the_shadow = (
-        np.mean(matt[~place] < 0.95 * image[~place])
-        for matt in (photos.matt, without_highlights(Linked.of(views, everything), shadowed))
+        np.mean(diffuse[~place] < 0.95 * image[~place])
+        for diffuse in (photos.diffuse, without_highlights(Linked.of(views, everything), shadowed))
     )
     assert by_the_shadow > 0.3
     assert dragged < 0.2 * by_the_shadow
@@ -801,16 +813,16 @@ def test_what_all_photos_show_black_is_believed(lit):
     image, inside = photo_of(lit[2], lit[3]), near_the_middle_of_the_first(lit, 18)
     image[near_the_middle_of_the_first(lit, 25)] = 0
     linked = Linked.of(lit[0], np.ones(len(image), bool))
-    assert not darkened(linked, image)[inside].any()
-    assert darkened(linked, darkened_in_the_first(lit, 0.0)[0])[inside].any()
+    assert not darker_outliers(linked, image)[inside].any()
+    assert darker_outliers(linked, darkened_in_the_first(lit, 0.0)[0])[inside].any()
 
 
 def test_of_two_views_neither_is_outvoted(lit):
     shadowed, place = darkened_in_the_first(lit, SHADOW)
     views, everything = lit[0], np.ones(len(shadowed), bool)
     two = replace(views, links={(0, 1): views.links[0, 1]})
-    assert not darkened(Linked.of(two, everything), shadowed).any()
-    assert darkened(Linked.of(views, everything), shadowed)[place].any()
+    assert not darker_outliers(Linked.of(two, everything), shadowed).any()
+    assert darker_outliers(Linked.of(views, everything), shadowed)[place].any()
 
 
 def linked_to_others(views: StackedViews) -> np.ndarray:

@@ -241,7 +241,7 @@ def test_gloss_adds_a_highlight_and_takes_its_share_elsewhere():
     paint = np.full((count, 3), (0.8, 0.4, 0.1))
     lamp = Light(None, lamps_around((Placed(0, 30, 1, 1.0),), np.zeros(3), 0.5))
     camera = towards_origin(0.0, -10.0, 24, 60.0)
-    matt = Scene(surface, paint, lamp).photograph(camera, DIRECT, seed=1)
+    diffuse = Scene(surface, paint, lamp).photograph(camera, DIRECT, seed=1)
     glossy = Scene(surface, paint, lamp, Gloss.white(np.full(count, share), 0.05)).photograph(
         camera, DIRECT, seed=2
     )
@@ -252,7 +252,7 @@ def test_gloss_adds_a_highlight_and_takes_its_share_elsewhere():
     lit = truth.mask & (truth.normals @ to_lamp > 0.3)
     outside = lit & (from_mirror > 30)
     assert outside.sum() > 50
-    excess = glossy - (1 - share) * matt
+    excess = glossy - (1 - share) * diffuse
     np.testing.assert_allclose(excess[outside].mean(axis=0), 0, atol=0.002)  # the tail of GGX; 0.3 in red
     excess = excess[lit & (from_mirror < 5)]
     assert len(excess) > 3
@@ -264,11 +264,11 @@ def test_no_gloss_is_gloss_with_no_share():
     surface = ball()
     count = len(surface.vertices)
     paint, camera = np.full((count, 3), 0.5), towards_origin(0.0, 0.0)
-    matt, glossy = (
+    diffuse, glossy = (
         Scene(surface, paint, SKY_DOME, gloss).photograph(camera, Quality(256, 1), seed=0)
         for gloss in (None, Gloss.white(np.zeros(count), 0.2))
     )
-    np.testing.assert_allclose(glossy.mean(axis=(0, 1)), matt.mean(axis=(0, 1)), rtol=0.005)
+    np.testing.assert_allclose(glossy.mean(axis=(0, 1)), diffuse.mean(axis=(0, 1)), rtol=0.005)
 
 
 def test_smoothing_moves_each_vertex_to_the_mean_of_its_neighbours_and_itself():

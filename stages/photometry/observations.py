@@ -10,14 +10,14 @@ UNLIT = 0.02  # of the median shading: a quotient by less says nothing
 
 
 @dataclass(frozen=True, eq=False)
-class Observations:
+class AlbedoData:
     """Of all pixels, view after view; scaled, gains of the views included.
 
     Attributes
     ----------
     seen : ndarray, shape (N, 3), float32
         The photos without their sheen: what albedo and shading are to explain.
-    matt : ndarray, shape (N, 3), float32
+    diffuse : ndarray, shape (N, 3), float32
         Without highlights as well, where one light serves all views.
     trusted : ndarray, shape (N,), bool
         Pixels whose data count.
@@ -26,6 +26,6 @@ class Observations:
     """
 
     seen: np.ndarray
-    matt: np.ndarray
+    diffuse: np.ndarray
     trusted: np.ndarray
     glossy: float

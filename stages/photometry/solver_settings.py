@@ -8,7 +8,7 @@ from stages.photometry.decomposition_settings import DecompositionSettings, give
 from stages.photometry.lighting_settings import LightingSettings
 
 if TYPE_CHECKING:
-    from stages.photometry.albedo.albedo_given_light import SkyDecomposition
+    from stages.photometry.albedo.albedo_given_light import AlbedoSettings
     from stages.photometry.joint.fast_alternation import FastSettings
     from stages.photometry.joint.transfer_alternation import TransferAlternation
     from stages.photometry.lighting.illumination import IlluminationSettings
@@ -82,29 +82,29 @@ def as_transfer(settings: DecompositionSettings, weights: EnergyWeights) -> Tran
 def as_illumination(settings: LightingSettings) -> IlluminationSettings:
     """For the light of `light: directions`."""
     from stages.photometry.lighting.illumination import IlluminationSettings
-    from stages.photometry.lighting.light_estimate import SkySettings
+    from stages.photometry.lighting.light_estimate import LightSearchSettings
     from stages.photometry.lighting.light_from_pairs import PairWeights
-    from stages.photometry.lighting.shared_or_own_lights import Lighting
+    from stages.photometry.lighting.shared_or_own_lights import LightSharing
 
     return IlluminationSettings(
-        light=SkySettings(
+        light=LightSearchSettings(
             samples=settings.samples,
             bounces=settings.bounces,
             brightest=settings.brightest,
             weights=PairWeights(settings.neutrality, settings.evenness),
         ),
-        lighting=Lighting(settings.lights, settings.still_up_to, settings.moving_light),
+        lighting=LightSharing(settings.lights, settings.still_up_to, settings.moving_light),
         sheen=settings.sheen,
     )
 
 
-def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> SkyDecomposition:
+def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> AlbedoSettings:
     """For the albedo under that light."""
-    from stages.photometry.albedo.albedo_given_light import SkyDecomposition
+    from stages.photometry.albedo.albedo_given_light import AlbedoSettings
     from stages.photometry.albedo.detail_octaves import DetailSettings
     from stages.photometry.albedo.paint_edges import PaintEdges
 
-    return SkyDecomposition(
+    return AlbedoSettings(
         edges=PaintEdges(
             coarse=max(settings.fine_lambda, settings.coarse_lambda * side / OWN_SIDE),
             fine=settings.fine_lambda,

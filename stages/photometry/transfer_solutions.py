@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.photometry.albedo.albedo_given_light import SkyDecomposition, decompose_under_light
+from stages.photometry.albedo.albedo_given_light import AlbedoSettings, decompose_under_light
 from stages.photometry.energy_history import rounds_under_light_as_json
 from stages.photometry.joint.transfer_alternation import TransferAlternation, solve_with_transfer
-from stages.photometry.observations import Observations
+from stages.photometry.observations import AlbedoData
 from stages.photometry.paper.alternation import Outcome
 from stages.photometry.solutions import SolvedUnderLight, SolvedWithLight, solution_of
 from stages.photometry.stack import StackedViews
@@ -34,8 +34,8 @@ def by_transfer(
 def under_light(
     views: StackedViews,
     shading: np.ndarray,
-    observed: Observations,
-    settings: SkyDecomposition,
+    observed: AlbedoData,
+    settings: AlbedoSettings,
     threads: int,
     step: Callable[[], None],
 ) -> SolvedUnderLight:

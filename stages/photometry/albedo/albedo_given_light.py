@@ -16,13 +16,13 @@ from stages.photometry.albedo.soft_paint import soft_paint
 from stages.photometry.chromaticity import in_white_light
 from stages.photometry.joint.fast_alternation import FastDescent, FastSettings
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights
-from stages.photometry.observations import Observations
+from stages.photometry.observations import AlbedoData
 from stages.photometry.stack import StackedViews
 from stages.solvers.kernels.threading_layer import use_threads
 
 
 @dataclass(frozen=True)
-class SkyDecomposition:
+class AlbedoSettings:
     """What is asked for.
 
     Attributes
@@ -40,7 +40,7 @@ class SkyDecomposition:
 
 
 @dataclass(frozen=True, eq=False)
-class SkySolution:
+class AlbedoSolution:
     """What is found; pixels as in the stack, images scaled.
 
     Attributes
@@ -61,11 +61,11 @@ class SkySolution:
 def decompose_under_light(
     views: StackedViews,
     shading: np.ndarray,
-    observed: Observations,
-    settings: SkyDecomposition,
+    observed: AlbedoData,
+    settings: AlbedoSettings,
     threads: int,
     step: Callable[[], None],
-) -> SkySolution:
+) -> AlbedoSolution:
     """Find the albedo: Eq. 2's ρ, and ρ by edge with the photo's detail.
 
     Parameters
@@ -74,26 +74,26 @@ def decompose_under_light(
         Their basis is not looked at.
     shading : ndarray, shape (N, 3), float32
         By the light, with the gains of the views.
-    observed : Observations
-    settings : SkyDecomposition
+    observed : AlbedoData
+    settings : AlbedoSettings
     threads : int
         Never changes the result.
     step : callable
         Called after every round.
     """
     use_threads(threads)
-    trusted, matt = observed.trusted, observed.matt
-    shown, white = (in_white_light(one, shading) for one in (observed.seen, matt))
+    trusted, diffuse = observed.trusted, observed.diffuse
+    shown, white = (in_white_light(one, shading) for one in (observed.seen, diffuse))
     surface = appearance_of(views, shown, shading, trusted, settings.edges, observed.glossy)
     soft = soft_paint(views, white, shading, trusted, settings.edges)
     by_edge = EdgeWeights(
         smoothness_of_edges(views, white, shading, surface.textured, soft, settings.edges),
-        agreement_of_links(views, settings.descent.weights.consistency, surface.disputed),
+        agreement_of_links(views, settings.descent.weights.consistency, surface.inconsistent),
     )
-    channels = list(np.ascontiguousarray(matt.T))
+    channels = list(np.ascontiguousarray(diffuse.T))
     smooth, detailed = (
         albedo_under_light(views, channels, shading, trusted, each, settings.descent, threads, step)
         for each in (ALIKE, by_edge)
     )
-    detail = with_detail(views, detailed.albedo, matt, shading, trusted, settings.detail)
-    return SkySolution(smooth, detailed, detail)
+    detail = with_detail(views, detailed.albedo, diffuse, shading, trusted, settings.detail)
+    return AlbedoSolution(smooth, detailed, detail)

@@ -1,4 +1,4 @@
-"""What surface looks like to all views together: textured, disputed between them, or neither."""
+"""What surface looks like to all views together: textured, inconsistent between them, or neither."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stages.photometry.stack import StackedViews
 DIM = 0.1  # of the median shading: quotients by less are noise
 UNEXPLAINED = 0.06  # of the logarithm: a change that the shading leaves over, beyond as much as it explains
 TEXTURED = (0.44, 0.56)  # share of the edges that are paint: from no texture to nothing else
-DISPUTED = 0.05  # of the logarithm: views that disagree by more see gloss, or are wrong about the light
+INCONSISTENT = 0.05  # of the logarithm: views that disagree by more see gloss, or are wrong about the light
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,12 +26,12 @@ class Appearance:
     ----------
     textured : ndarray
         Most changes are paint's, and the views agree about the surface.
-    disputed : ndarray
+    inconsistent : ndarray
         Few changes are, and the views contradict each other all the same.
     """
 
     textured: np.ndarray
-    disputed: np.ndarray
+    inconsistent: np.ndarray
 
 
 def appearance_of(
@@ -65,8 +65,8 @@ def appearance_of(
     the rims of shadows and at parts' borders, lines. So texture is told from errors of the light.
     Views are compared by the quotient I/S, where there is light enough, in small squares. They contradict
     each other where all around they differ one way, ``e = |mean excess|``; fine paint half a pixel off makes
-    them differ both ways: ``disputed = (1 − g) (1 − exp(−(e / 0.05)²))``, g the share of paint. Glossy curls,
-    whose highlights differ both ways, too, pass for paint; where there may be such, they are told from
+    them differ both ways: ``inconsistent = (1 − g) (1 − exp(−(e / 0.05)²))``, g the share of paint. Glossy
+    curls, whose highlights differ both ways, too, pass for paint; where there may be such, they are told from
     texture by how much views differ at all, ``d = mean |excess|``: ``textured = g exp(−(d / 0.05)²)``, and
     elsewhere ``g exp(−(e / 0.05)²)``; between the two by degrees.
     """
@@ -88,7 +88,7 @@ def appearance_of(
     agreed = _near(patch_means(views, excess))
     alike = agreed if glossy == 0 else _near(patch_means(views, np.abs(excess)))
     mixed = agreed + np.float32(glossy) * (alike - agreed)
-    return Appearance(textured=grained * mixed, disputed=(1 - grained) * (1 - agreed))
+    return Appearance(textured=grained * mixed, inconsistent=(1 - grained) * (1 - agreed))
 
 
 def rise(share: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
@@ -98,5 +98,5 @@ def rise(share: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
 
 
 def _near(difference: np.ndarray) -> np.ndarray:
-    """1 where views agree, 0 where they differ by far more than `DISPUTED`."""
-    return np.exp(-((difference / DISPUTED) ** 2)).astype(np.float32)
+    """1 where views agree, 0 where they differ by far more than `INCONSISTENT`."""
+    return np.exp(-((difference / INCONSISTENT) ** 2)).astype(np.float32)

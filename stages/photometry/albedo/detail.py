@@ -21,7 +21,7 @@ from stages.photometry.albedo.detail_octaves import (
 )
 from stages.photometry.albedo.octaves import response_to_noise
 from stages.photometry.albedo.other_views import borrowed
-from stages.photometry.albedo.shading_uncertainty import DARK, ShadingDoubt
+from stages.photometry.albedo.shading_uncertainty import DARK, ShadingUncertainty
 from stages.photometry.observations import UNLIT
 from stages.photometry.stack import StackedViews
 
@@ -42,12 +42,12 @@ class Detail:
     albedo : ndarray, shape (N, 3), float32
     variance : ndarray, shape (N,), float32
         Of the albedo's mean logarithm, that is expected: its square root is the relative error.
-    doubt : ShadingDoubt
+    doubt : ShadingUncertainty
     """
 
     albedo: np.ndarray
     variance: np.ndarray
-    doubt: ShadingDoubt
+    doubt: ShadingUncertainty
 
 
 def with_detail(
@@ -81,7 +81,7 @@ def with_detail(
        show of it, `ShownChange`.
     2. r_k of the other views is averaged in, as far as noise is more than what views see misplaced.
     3. ``g_k = max(0, 1 − U/E)``: E the local variance of r_k, by the mean of |r_k|^1.5, U that of
-       what noise and the shading's error, ``κ² L²``, make of it (`ShadingDoubt`).
+       what noise and the shading's error, ``κ² L²``, make of it (`ShadingUncertainty`).
     4. Beyond ``2 L²``, which a shadow in the wrong place can make, all of E may be paint; below, no more than
        hardly any surface has where light is even.
 
@@ -118,7 +118,7 @@ def _apart(scene: DetailScene, albedo: np.ndarray) -> np.ndarray:
     return np.where(seen, apart, apart[seen].mean())
 
 
-def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, ShadingDoubt]:
+def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, ShadingUncertainty]:
     """What of the three axes is albedo, (N, 3), its expected variance, and the doubt."""
     settings = scene.settings
     noise = np.zeros((MEASURED, 3))
@@ -142,7 +142,7 @@ def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, ShadingDoubt]:
         variance += expected + OF_CHANGE * octave.stated
         rest = coarser[:, AXES]
     kept += rest * _share_of_signal(rest**2, (settings.level * settings.of_axes) ** 2)
-    doubt = ShadingDoubt(tuple(shown), tuple(of_change), tuple(noise.max(axis=0).tolist()))
+    doubt = ShadingUncertainty(tuple(shown), tuple(of_change), tuple(noise.max(axis=0).tolist()))
     return kept, variance, doubt
 
 

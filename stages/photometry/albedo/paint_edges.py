@@ -87,13 +87,13 @@ def smoothness_of_edges(
     return np.concatenate(costs).astype(np.float32)
 
 
-def agreement_of_links(views: StackedViews, consistency: float, disputed: np.ndarray) -> np.ndarray:
+def agreement_of_links(views: StackedViews, consistency: float, inconsistent: np.ndarray) -> np.ndarray:
     """μ of Eq. 5 for all links in the order of `StackedViews.linked_pixels`, (L,), float32.
 
     Where views contradict each other, (N,), 0 to 1, a pixel's own photo is the doubtful witness, and what the
     other views say counts more: ``μ (1 + 4 (d_p + d_q) / 2)``. Where they do not, links blur fine paint by
     their half a pixel, and gain nothing.
     """
-    ends = [disputed[one] + disputed[other] for one, other in views.linked_pixels()]
+    ends = [inconsistent[one] + inconsistent[other] for one, other in views.linked_pixels()]
     doubt = np.concatenate(ends) / 2 if ends else np.empty(0)
     return (consistency * (1 + FIRM * doubt)).astype(np.float32)

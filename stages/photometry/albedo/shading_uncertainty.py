@@ -19,7 +19,7 @@ FINE = 4  # octaves in which the shading's own detail is compared with the photo
 
 
 @dataclass(frozen=True)
-class ShadingDoubt:
+class ShadingUncertainty:
     """What the logarithm of an observation may be wrong by, besides what it says of the albedo.
 
     Attributes

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import FoundLight
-from stages.photometry.transport.directional_transport import AROUND, SkyTransport, honeycomb
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.lighting.light_estimate import LightEstimate
+from stages.photometry.transport.directional_transport import AROUND, DirectionalTransport, honeycomb
+from stages.photometry.transport.lit_scenes import LitScene
 
 BRIGHT = 3.0  # times the mean light: cells that are divided
 MOST_CELLS = 24  # of them, those that send most: each costs six directions more, and lamps are few
 
 
-def divided(scene: SkyScene, found: FoundLight) -> tuple[SkyScene, FoundLight]:
+def divided(scene: LitScene, found: LightEstimate) -> tuple[LitScene, LightEstimate]:
     """Divide the cells that are bright into seven, each as bright as the whole.
 
     The light is the same; it can now be found anew with shadows as sharp as the finer cells are. Nothing
@@ -42,8 +42,8 @@ def bright_cells(radiance: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 
 def _with_more(
-    transport: SkyTransport, bright: np.ndarray, around: np.ndarray, seen: np.ndarray
-) -> SkyTransport:
+    transport: DirectionalTransport, bright: np.ndarray, around: np.ndarray, seen: np.ndarray
+) -> DirectionalTransport:
     """The same with six further directions for each bright cell, (n, 3), their cells, and what vertices see.
 
     `seen`, (P, ⌈n/8⌉), is what they see of these.

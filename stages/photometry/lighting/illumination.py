@@ -10,16 +10,16 @@ import numpy as np
 
 from stages.photometry.lighting.direction_refinement import divided
 from stages.photometry.lighting.known_light import KnownLight, light_at, turn_of
-from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
-from stages.photometry.lighting.lit_photos import Looks, Photos
+from stages.photometry.lighting.light_estimate import LightEstimate, LightSearchSettings
+from stages.photometry.lighting.lit_photos import Observations, Viewing
 from stages.photometry.lighting.reflectance import FIRST, Reflectance, reflectance_of
-from stages.photometry.lighting.shared_or_own_lights import Lighting, mixed_with_own_lights
+from stages.photometry.lighting.shared_or_own_lights import LightSharing, mixed_with_own_lights
 from stages.photometry.lighting.view_gains import ViewGains, view_gains
-from stages.photometry.observations import UNLIT, Observations
-from stages.photometry.specular.specular_reflection import Sheen
+from stages.photometry.observations import UNLIT, AlbedoData
+from stages.photometry.specular.specular_reflection import SpecularReflection
 from stages.photometry.specular.view_differences import Differences
 from stages.photometry.stack import StackedViews
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.transport.lit_scenes import LitScene
 from stages.solvers.kernels.threading_layer import use_threads
 
 FEWER = 3  # times fewer pixels tell the light while reflectances are tried
@@ -32,15 +32,15 @@ class IlluminationSettings:
 
     Attributes
     ----------
-    light : SkySettings
+    light : LightSearchSettings
         Its `brightest` is what the brightest material reflects; None: that is found.
-    lighting : Lighting
+    lighting : LightSharing
     sheen : bool
-        Whether it is looked for, where there is one light; see `Photos.sheen`.
+        Whether it is looked for, where there is one light; see `Observations.sheen`.
     """
 
-    light: SkySettings
-    lighting: Lighting
+    light: LightSearchSettings
+    lighting: LightSharing
     sheen: bool
 
     @property
@@ -53,17 +53,17 @@ class IlluminationSettings:
         return self.light.brightest or (found.value if found else 0.0)
 
     @property
-    def to_begin_with(self) -> SkySettings:
+    def to_begin_with(self) -> LightSearchSettings:
         """Those of the light, until that is known better."""
         return self.light if self.light.brightest is not None else self.reflecting(FIRST)
 
-    def reflecting(self, brightest: float) -> SkySettings:
+    def reflecting(self, brightest: float) -> LightSearchSettings:
         """Those of the light, if the brightest material reflects so much."""
         return replace(self.light, brightest=brightest)
 
 
 @dataclass(frozen=True, eq=False)
-class SkyLight:
+class LightAndShading:
     """The light, (G, M, 3), at least 0, and the shading of all pixels by it, (N, 3), float32."""
 
     radiance: np.ndarray
@@ -76,21 +76,21 @@ class Illumination:
 
     Attributes
     ----------
-    light : SkyLight
+    light : LightAndShading
         Its shading with the gains of the views.
     scene : int
         Which of the scenes explains the photos best.
     disagreements : list of float
         Of all scenes; see `_best_explanation`.
     gains : ViewGains
-    sheen : Sheen or None
+    sheen : SpecularReflection or None
         That was found and taken off.
     brightening : float
         Of the views, gains divided out, sheen and all.
     light_of_view : ndarray, shape (n,), int64
     apart : float
         How far the lights of the views are their own, 0 to 1.
-    observations : Observations
+    observations : AlbedoData
     directions : ndarray, shape (M, 3)
         Of the light.
     cells : ndarray, shape (M,)
@@ -103,15 +103,15 @@ class Illumination:
         How it was found, where it was.
     """
 
-    light: SkyLight
+    light: LightAndShading
     scene: int
     disagreements: list[float]
     gains: ViewGains
-    sheen: Sheen | None
+    sheen: SpecularReflection | None
     brightening: float
     light_of_view: np.ndarray
     apart: float
-    observations: Observations
+    observations: AlbedoData
     directions: np.ndarray
     cells: np.ndarray
     brightest: float
@@ -121,9 +121,9 @@ class Illumination:
     @classmethod
     def of(
         cls,
-        photos: Photos,
-        looked_at: SkyScene,
-        light: SkyLight,
+        photos: Observations,
+        looked_at: LitScene,
+        light: LightAndShading,
         of_pixel: np.ndarray,
         glossy: float,
         **found: Any,
@@ -144,8 +144,8 @@ class Illumination:
 def find_illumination(
     views: StackedViews,
     images: list[np.ndarray],
-    scenes: Sequence[SkyScene],
-    looks: Looks,
+    scenes: Sequence[LitScene],
+    looks: Viewing,
     settings: IlluminationSettings,
     threads: int,
     step: Callable[[], None],
@@ -158,9 +158,9 @@ def find_illumination(
         Their basis is not looked at.
     images : list of 3 ndarray, shape (N,)
         Scaled.
-    scenes : sequence of SkyScene
+    scenes : sequence of LitScene
         The same under light from other distances: that whose light leaves the least disagreement is taken.
-    looks : Looks
+    looks : Viewing
         If none is trusted, all are.
     settings : IlluminationSettings
     threads : int
@@ -188,7 +188,7 @@ def find_illumination(
     glossy = float(differences is None if sheen is None else not sheen.glossy.all())
     del differences  # many lobes
     if sheen is not None:
-        photos = photos.without_sheen(sheen, photos.mirror(scene, found))
+        photos = photos.without_specular(sheen, photos.mirror(scene, found))
     if reflectance is not None and (best != 0 or sheen is not None):
         anew = _sought_anew(photos, scene, how)
         reflectance = _reflectance(photos, scene, found, how, anew, step)
@@ -220,8 +220,8 @@ def illumination_by(
     known: KnownLight,
     views: StackedViews,
     images: list[np.ndarray],
-    scene: SkyScene,
-    looks: Looks,
+    scene: LitScene,
+    looks: Viewing,
     settings: IlluminationSettings,
     threads: int,
     step: Callable[[], None],
@@ -239,13 +239,13 @@ def illumination_by(
     found = light_at(search, known, turn_deg)
     sheen = photos.sheen_in(scene, found) if settings.sheen else None
     if sheen is not None:
-        photos = photos.without_sheen(sheen, photos.mirror(scene, found))
+        photos = photos.without_specular(sheen, photos.mirror(scene, found))
     finer, _ = divided(scene, found)
     reflectance = None
     if known.scale is None and settings.reflectance_is_found:
         search = photos.search(scene, how)
 
-        def under(brightest: float, _: FoundLight) -> FoundLight:
+        def under(brightest: float, _: LightEstimate) -> LightEstimate:
             return light_at(replace(search, settings=settings.reflecting(brightest)), known, turn_deg)
 
         reflectance = _reflectance(photos, scene, found, how, under, step)
@@ -258,7 +258,7 @@ def illumination_by(
         light = _scaled(found.radiance, shading * of_pixel)
     else:
         unit = np.float32(known.scale)
-        light = SkyLight(found.radiance / unit, shading * of_pixel / unit)
+        light = LightAndShading(found.radiance / unit, shading * of_pixel / unit)
     glossy = float(not settings.sheen if sheen is None else not sheen.glossy.all())
     return Illumination.of(
         photos,
@@ -277,26 +277,26 @@ def illumination_by(
 
 
 def _photos(
-    views: StackedViews, images: list[np.ndarray], looks: Looks, lighting: Lighting
-) -> tuple[Photos, ViewGains, np.ndarray]:
+    views: StackedViews, images: list[np.ndarray], looks: Viewing, lighting: LightSharing
+) -> tuple[Observations, ViewGains, np.ndarray]:
     """The photos as they are seen, the gains of their views, and those of all pixels, (N, 3)."""
     image = np.stack(images, axis=1)
     if not looks.trusted.any():
         looks = replace(looks, trusted=np.ones_like(looks.trusted))
     gains = view_gains(views, image, looks.trusted)
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
-    return Photos.of(views, looks, image / of_pixel, gains.spread, lighting), gains, of_pixel
+    return Observations.of(views, looks, image / of_pixel, gains.spread, lighting), gains, of_pixel
 
 
 def _best_explanation(
-    photos: Photos,
-    scenes: Sequence[SkyScene],
-    far: FoundLight,
-    how: SkySettings,
+    photos: Observations,
+    scenes: Sequence[LitScene],
+    far: LightEstimate,
+    how: LightSearchSettings,
     sheen: bool,
     gone_on: bool,
     step: Callable[[], None],
-) -> tuple[int, list[float], FoundLight, Differences | None]:
+) -> tuple[int, list[float], LightEstimate, Differences | None]:
     """Which scene it is, what each leaves unexplained, and of that one the light and how views then differ.
 
     `far`: the light of the first. No differences where no sheen is sought.
@@ -306,7 +306,7 @@ def _best_explanation(
     two are multiplied.
     """
 
-    def as_long_sought(scene: SkyScene) -> FoundLight:
+    def as_long_sought(scene: LitScene) -> LightEstimate:
         """As `far` was, if that was gone on from to find what surface reflects."""
         search = photos.search(scene, how)
         light = search.light(step)
@@ -326,16 +326,16 @@ def _best_explanation(
 
 
 def _reflectance(
-    photos: Photos,
-    scene: SkyScene,
-    near: FoundLight,
-    how: SkySettings,
-    light: Callable[[float, FoundLight], FoundLight],
+    photos: Observations,
+    scene: LitScene,
+    near: LightEstimate,
+    how: LightSearchSettings,
+    light: Callable[[float, LightEstimate], LightEstimate],
     step: Callable[[], None],
 ) -> Reflectance:
     """Find what the brightest material reflects, from that so far on; `light` as of `reflectance_of`."""
 
-    def left(lights: Sequence[FoundLight]) -> list[float]:
+    def left(lights: Sequence[LightEstimate]) -> list[float]:
         return photos.disagreements([scene] * len(lights), lights, how)
 
     first = FIRST if how.brightest is None else how.brightest
@@ -343,8 +343,8 @@ def _reflectance(
 
 
 def _sought_anew(
-    photos: Photos, scene: SkyScene, how: SkySettings
-) -> Callable[[float, FoundLight], FoundLight]:
+    photos: Observations, scene: LitScene, how: LightSearchSettings
+) -> Callable[[float, LightEstimate], LightEstimate]:
     """Make the search for the light under a reflectance, from a light that is near, by fewer pixels."""
     roughly = replace(how, samples=how.samples // FEWER, scales=how.scales[-1:])
     search = photos.search(scene, roughly)
@@ -353,10 +353,12 @@ def _sought_anew(
     )
 
 
-def _observations(photos: Photos, shading: np.ndarray, of_pixel: np.ndarray, glossy: float) -> Observations:
+def _observations(
+    photos: Observations, shading: np.ndarray, of_pixel: np.ndarray, glossy: float
+) -> AlbedoData:
     """What is seen, and counts, under this light, with the gains of the pixels' views."""
     lit = photos.looks.without(shading.mean(axis=1) <= UNLIT * np.median(shading))
-    return Observations(photos.seen * of_pixel, photos.matt * of_pixel, lit.trusted, glossy)
+    return AlbedoData(photos.seen * of_pixel, photos.diffuse * of_pixel, lit.trusted, glossy)
 
 
 def explained_best(left: Sequence[float]) -> int:
@@ -365,8 +367,8 @@ def explained_best(left: Sequence[float]) -> int:
     return best if left[best] < (1 - NEARER) * left[0] else 0
 
 
-def _scaled(radiance: np.ndarray, shading: np.ndarray) -> SkyLight:
+def _scaled(radiance: np.ndarray, shading: np.ndarray) -> LightAndShading:
     """Scale the light so that the mean shading, (N, 3), with the gains of the views, is 1 in each channel."""
     mean = shading.mean(axis=0, dtype=np.float64).astype(np.float32)
     mean = np.where(mean > 0, mean, np.float32(1))
-    return SkyLight(radiance / mean, shading / mean)
+    return LightAndShading(radiance / mean, shading / mean)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import FoundLight
+from stages.photometry.lighting.light_estimate import LightEstimate
 from stages.photometry.lighting.light_from_pairs import disagreement
 from stages.photometry.lighting.light_search import Search
 from stages.photometry.lighting.pair_sampling import Pairs
@@ -75,14 +75,14 @@ class KnownLight:
         return 0 if self.turn_deg is not None else 360 // STEP_DEG + FINALISTS
 
 
-def light_at(search: Search, known: KnownLight, turn_deg: float) -> FoundLight:
+def light_at(search: Search, known: KnownLight, turn_deg: float) -> LightEstimate:
     """The light at a turn, with the bounces that it has.
 
     Where its unit is not known, every channel is scaled to a mean shading of 1 without bounces, and then all
     together so that the brightest material reflects what it is asked to.
     """
     light = known.radiance(search.part.pixels.directions, turn_deg)[None]
-    dark = FoundLight(light, search.even_light().bounced)
+    dark = LightEstimate(light, search.even_light().bounced)
     if known.scale is None:
         mean = dark.direct(search.part, search.starts, search.light_of_view).mean(axis=0, dtype=np.float64)
         dark = replace(dark, radiance=light / np.where(mean > NO_LIGHT, mean, 1.0))

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.photometry.lighting.light_from_pairs import PairWeights
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.transport.lit_scenes import LitScene
 
 
 @dataclass(frozen=True)
-class SkySettings:
+class LightSearchSettings:
     """How the light is looked for.
 
     Attributes
@@ -41,7 +41,7 @@ class SkySettings:
 
 
 @dataclass(frozen=True, eq=False)
-class FoundLight:
+class LightEstimate:
     """A light, and what it makes of the vertices.
 
     Attributes
@@ -55,27 +55,27 @@ class FoundLight:
     radiance: np.ndarray
     bounced: np.ndarray
 
-    def shading(self, scene: SkyScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
+    def shading(self, scene: LitScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
         """Of a scene's pixels, view after view from ``starts``, (N, 3), float32; bounces included."""
         direct = self.direct(scene, starts, light_of_view)
         direct += self.sent_on(scene, starts, light_of_view)
         return direct
 
-    def direct(self, scene: SkyScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
+    def direct(self, scene: LitScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
         """The same without bounces."""
         out = np.empty((int(starts[-1]), 3), np.float32)
         for rows, own in _of_views(starts, light_of_view):
             out[rows] = scene.pixels.shading(self.radiance[own], rows)
         return out
 
-    def sent_on(self, scene: SkyScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
+    def sent_on(self, scene: LitScene, starts: np.ndarray, light_of_view: np.ndarray) -> np.ndarray:
         """The same by bounces alone."""
         out = np.empty((int(starts[-1]), 3), np.float32)
         for rows, own in _of_views(starts, light_of_view):
             out[rows] = scene.pixels.blend[rows] @ self.bounced[own]
         return out
 
-    def shading_at(self, scene: SkyScene, pixels: np.ndarray) -> np.ndarray:
+    def shading_at(self, scene: LitScene, pixels: np.ndarray) -> np.ndarray:
         """Of chosen pixels under the first light, (n, 3), float32; bounces included."""
         chosen = scene.pixels.at(pixels)
         return chosen.shading(self.radiance[0]) + chosen.blend @ self.bounced[0]

@@ -112,7 +112,7 @@ def disagreement(
     return _Losses(image, weights).of(shading, pairs, scale)[0]
 
 
-def believed(
+def weighted_by_reliability(
     image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, weights: PairWeights
 ) -> Pairs:
     """Weigh pairs of each kind by how far they are to be believed; arguments as of `disagreement`.

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
+from stages.photometry.lighting.light_estimate import LightEstimate, LightSearchSettings
 from stages.photometry.lighting.light_from_pairs import (
     PairObjective,
     Sample,
-    believed,
     disagreement,
     light_from_pairs,
+    weighted_by_reliability,
 )
-from stages.photometry.lighting.pair_sampling import Drawn, Pairs
+from stages.photometry.lighting.pair_sampling import Pairs, PixelSample
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.interreflection import bounced
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.pixel_transfer import WHITEST
 
 BRIGHT_SHARE = 0.98  # of the vertices' albedo, weighted by their light: the brightest material
@@ -34,62 +34,62 @@ class Search:
 
     Attributes
     ----------
-    part : SkyScene
+    part : LitScene
         With `LOOKED_AT` pixels at most.
     starts : ndarray, shape (n + 1,)
         Where every view begins among these.
     image : ndarray, shape (m, 3)
         What is seen of them.
     light_of_view : ndarray, shape (n,), int64
-    drawn : Drawn
+    drawn : PixelSample
         Those that are paired.
     among : ndarray
         Where these are in `part`.
     sample : Sample
         Of these.
-    settings : SkySettings
+    settings : LightSearchSettings
     rng : numpy.random.Generator
     """
 
-    part: SkyScene
+    part: LitScene
     starts: np.ndarray
     image: np.ndarray
     light_of_view: np.ndarray
-    drawn: Drawn
+    drawn: PixelSample
     among: np.ndarray
     sample: Sample
-    settings: SkySettings
+    settings: LightSearchSettings
     rng: np.random.Generator
 
     @classmethod
     def of(
         cls,
-        scene: SkyScene,
+        scene: LitScene,
         views: StackedViews,
         image: np.ndarray,
         trusted: np.ndarray,
         light_of_view: np.ndarray,
-        settings: SkySettings,
+        settings: LightSearchSettings,
     ) -> Search:
-        """Draw the pixels; arguments as of `sky_light`."""
+        """Draw the pixels; arguments as of `estimate_light`."""
         rng, count = np.random.default_rng(settings.seed), int(light_of_view.max(initial=0)) + 1
         looked = np.flatnonzero(trusted)
         looked = np.sort(rng.choice(looked, min(LOOKED_AT, looked.size), replace=False))
         part, starts = scene.at(looked), np.searchsorted(looked, views.starts)
-        drawn = Drawn.of(views, scene.places, looked, settings.samples * (3 + count) // 4, rng)
+        drawn = PixelSample.of(views, scene.places, looked, settings.samples * (3 + count) // 4, rng)
         among = np.searchsorted(looked, drawn.pixels)
         own_image = image[drawn.pixels].astype(np.float64)
         shares = part.pixels.shares(among)
         sample = Sample(own_image, shares, light_of_view[drawn.views], part.pixels.cells)
         return cls(part, starts, image[looked], light_of_view, drawn, among, sample, settings, rng)
 
-    def even_light(self) -> FoundLight:
+    def even_light(self) -> LightEstimate:
         """One from everywhere alike, that surface does not send on."""
         count, vertices = int(self.light_of_view.max(initial=0)) + 1, len(self.part.vertices.normals)
         light = np.ones((count, len(self.part.pixels.directions), 3))
-        return FoundLight(light, np.zeros((count, vertices, 3), np.float32))
+        return LightEstimate(light, np.zeros((count, vertices, 3), np.float32))
 
-    def pairs(self, now: FoundLight | None, scale: float) -> Pairs:
+    def pairs(self, now: LightEstimate | None, scale: float) -> Pairs:
         """Pairs by what the albedo seems to be under a light, as far as they are believed.
 
         None: by the image itself, and believed as under even light.
@@ -97,9 +97,9 @@ class Search:
         image, light = self.sample.image, now or self.even_light()
         shading = light.shading(self.part, self.starts, self.light_of_view)[self.among]
         pairs = self.drawn.pairs(image / np.maximum(shading, NO_LIGHT) if now else image, self.rng)
-        return believed(image, shading, pairs, scale, self.settings.weights)
+        return weighted_by_reliability(image, shading, pairs, scale, self.settings.weights)
 
-    def bounce(self, now: FoundLight) -> np.ndarray:
+    def bounce(self, now: LightEstimate) -> np.ndarray:
         """Shading of the paired pixels by light from other surface, (n, 3)."""
         out = np.zeros((len(self.among), 3))
         for own, bounce in enumerate(now.bounced):
@@ -107,14 +107,14 @@ class Search:
             out[rows] = self.part.pixels.blend[self.among[rows]] @ bounce
         return out
 
-    def objective(self, now: FoundLight) -> PairObjective:
+    def objective(self, now: LightEstimate) -> PairObjective:
         """What pairs disagree by at the finest scale, and the priors; by the bounces of the light so far."""
         bounce, finest = self.bounce(now), self.settings.scales[-1]
         pairs = self.pairs(now, finest)
         return PairObjective(self.sample, bounce, pairs, finest, self.settings.weights, len(now.radiance))
 
-    def light(self, step: Callable[[], None], near: FoundLight | None = None) -> FoundLight:
-        """Find the light; arguments as of `sky_light`."""
+    def light(self, step: Callable[[], None], near: LightEstimate | None = None) -> LightEstimate:
+        """Find the light; arguments as of `estimate_light`."""
         scales, now = self.settings.scales, near
         for scale in scales if near is None else scales[-REFINED:]:
             before, pairs = now or self.even_light(), self.pairs(now, scale)
@@ -124,12 +124,12 @@ class Search:
             step()
         return now or self.even_light()
 
-    def settled(self, light: np.ndarray, before: FoundLight) -> FoundLight:
+    def settled(self, light: np.ndarray, before: LightEstimate) -> LightEstimate:
         """A light, (G, M, 3), at the scale that `brightest` asks for, with the bounces that it then has.
 
         Albedo and bounces find together, from those before on. Without bounces its scale is as good as any.
         """
-        now = FoundLight(light, before.bounced)
+        now = LightEstimate(light, before.bounced)
         if not self.settings.bounces:
             return now
         scene, where = self.part, (self.part, self.starts, self.light_of_view)
@@ -143,25 +143,25 @@ class Search:
             factor = 1.0 if asked is None else _brightest(albedo, known) / asked
             absolute, scale = np.clip(albedo / factor, 0, WHITEST)[nearest], np.float32(scale * factor)
             sent_on = _bounced(scene, scale * of_vertices, absolute, known[nearest], self.settings.bounces)
-            now = FoundLight(scale * light, sent_on)
+            now = LightEstimate(scale * light, sent_on)
         return now
 
 
-def sky_light(
-    scene: SkyScene,
+def estimate_light(
+    scene: LitScene,
     views: StackedViews,
     image: np.ndarray,
     trusted: np.ndarray,
     light_of_view: np.ndarray,
-    settings: SkySettings,
+    settings: LightSearchSettings,
     step: Callable[[], None] = lambda: None,
-    near: FoundLight | None = None,
-) -> FoundLight:
+    near: LightEstimate | None = None,
+) -> LightEstimate:
     """Find the light.
 
     Parameters
     ----------
-    scene : SkyScene
+    scene : LitScene
     views : StackedViews
         Their basis is not looked at.
     image : ndarray, shape (N, 3), float32
@@ -170,10 +170,10 @@ def sky_light(
         Pixels that are looked at.
     light_of_view : ndarray, shape (n,), int64
         Which of the G lights every view stands in: 0 everywhere for one light.
-    settings : SkySettings
+    settings : LightSearchSettings
     step : callable
         Called after every scale.
-    near : FoundLight or None
+    near : LightEstimate or None
         One that is not far from it, to go on from at the finest scales.
 
     Notes
@@ -186,15 +186,15 @@ def sky_light(
 
 
 def disagreements(
-    scenes: Sequence[SkyScene],
-    lights: Sequence[FoundLight],
+    scenes: Sequence[LitScene],
+    lights: Sequence[LightEstimate],
     views: StackedViews,
     image: np.ndarray,
     trusted: np.ndarray,
     light_of_view: np.ndarray,
-    settings: SkySettings,
+    settings: LightSearchSettings,
 ) -> list[float]:
-    """What pairs of like paint disagree by under each of several lights, 0 to 1; arguments as of `sky_light`.
+    """What pairs of like paint disagree by under each of several lights, 0 to 1; see `estimate_light`.
 
     Notes
     -----
@@ -202,7 +202,7 @@ def disagreements(
     of the loss is paint's, and differs by more from draw to draw than from light to light.
     """
     rng = np.random.default_rng(settings.seed)
-    drawn = Drawn.of(views, scenes[0].places, np.flatnonzero(trusted), settings.samples, rng)
+    drawn = PixelSample.of(views, scenes[0].places, np.flatnonzero(trusted), settings.samples, rng)
     seen, starts = image[drawn.pixels], np.searchsorted(drawn.pixels, views.starts)
     shadings = [
         light.shading(scene.at(drawn.pixels), starts, light_of_view)
@@ -216,7 +216,7 @@ def disagreements(
     ]
 
 
-def vertex_albedo(scene: SkyScene, image: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def vertex_albedo(scene: LitScene, image: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Albedo of the vertices, and the light that it is known by, (P, 3) each.
 
     The photos' light over the shading's, all pixels around a vertex together: what is dark says little.
@@ -237,7 +237,7 @@ def _brightest(albedo: np.ndarray, known: np.ndarray) -> float:
 
 
 def _bounced(
-    scene: SkyScene, direct: np.ndarray, absolute: np.ndarray, known: np.ndarray, bounces: int
+    scene: LitScene, direct: np.ndarray, absolute: np.ndarray, known: np.ndarray, bounces: int
 ) -> np.ndarray:
     """Shading of the vertices by what other surface sends on, under each light: (G, P, 3), float32."""
     at_vertices = np.empty_like(direct)

@@ -7,16 +7,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
+from stages.photometry.lighting.light_estimate import LightEstimate, LightSearchSettings
 from stages.photometry.lighting.light_from_specular import light_in_gloss
-from stages.photometry.lighting.light_search import Search, disagreements, sky_light
-from stages.photometry.lighting.shared_or_own_lights import Lighting
-from stages.photometry.specular.chromaticity_clusters import paints_of
-from stages.photometry.specular.highlights import DARKENED, Linked, brightening, darkened, without_highlights
-from stages.photometry.specular.specular_reflection import Mirror, Sheen, highlights_of, without_sheen
+from stages.photometry.lighting.light_search import Search, disagreements, estimate_light
+from stages.photometry.lighting.shared_or_own_lights import LightSharing
+from stages.photometry.specular.chromaticity_clusters import chromaticity_clusters
+from stages.photometry.specular.highlights import (
+    DARKENED,
+    Linked,
+    brightening,
+    darker_outliers,
+    without_highlights,
+)
+from stages.photometry.specular.specular_reflection import (
+    Mirror,
+    SpecularReflection,
+    highlights_of,
+    without_specular,
+)
 from stages.photometry.specular.view_differences import MOST_EXPLAINED, Differences, MirrorStrength
 from stages.photometry.stack import StackedViews
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.transport.lit_scenes import LitScene
 
 NEVER = 10.0  # power of `DARKENED` that nothing in a photo reaches
 TURNS = 2  # of taking the sheen off and finding light and sheen together
@@ -25,7 +36,7 @@ STRENGTHS = (0.01, 1.0)  # of a mirror: less is not seen, more is views too near
 
 
 @dataclass(frozen=True, eq=False)
-class Looks:
+class Viewing:
     """How the camera looks at pixels.
 
     Attributes
@@ -39,23 +50,23 @@ class Looks:
     trusted: np.ndarray
     towards: np.ndarray
 
-    def without(self, pixels: np.ndarray) -> Looks:
+    def without(self, pixels: np.ndarray) -> Viewing:
         """The same, but that some pixels, (N,) bool, are trusted no more, unless none would be left."""
         trusted = self.trusted & ~pixels
         return replace(self, trusted=trusted) if trusted.any() else self
 
 
 @dataclass(frozen=True, eq=False)
-class Photos:
+class Observations:
     """The photos as light is sought from them: gains of the views divided out.
 
     Attributes
     ----------
     views : StackedViews
-    looks : Looks
+    looks : Viewing
         At least one is trusted.
     seen : ndarray, shape (N, 3), float32
-    matt : ndarray, shape (N, 3), float32
+    diffuse : ndarray, shape (N, 3), float32
         Without highlights, where one light serves all views.
     light_of_view : ndarray, shape (n,), int64
         Which light every view stands in.
@@ -66,39 +77,41 @@ class Photos:
     """
 
     views: StackedViews
-    looks: Looks
+    looks: Viewing
     seen: np.ndarray
-    matt: np.ndarray
+    diffuse: np.ndarray
     light_of_view: np.ndarray
     brightening: float
     apart: float
 
     @classmethod
     def of(
-        cls, views: StackedViews, looks: Looks, seen: np.ndarray, spread: float, lighting: Lighting
-    ) -> Photos:
+        cls, views: StackedViews, looks: Viewing, seen: np.ndarray, spread: float, lighting: LightSharing
+    ) -> Observations:
         """Tell how far views with such a spread have lights of their own; nothing is taken off yet."""
         one_light = np.zeros(views.view_count, np.int64)
         rise = brightening(Linked.of(views, looks.trusted), seen)
         apart = lighting.apart(spread, rise) if views.view_count > 1 else 0.0
         return cls(views, looks, seen, seen, one_light, rise, apart)
 
-    def as_lit(self) -> Photos:
+    def as_lit(self) -> Observations:
         """Take the photos for lit by one light, unless that has no weight at all."""
         return self.each_in_its_own_light() if self.apart == 1 else self.in_one_light()
 
-    def in_one_light(self) -> Photos:
-        """Leave out what is `darkened`, and take highlights off.
+    def in_one_light(self) -> Observations:
+        """Leave out what is `darker_outliers`, and take highlights off.
 
         The less weight one light has, the darker a place must be: lights of their own darken places, too.
         """
         linked = Linked.of(self.views, self.looks.trusted)
-        looks = self.looks.without(darkened(linked, self.seen, DARKENED ** min(1 / (1 - self.apart), NEVER)))
+        looks = self.looks.without(
+            darker_outliers(linked, self.seen, DARKENED ** min(1 / (1 - self.apart), NEVER))
+        )
         return replace(
-            self, looks=looks, matt=without_highlights(Linked.of(self.views, looks.trusted), self.seen)
+            self, looks=looks, diffuse=without_highlights(Linked.of(self.views, looks.trusted), self.seen)
         )
 
-    def each_in_its_own_light(self) -> Photos:
+    def each_in_its_own_light(self) -> Observations:
         """Take the photos as they are seen: neither shadows nor highlights can be told."""
         return replace(self, light_of_view=np.arange(self.views.view_count))
 
@@ -107,33 +120,35 @@ class Photos:
         """Matt surface then looks the same in all views."""
         return not self.light_of_view.any()
 
-    def search(self, scene: SkyScene, settings: SkySettings) -> Search:
+    def search(self, scene: LitScene, settings: LightSearchSettings) -> Search:
         """The pixels that light is found from."""
-        return Search.of(scene, self.views, self.matt, self.looks.trusted, self.light_of_view, settings)
+        return Search.of(scene, self.views, self.diffuse, self.looks.trusted, self.light_of_view, settings)
 
     def light(
         self,
-        scene: SkyScene,
-        settings: SkySettings,
+        scene: LitScene,
+        settings: LightSearchSettings,
         step: Callable[[], None],
-        near: FoundLight | None = None,
-    ) -> FoundLight:
+        near: LightEstimate | None = None,
+    ) -> LightEstimate:
         """What they were taken in; one that is `near` it is gone on from."""
         trusted = self.looks.trusted
-        return sky_light(scene, self.views, self.matt, trusted, self.light_of_view, settings, step, near)
+        return estimate_light(
+            scene, self.views, self.diffuse, trusted, self.light_of_view, settings, step, near
+        )
 
     def disagreements(
-        self, scenes: Sequence[SkyScene], lights: Sequence[FoundLight], settings: SkySettings
+        self, scenes: Sequence[LitScene], lights: Sequence[LightEstimate], settings: LightSearchSettings
     ) -> list[float]:
         """How much each of several lights leaves unexplained."""
         trusted = self.looks.trusted
-        return disagreements(scenes, lights, self.views, self.matt, trusted, self.light_of_view, settings)
+        return disagreements(scenes, lights, self.views, self.diffuse, trusted, self.light_of_view, settings)
 
-    def shading(self, scene: SkyScene, found: FoundLight) -> np.ndarray:
+    def shading(self, scene: LitScene, found: LightEstimate) -> np.ndarray:
         """Of all pixels by a light, (N, 3), float32."""
         return found.shading(scene, self.views.starts, self.light_of_view)
 
-    def differences(self, scene: SkyScene, found: FoundLight) -> Differences:
+    def differences(self, scene: LitScene, found: LightEstimate) -> Differences:
         """How views differ under the one light found, and how mirrors would make them differ."""
         views, looks, pixels = self.views, self.looks, scene.pixels
         return Differences.of(
@@ -141,8 +156,8 @@ class Photos:
         )
 
     def gloss(
-        self, scene: SkyScene, differences: Differences, found: FoundLight
-    ) -> tuple[Sheen, Differences] | None:
+        self, scene: LitScene, differences: Differences, found: LightEstimate
+    ) -> tuple[SpecularReflection, Differences] | None:
         """A first guess at the sheen, and how views of what has it differ; None where nothing is glossy.
 
         Of all surface, if light in a mirror explains most of the differences; else of those paints whose
@@ -152,15 +167,17 @@ class Photos:
         if mirrored and mirrored.explains_most:
             strength = mirrored.radiance.sum(axis=0) / np.maximum(light.sum(axis=0), 1e-12)
             everything = np.ones(len(self.seen), bool)
-            return Sheen(strength, mirrored.roughness, mirrored.left, everything), differences
+            return SpecularReflection(strength, mirrored.roughness, mirrored.left, everything), differences
         return self._gloss_of_paints(scene, differences, found)
 
     def _gloss_of_paints(
-        self, scene: SkyScene, differences: Differences, found: FoundLight
-    ) -> tuple[Sheen, Differences] | None:
+        self, scene: LitScene, differences: Differences, found: LightEstimate
+    ) -> tuple[SpecularReflection, Differences] | None:
         """The sheen of those paints whose differences the light explains in a mirror; None if of none."""
         light = found.radiance[0]
-        paint = paints_of(self.views, self.matt, self.shading(scene, found), self.looks.trusted)
+        paint = chromaticity_clusters(
+            self.views, self.diffuse, self.shading(scene, found), self.looks.trusted
+        )
         of_paint = (paint == number for number in range(int(paint.max()) + 1))
         shown = [own for own in of_paint if _shows(differences.within(own).strength(light))]
         if not shown:
@@ -170,16 +187,16 @@ class Photos:
         of_all = own.strength(light)
         if of_all is None:  # cannot be: one of the paints alone has links enough
             return None
-        return Sheen(of_all.strength, of_all.roughness, of_all.left, glossy), own
+        return SpecularReflection(of_all.strength, of_all.roughness, of_all.left, glossy), own
 
     def sheen(
         self,
-        scene: SkyScene,
-        found: FoundLight,
+        scene: LitScene,
+        found: LightEstimate,
         differences: Differences,
-        settings: SkySettings,
+        settings: LightSearchSettings,
         step: Callable[[], None],
-    ) -> tuple[Sheen, FoundLight] | None:
+    ) -> tuple[SpecularReflection, LightEstimate] | None:
         """The sheen, and the light in which it and the paint are seen at once; None where nothing is glossy.
 
         The mirror's light and that on the paint are one but for the mirror's strength. Differences alone do
@@ -193,8 +210,8 @@ class Photos:
         sheen, own = gloss
         mirror = own.in_mirror(sheen.roughness)
         for _ in range(TURNS):
-            matt, _ = without_sheen(self.seen, sheen.image(self.mirror(scene, found)))
-            search = replace(self, matt=matt).search(scene, settings)
+            diffuse, _ = without_specular(self.seen, sheen.image(self.mirror(scene, found)))
+            search = replace(self, diffuse=diffuse).search(scene, settings)
             light = light_in_gloss(search.objective(found), mirror, sheen.strength, found.radiance)
             left, _ = mirror.left(sheen.strength * light[0])
             settled = search.settled(light, found)
@@ -204,26 +221,28 @@ class Photos:
         explains = sheen.left < (MOST_EXPLAINED if sheen.glossy.all() else PAINT_GLOSSY)
         return (sheen, found) if explains and _likely(sheen.strength) else None
 
-    def sheen_in(self, scene: SkyScene, found: FoundLight) -> Sheen | None:
+    def sheen_in(self, scene: LitScene, found: LightEstimate) -> SpecularReflection | None:
         """The sheen under a light that is known: of all surface, else of some paints; None if of none."""
         differences = self.differences(scene, found)
         whole = differences.strength(found.radiance[0])
         if whole is not None and whole.left < MOST_EXPLAINED and _likely(whole.strength):
-            return Sheen(whole.strength, whole.roughness, whole.left, np.ones(len(self.seen), bool))
+            return SpecularReflection(
+                whole.strength, whole.roughness, whole.left, np.ones(len(self.seen), bool)
+            )
         gloss = self._gloss_of_paints(scene, differences, found)
         if gloss is None:
             return None
         sheen, _ = gloss
         return sheen if sheen.left < PAINT_GLOSSY and _likely(sheen.strength) else None
 
-    def without_sheen(self, sheen: Sheen, mirror: Mirror) -> Photos:
+    def without_specular(self, sheen: SpecularReflection, mirror: Mirror) -> Observations:
         """The photos without it; what it hides in one view and not in another is no longer trusted."""
-        seen, share = without_sheen(self.seen, sheen.image(mirror))
+        seen, share = without_specular(self.seen, sheen.image(mirror))
         looks = self.looks.without(highlights_of(self.views, share, self.looks.trusted))
-        matt = without_highlights(Linked.of(self.views, looks.trusted), seen)
-        return replace(self, looks=looks, seen=seen, matt=matt)
+        diffuse = without_highlights(Linked.of(self.views, looks.trusted), seen)
+        return replace(self, looks=looks, seen=seen, diffuse=diffuse)
 
-    def mirror(self, scene: SkyScene, found: FoundLight) -> Mirror:
+    def mirror(self, scene: LitScene, found: LightEstimate) -> Mirror:
         """What the one light found would show in the surface."""
         return Mirror(scene.pixels, found.radiance[0], self.looks.towards)
 

@@ -73,7 +73,7 @@ class Pairs:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class PixelSample:
     """Some of the pixels of all views, n, and where they are.
 
     Attributes
@@ -104,8 +104,8 @@ class Drawn:
         among: np.ndarray,
         count: int,
         rng: np.random.Generator,
-    ) -> Drawn:
-        """Draw from the pixels `among`, (m,); see `sample_of`. `places`: see `SkyScene.places`."""
+    ) -> PixelSample:
+        """Draw from the pixels `among`, (m,); see `sample_of`. `places`: see `LitScene.places`."""
         pixels = sample_of(views, among, count, rng)
         view = np.searchsorted(views.starts, pixels, side="right") - 1
         squares = tuple(sorted({max(SMALLEST, round(near * views.side)) for near in NEAR}))

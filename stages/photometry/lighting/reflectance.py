@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import FoundLight
+from stages.photometry.lighting.light_estimate import LightEstimate
 
 USUAL = 0.6  # what the brightest material of a scene often reflects: stone .3 to .6, plaster and paper .8
 # Of the disagreement: the price of a reflectance twice or half the usual; flat curves tell little.
@@ -26,13 +26,13 @@ class Reflectance:
     value : float
     tried : dict of float to float
         What pairs of like paint disagreed by under each that was tried.
-    light : FoundLight
+    light : LightEstimate
         Under that tried one which is nearest to `value`.
     """
 
     value: float
     tried: dict[float, float]
-    light: FoundLight
+    light: LightEstimate
 
     def as_json(self) -> dict[str, Any]:
         """For records."""
@@ -41,9 +41,9 @@ class Reflectance:
 
 
 def reflectance_of(
-    light: Callable[[float, FoundLight], FoundLight],
-    disagreements: Callable[[Sequence[FoundLight]], list[float]],
-    near: FoundLight,
+    light: Callable[[float, LightEstimate], LightEstimate],
+    disagreements: Callable[[Sequence[LightEstimate]], list[float]],
+    near: LightEstimate,
     step: Callable[[], None],
     first: float = FIRST,
 ) -> Reflectance:
@@ -55,7 +55,7 @@ def reflectance_of(
         The light if that material reflects so much, going on from a light that is near.
     disagreements : callable
         What pairs of like paint disagree by under each of several lights, on the same pairs.
-    near : FoundLight
+    near : LightEstimate
         That to begin from.
     step : callable
         Called after every light that is tried.
@@ -71,7 +71,7 @@ def reflectance_of(
     logarithm.
     """
     best = int(np.argmin(np.abs(np.log(np.array(SCALE) / first))))
-    lights, further = dict[int, FoundLight](), {best}
+    lights, further = dict[int, LightEstimate](), {best}
     while further:
         for one in sorted(further):
             lights[one] = light(SCALE[one], lights.get(best, near))

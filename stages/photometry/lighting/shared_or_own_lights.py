@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import FoundLight, SkySettings
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.lighting.light_estimate import LightEstimate, LightSearchSettings
+from stages.photometry.transport.lit_scenes import LitScene
 
 if TYPE_CHECKING:
-    from stages.photometry.lighting.lit_photos import Photos
+    from stages.photometry.lighting.lit_photos import Observations
 
 MATT, GLOSSY = 1.04, 1.06  # `brightening` up to which views do not differ by gloss, and from which they do
 
 
 @dataclass(frozen=True)
-class Lighting:
+class LightSharing:
     """One light for all views, one for each, or what lies between.
 
     Attributes
@@ -39,55 +39,55 @@ class Lighting:
         if self.asked != "auto":
             return float(self.asked == "per-view")
         moved = (spread - self.still) / (self.moving - self.still)
-        matt = (GLOSSY - rise) / (GLOSSY - MATT)
-        return float(np.clip(moved, 0, 1) * np.clip(matt, 0, 1))
+        diffuse = (GLOSSY - rise) / (GLOSSY - MATT)
+        return float(np.clip(moved, 0, 1) * np.clip(diffuse, 0, 1))
 
 
 def mixed_with_own_lights(
-    shared: Photos,
-    apart: Photos,
-    scene: SkyScene,
-    light: FoundLight,
-    settings: SkySettings,
+    shared: Observations,
+    apart: Observations,
+    scene: LitScene,
+    light: LightEstimate,
+    settings: LightSearchSettings,
     step: Callable[[], None],
-) -> tuple[Photos, FoundLight]:
-    """Mix one light for all views with lights of their own, by `Photos.apart`.
+) -> tuple[Observations, LightEstimate]:
+    """Mix one light for all views with lights of their own, by `Observations.apart`.
 
     Parameters
     ----------
-    shared, apart : Photos
+    shared, apart : Observations
         As seen in one light, which may have gloss taken off, and in a light for each view.
-    scene : SkyScene
-    light : FoundLight
+    scene : LitScene
+    light : LightEstimate
         The one light.
-    settings : SkySettings
+    settings : LightSearchSettings
         By which the others are found.
     step : callable
         Called after every scale of the search.
 
     Returns
     -------
-    tuple of Photos and FoundLight
+    tuple of Observations and LightEstimate
         One light for each view, from as far away as the one. Shading is linear in light, so that the shading
         by the mixture is the mixture of both shadings, each of mean 1; of gloss, as much is taken off.
     """
     weight = np.float32(shared.apart)
     own = _of_mean_one(apart, scene, apart.light(scene, settings, step))
     one = _of_mean_one(shared, scene, light)
-    found = FoundLight(
+    found = LightEstimate(
         (1 - weight) * one.radiance + weight * own.radiance, (1 - weight) * one.bounced + weight * own.bounced
     )
     photos = replace(
         apart,
         seen=(1 - weight) * shared.seen + weight * apart.seen,
-        matt=(1 - weight) * shared.matt + weight * apart.matt,
+        diffuse=(1 - weight) * shared.diffuse + weight * apart.diffuse,
         looks=shared.looks,
     )
     return photos, found
 
 
-def _of_mean_one(photos: Photos, scene: SkyScene, found: FoundLight) -> FoundLight:
+def _of_mean_one(photos: Observations, scene: LitScene, found: LightEstimate) -> LightEstimate:
     """A light, scaled so that its mean shading is 1 in each channel."""
     mean = photos.shading(scene, found).mean(axis=0, dtype=np.float64)
     mean = np.where(mean > 0, mean, 1)
-    return FoundLight(found.radiance / mean, (found.bounced / mean).astype(np.float32))
+    return LightEstimate(found.radiance / mean, (found.bounced / mean).astype(np.float32))

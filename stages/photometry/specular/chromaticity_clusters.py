@@ -15,7 +15,9 @@ SEEDS = 20_000  # pixels that the palette is made from, or up to twice as many
 DRAWS = 5  # of the palette; the best one counts
 
 
-def paints_of(views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray) -> np.ndarray:
+def chromaticity_clusters(
+    views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray
+) -> np.ndarray:
     """Number the paint of every pixel, (N,), int32, below `PALETTE`.
 
     Parameters

@@ -57,8 +57,8 @@ def without_highlights(linked: Linked, image: np.ndarray) -> np.ndarray:
         share = beyond / np.maximum(above.sum(axis=1, keepdims=True), 1e-9)
         after = (after - share * above).astype(np.float32)
     gloss = (seen + DARK) * (1 - np.exp(after - before))
-    matt = np.maximum(image - gloss, np.minimum(image, 0))
-    return np.where(linked.trusted[:, None], matt, image).astype(np.float32)
+    diffuse = np.maximum(image - gloss, np.minimum(image, 0))
+    return np.where(linked.trusted[:, None], diffuse, image).astype(np.float32)
 
 
 def brightening(linked: Linked, image: np.ndarray) -> float:
@@ -89,7 +89,7 @@ def brightening(linked: Linked, image: np.ndarray) -> float:
     return float(np.sqrt(above / below)) if below > 0 else 1.0
 
 
-def darkened(linked: Linked, image: np.ndarray, times: float = DARKENED) -> np.ndarray:
+def darker_outliers(linked: Linked, image: np.ndarray, times: float = DARKENED) -> np.ndarray:
     """Pixels that most other views contradict: they see the same surface, and far brighter.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Sheen: the image of the light in a surface that is a little of a mirror."""
+"""Specular reflection: the image of the light in a surface that is a little of a mirror."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from stages.photometry.specular.highlights import trusted_links
 from stages.photometry.stack import StackedViews
-from stages.photometry.transport.directional_transport import SkyTransport
+from stages.photometry.transport.directional_transport import DirectionalTransport
 
 KEPT = 0.2  # of the image, at least: highlights that lie a little beside where they are expected
 DARK = 0.01  # of the scaled image: the sheen's share in less says nothing
@@ -17,7 +17,7 @@ HIGHLIGHT, BRIGHTER = 0.25, 3.0  # of a pixel's brightness; of what any other vi
 
 
 @dataclass(frozen=True, eq=False)
-class Sheen:
+class SpecularReflection:
     """How much of a mirror some surface is.
 
     Attributes
@@ -58,16 +58,16 @@ class Sheen:
 class Mirror:
     """What there is to be seen in the surface: points (N), light of M directions, ways to the cameras."""
 
-    pixels: SkyTransport
+    pixels: DirectionalTransport
     radiance: np.ndarray
     towards: np.ndarray
 
     def image(self, roughness: float, points: np.ndarray) -> np.ndarray:
-        """H of chosen points, (n, 3), float32; see `SkyTransport.mirrored`."""
+        """H of chosen points, (n, 3), float32; see `DirectionalTransport.mirrored`."""
         return self.pixels.mirrored(self.radiance, self.towards, roughness, points)
 
 
-def without_sheen(seen: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def without_specular(seen: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The image without its sheen, (N, 3), nowhere above it; the sheen's share of the brightness, (N,).
 
     `added` is what the sheen adds, (N, 3), float32.

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from stages.photometry.stack import Pixels, StackedViews
-from stages.photometry.transport.directional_transport import SkyTransport
+from stages.photometry.transport.directional_transport import DirectionalTransport
 from stages.photometry.transport.light_priors import contrast
 from stages.solvers.least_squares.non_negative import descend_above_zero
 
@@ -84,7 +84,8 @@ class InMirror:
     seen : ndarray, shape (L, 3), float32
         ``I_p − f I_q`` with ``f = S_p / S_q``, of the brightness.
     lobes : ndarray, shape (L, M), float32
-        ``m_p − f m_q``, m as `SkyTransport.lobes` has it: what light of each direction would add to `seen`.
+        ``m_p − f m_q``, m as `DirectionalTransport.lobes` has it: what light of each direction would add to
+        `seen`.
     cells : ndarray, shape (M,)
         Share of all directions that each stands for.
     """
@@ -163,7 +164,7 @@ class Differences:
         seen: np.ndarray,
         trusted: np.ndarray,
         towards: np.ndarray,
-        pixels: SkyTransport,
+        pixels: DirectionalTransport,
         shading_at: Callable[[np.ndarray], np.ndarray],
     ) -> Differences:
         """Along some of the links between pixels that are trusted, and lit in every channel.
@@ -176,7 +177,7 @@ class Differences:
         trusted : ndarray, shape (N,), bool
         towards : ndarray, shape (N, 3), float32
             Unit vectors to the cameras.
-        pixels : SkyTransport
+        pixels : DirectionalTransport
         shading_at : callable
             Of chosen pixels by that light, as far as it is known: both ends of a link show one point, and
             are lit about alike by any light.

@@ -137,7 +137,7 @@ def visible_directions(
 
 
 @dataclass(frozen=True, eq=False)
-class Eyes:
+class VisibilityProbes:
     """Points that look into the sky, and what is in their way.
 
     Attributes
@@ -172,7 +172,7 @@ class Eyes:
 
 
 @dataclass(frozen=True, eq=False)
-class SkyTransport:
+class DirectionalTransport:
     """How light from M directions reaches N points: all of it that they see, by the cosine.
 
     Attributes
@@ -207,12 +207,12 @@ class SkyTransport:
     @classmethod
     def of(
         cls, normals: np.ndarray, offsets: np.ndarray, blend: sp.csr_array, visible: np.ndarray, count: int
-    ) -> SkyTransport:
+    ) -> DirectionalTransport:
         """Of points with unit normals (N, 3), and `count` directions, alike."""
         directions, cells = even_directions(count).astype(np.float32), np.full(count, 1 / count, np.float32)
         return cls(np.ascontiguousarray(normals, np.float32), offsets, blend, visible, directions, cells)
 
-    def at(self, points: np.ndarray) -> SkyTransport:
+    def at(self, points: np.ndarray) -> DirectionalTransport:
         """The same with some of the points only."""
         return replace(
             self, normals=self.normals[points], offsets=self.offsets[points], blend=self.blend[points]

@@ -10,9 +10,9 @@ import scipy.sparse as sp
 
 from stages.formats.artefacts.transfer_file import StoredTransfer
 from stages.photometry.transport.directional_transport import (
-    Eyes,
-    SkyTransport,
+    DirectionalTransport,
     Sphere,
+    VisibilityProbes,
     offsets_in,
     sphere_of,
 )
@@ -21,28 +21,28 @@ from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 
 
 @dataclass(frozen=True, eq=False)
-class SkyScene:
+class LitScene:
     """What there is to see.
 
     Attributes
     ----------
-    pixels : SkyTransport
+    pixels : DirectionalTransport
         N, of all views.
-    vertices : SkyTransport
+    vertices : DirectionalTransport
         P; of the proxy's positions and normals.
     proxy : Proxy
         Of P vertices, that bounces go between.
     sphere : Sphere or None
         That the light comes from, world; None: from infinitely far away.
-    eyes : Eyes or None
+    eyes : VisibilityProbes or None
         Of the vertices, where they can be asked to look in other directions.
     """
 
-    pixels: SkyTransport
-    vertices: SkyTransport
+    pixels: DirectionalTransport
+    vertices: DirectionalTransport
     proxy: Proxy
     sphere: Sphere | None = None
-    eyes: Eyes | None = None
+    eyes: VisibilityProbes | None = None
 
     @classmethod
     def of(
@@ -53,18 +53,18 @@ class SkyScene:
         visible: np.ndarray,
         directions: int,
         sphere: Sphere | None,
-    ) -> SkyScene:
-        """Of pixels with normals (N, 3) that blend the proxy's vertices; see `SkyTransport`."""
+    ) -> LitScene:
+        """Of pixels with normals (N, 3) that blend the proxy's vertices; see `DirectionalTransport`."""
         own = sp.csr_array(sp.eye_array(len(proxy.positions), dtype=np.float32, format="csr"))
         of_vertices = offsets_in(sphere, proxy.positions)
         return cls(
-            pixels=SkyTransport.of(normals, blend @ of_vertices, blend, visible, directions),
-            vertices=SkyTransport.of(proxy.normals, of_vertices, own, visible, directions),
+            pixels=DirectionalTransport.of(normals, blend @ of_vertices, blend, visible, directions),
+            vertices=DirectionalTransport.of(proxy.normals, of_vertices, own, visible, directions),
             proxy=proxy,
             sphere=sphere,
         )
 
-    def at(self, pixels: np.ndarray) -> SkyScene:
+    def at(self, pixels: np.ndarray) -> LitScene:
         """The same with some of the pixels only."""
         return replace(self, pixels=self.pixels.at(pixels))
 
@@ -90,9 +90,9 @@ def proxy_in(stored: StoredTransfer) -> Proxy:
     return Proxy(stored.vertices, stored.normals, seen)
 
 
-def sky_scenes(
-    stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray, eyes: Eyes | None = None
-) -> tuple[list[SkyScene], int]:
+def scenes_by_distance(
+    stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray, eyes: VisibilityProbes | None = None
+) -> tuple[list[LitScene], int]:
     """Scenes in the order of the stored radii, and how many pixels see the back of the mesh.
 
     Parameters
@@ -101,13 +101,13 @@ def sky_scenes(
     blend : csr_array, shape (N, P)
     normals : ndarray, shape (N, 3)
         Of the pixels.
-    eyes : Eyes or None
+    eyes : VisibilityProbes or None
         Of the proxy's vertices, for those who look in other directions than are stored.
     """
     blend, opposed = without_opposed(normals, blend, stored.normals)
     proxy, scenes = proxy_in(stored), []
     for radius, visible in zip(stored.radii.tolist(), stored.visible, strict=True):
         sphere = sphere_of(stored.centre, radius)
-        scene = SkyScene.of(normals, blend, proxy, visible, int(stored.directions), sphere)
+        scene = LitScene.of(normals, blend, proxy, visible, int(stored.directions), sphere)
         scenes.append(replace(scene, eyes=eyes))
     return scenes, opposed

@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from stages.photometry.transport.interreflection import bounced
-from stages.photometry.transport.lit_scenes import SkyScene
+from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.pixel_transfer import WHITEST, at_vertices, on_absolute_scale
 
 
 def relit(
-    scene: SkyScene, albedo: np.ndarray, light: np.ndarray, bounces: int, brightest: float
+    scene: LitScene, albedo: np.ndarray, light: np.ndarray, bounces: int, brightest: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Radiance that the pixels would show: Eq. 1 under another light.
 
     Parameters
     ----------
-    scene : SkyScene
+    scene : LitScene
         N pixels, M directions.
     albedo : ndarray, shape (N, 3)
         On any scale, the channels alike.

@@ -19,7 +19,7 @@ from stages.solvers.primal_dual.loops import (
     weigh,
 )
 from stages.solvers.primal_dual.problem import Problem, Steps
-from stages.solvers.primal_dual.prolongation import Legacy, inherit_edges, inherit_pixels
+from stages.solvers.primal_dual.prolongation import CoarseState, prolong_edges, prolong_pixels
 
 NOTHING = 1e-30  # instead of a division by 0
 TWICE_AS_FAR = 2.0  # what is drawn back may go as far as a reflection
@@ -83,12 +83,12 @@ class PrimalDual:
         self._mobility = np.zeros((*light.shape, light.shape[2]))
 
     @classmethod
-    def inheriting(cls, legacy: Legacy, problem: Problem, group: np.ndarray) -> PrimalDual:
+    def inheriting(cls, legacy: CoarseState, problem: Problem, group: np.ndarray) -> PrimalDual:
         """Start a level where the one above it stands: albedo, light and duals; see also `fill_in`.
 
         Parameters
         ----------
-        legacy : Legacy
+        legacy : CoarseState
         problem : Problem
             The finer one.
         group : ndarray, shape (N,), int32
@@ -97,9 +97,9 @@ class PrimalDual:
         finer = cls(problem, np.zeros_like(problem.image), legacy.light, legacy.steps, legacy.free_light)
         own, other = problem.graph, legacy.graph
         places = problem.slices.spread_numbers(legacy.slices.places[group])
-        inherit_pixels(places, legacy.albedo.ravel(), finer.albedo.ravel())
-        inherit_pixels(places, legacy.data_dual.ravel(), finer._data_dual.ravel())
-        inherit_edges(
+        prolong_pixels(places, legacy.albedo.ravel(), finer.albedo.ravel())
+        prolong_pixels(places, legacy.data_dual.ravel(), finer._data_dual.ravel())
+        prolong_edges(
             places,
             (other.first, other.neighbour, other.weight, legacy.edge_dual),
             (own.first, own.neighbour, own.weight, finer.edge_dual),
@@ -121,9 +121,9 @@ class PrimalDual:
             self.shading(),
         )
 
-    def legacy(self) -> Legacy:
+    def legacy(self) -> CoarseState:
         """What a finer level takes over; whoever does not keep the rest makes room for it."""
-        return Legacy(
+        return CoarseState(
             slices=self.problem.slices,
             graph=self.problem.graph,
             albedo=self.albedo,

@@ -14,7 +14,7 @@ from stages.solvers.primal_dual.sliced_graph import SlicedGraph
 
 
 @dataclass(frozen=True, eq=False)
-class Legacy:
+class CoarseState:
     """What `PrimalDual` leaves to the next finer level; arrays are shared, not copied."""
 
     slices: Slices
@@ -29,7 +29,7 @@ class Legacy:
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def inherit_pixels(group, coarse, fine):
+def prolong_pixels(group, coarse, fine):
     """Give every pixel, three channels, what its group has; `group` is the group's place, −1 for no pixel."""
     for share in numba.prange(group.size):
         own, other = np.int64(share), np.int64(group[share])
@@ -39,7 +39,7 @@ def inherit_pixels(group, coarse, fine):
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def inherit_edges(group, coarse, fine):
+def prolong_edges(group, coarse, fine):
     """Look every edge between two groups up among the rows of its group."""
     first_c, neighbour_c, weight_c, dual_c = coarse
     first, neighbour, weight, dual = fine
