@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from pipeline import UserError
+from pipeline import UserError, settings_of
 from pipeline.config import check_settings, override, read_config
 from pipeline.digest import digest_value
 from pipeline.settings import settings_that_matter
 from stages.raycast import RaycastSettings
 from stages.undistort import UndistortSettings
-from tests.toy_flow import CountSettings, JoinSettings
+from tests.toy_flow import COUNT, CountSettings, JoinSettings
 
 DECLARED = {"join": JoinSettings, "count": CountSettings}
 
@@ -130,6 +130,13 @@ def test_a_bad_config_is_refused_in_a_sentence(tmp_path, text, sentence):
 def test_a_missing_config_is_named(tmp_path):
     with pytest.raises(UserError, match="nowhere.yaml cannot be read"):
         read_config(tmp_path / "nowhere.yaml", [], [])
+
+
+def test_a_stage_gets_its_own_settings_and_refuses_anothers():
+    own = CountSettings(times=3)
+    assert settings_of(COUNT, {"join": JoinSettings(), "count": own}) is own
+    with pytest.raises(TypeError, match="count takes CountSettings; got JoinSettings"):
+        settings_of(COUNT, {"count": JoinSettings()})
 
 
 def test_digests_tell_types_apart_and_ignore_the_order_of_names():

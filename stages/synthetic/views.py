@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,8 @@ from stages.scene.cameras import Camera
 
 
 def arc_of_views(
-    azimuths_deg: list[float],
-    elevations_deg: list[float],
+    azimuths_deg: Sequence[float],
+    elevations_deg: Sequence[float],
     distance: float,
     target: np.ndarray,
     size: tuple[int, int],
@@ -21,7 +22,7 @@ def arc_of_views(
 
     Parameters
     ----------
-    azimuths_deg, elevations_deg : list of float
+    azimuths_deg, elevations_deg : sequence of float
         One per view. Azimuth 0 faces the figure (from −y), positive towards its left (+x).
     distance : float
         From `target` to the camera centres, model units.

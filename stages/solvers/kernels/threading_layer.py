@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numba
 
-# Its settings are made when numba is imported, where no type checker sees them.
+# numba makes the names in its config when it is imported: no type checker sees them.
 numba.config.THREADING_LAYER_PRIORITY = ["omp", "workqueue", "tbb"]  # type: ignore[attr-defined]
 
 

@@ -92,7 +92,7 @@ def _even_out(group, graph, potential, even):
                     even[held_at(own, c)] += weight[at] * potential[held_at(np.int64(neighbour[at]), c)]
         for c in range(3):
             at = held_at(own, c)
-            even[at] = potential[at] + even[at] / (2 * max(within, NEARLY_FREE))
+            even[at] = potential[at] + even[at] / (2 * max(float(within), NEARLY_FREE))
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
