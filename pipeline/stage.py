@@ -88,7 +88,7 @@ Flow = tuple[AnyStage, ...]
 
 
 def settings_of(stage: Stage[S], settings: Mapping[str, Settings]) -> S:
-    """A stage's own settings, among those of all stages by name.
+    """Look up a stage's own settings among those of all stages by name.
 
     Raises
     ------

@@ -17,6 +17,7 @@ from stages.photometry.lighting.light_search import Search
 from stages.photometry.lighting.lit_photos import Observations, Viewing
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.specular.chromaticity_clusters import PALETTE, chromaticity_clusters
+from stages.photometry.specular.highlights import Linked
 from stages.photometry.specular.specular_reflection import (
     Mirror,
     SpecularReflection,
@@ -63,7 +64,9 @@ def differences_of(views, seen, shading, trusted, mirror) -> Differences:
 
 def photos_of(views, seen, mirror) -> Observations:
     looked = Viewing(everything(seen), mirror.towards)
-    return Observations.of(views, looked, seen, 0.0, LightSharing("shared", 1.0, 2.0)).in_one_light()
+    linked = Linked.of(views, looked.trusted)
+    lighting = LightSharing("shared", 1.0, 2.0)
+    return Observations.of(linked, looked, seen, 0.0, lighting).in_one_light(linked)
 
 
 def light_of(mirror: Mirror) -> LightEstimate:

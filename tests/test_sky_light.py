@@ -797,7 +797,8 @@ def test_a_place_that_one_photo_darkens_is_no_measure_and_darkens_no_other(lit, 
     views, everything, image = lit[0], np.ones(len(lit[2]), bool), photo_of(lit[2], lit[3])
     shadowed, place = darkened_in_the_first(lit, to)
     lighting = LightSharing("shared", *MOVING)
-    photos = Observations.of(views, looks(everything), shadowed, 0.0, lighting).in_one_light()
+    linked = Linked.of(views, everything)
+    photos = Observations.of(linked, looks(everything), shadowed, 0.0, lighting).in_one_light(linked)
     inside = place & near_the_middle_of_the_first(lit, 18) & linked_to_others(views)
     assert np.mean(photos.looks.trusted[inside]) < 0.1
     assert np.mean(photos.looks.trusted[~place]) > 0.99

@@ -20,7 +20,6 @@ from stages.photometry.albedo.detail_octaves import (
     noise_without_others,
 )
 from stages.photometry.albedo.octaves import response_to_noise
-from stages.photometry.albedo.other_views import borrowed
 from stages.photometry.albedo.shading_uncertainty import DARK, ShadingUncertainty
 from stages.photometry.observations import UNLIT
 from stages.photometry.stack import StackedViews
@@ -97,10 +96,10 @@ def with_detail(
     explained = detailed * light
     scene = DetailScene(views, image, light, explained, trusted, settings)
     kept, variance, doubt = _kept(scene)
-    (kept, known), (variance, _) = (borrowed(views, each, trusted) for each in (kept, variance[:, None]))
-    added = (explained + DARK) * np.expm1(channels_of(kept)) / light
+    told, known = scene.others.lent(np.column_stack([kept, variance]))
+    added = (explained + DARK) * np.expm1(channels_of(told[:, :3])) / light
     detailed = np.where(known[:, None], np.maximum(detailed + added, 0), detailed).astype(np.float32)
-    variance = variance[:, 0] / np.maximum(scene.response, LEAST_RESPONSE) ** 2
+    variance = told[:, 3] / np.maximum(scene.response, LEAST_RESPONSE) ** 2
     return Detail(detailed, (variance + _apart(scene, detailed)).astype(np.float32), doubt)
 
 

@@ -1,8 +1,9 @@
-"""What the other views of the same surface say, and the noise that views do not share."""
+"""What the other views of the same surface say."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -18,20 +19,23 @@ class OtherViews:
     views : StackedViews
     trusted : ndarray, shape (N,), bool
         Pixels that are asked.
-    count : ndarray, shape (N,), float32
-        How many links each pixel has to trusted ones: a coarse pixel may have several to one view. 0 for
-        those that are not trusted.
+    links : ndarray, shape (N,), float32
+        How many links each pixel has to trusted ones: a coarse pixel may have several to one view.
     """
 
     views: StackedViews
     trusted: np.ndarray
-    count: np.ndarray
+    links: np.ndarray
 
     @classmethod
     def of(cls, views: StackedViews, trusted: np.ndarray) -> OtherViews:
         """Count them."""
-        count = _sum_over_links(views, trusted.astype(np.float32))
-        return cls(views, trusted, np.where(trusted, count, 0).astype(np.float32))
+        return cls(views, trusted, _sum_over_links(views, trusted.astype(np.float32)))
+
+    @cached_property
+    def count(self) -> np.ndarray:
+        """Count the links of the trusted pixels, (N,), float32; 0 for the others."""
+        return np.where(self.trusted, self.links, 0).astype(np.float32)
 
     @property
     def share(self) -> float:
@@ -41,35 +45,30 @@ class OtherViews:
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Average over the others, (N, c), float32; 0 where there is none."""
         known = np.where(self.trusted[:, None], values, 0).astype(np.float32)
-        return _sum_over_links(self.views, known) / np.maximum(self.count, 1)[:, None]
+        return _sum_over_links(self.views, known) / np.maximum(self.links, 1)[:, None]
 
     def with_own(self, values: np.ndarray) -> np.ndarray:
         """Average over a pixel and its others, (N, c), float32."""
         own = self.count[:, None]
         return np.where(own > 0, (values + own * self.mean(values)) / (1 + own), values).astype(np.float32)
 
+    def lent(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Fill in what a view does not show: behind a highlight, a passer-by, at a grazing angle.
 
-def borrowed(views: StackedViews, values: np.ndarray, trusted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Take from other views what a view does not show: behind a highlight, a passer-by, at a grazing angle.
+        Parameters
+        ----------
+        values : ndarray, shape (N, c)
+            That the same surface has in all views.
 
-    Parameters
-    ----------
-    views : StackedViews
-    values : ndarray, shape (N, c)
-        That the same surface has in all views.
-    trusted : ndarray, shape (N,), bool
-
-    Returns
-    -------
-    tuple of ndarray, shape (N, c), float32, and ndarray, shape (N,), bool
-        The values, for pixels that are not trusted the mean of the trusted ones they are linked to; and which
-        pixels have values by either way.
-    """
-    count = _sum_over_links(views, trusted.astype(np.float32))
-    others = _sum_over_links(views, np.where(trusted[:, None], values, 0).astype(np.float32))
-    lent = ~trusted & (count > 0)
-    values = np.where(lent[:, None], others / np.maximum(count, 1)[:, None], values)
-    return values.astype(np.float32), trusted | lent
+        Returns
+        -------
+        tuple of ndarray, shape (N, c), float32, and ndarray, shape (N,), bool
+            The values, for pixels that are not trusted the mean of the trusted ones they are linked to; and
+            which pixels have values by either way.
+        """
+        lent = ~self.trusted & (self.links > 0)
+        values = np.where(lent[:, None], self.mean(values), values)
+        return values.astype(np.float32), self.trusted | lent
 
 
 def _sum_over_links(views: StackedViews, values: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from stages.photometry.lighting.reflectance import FIRST, Reflectance, reflectan
 from stages.photometry.lighting.shared_or_own_lights import LightSharing, mixed_with_own_lights
 from stages.photometry.lighting.view_gains import ViewGains, view_gains
 from stages.photometry.observations import UNLIT, AlbedoData
+from stages.photometry.specular.highlights import Linked
 from stages.photometry.specular.specular_reflection import SpecularReflection
 from stages.photometry.specular.view_differences import Differences
 from stages.photometry.stack import StackedViews
@@ -169,8 +170,8 @@ def find_illumination(
         Called after every step of the search.
     """
     use_threads(threads)
-    as_seen, gains, of_pixel = _photos(views, images, looks, settings.lighting)
-    photos, reflectance = as_seen.as_lit(), None
+    as_seen, photos, gains, of_pixel = _photos(views, images, looks, settings.lighting)
+    reflectance = None
     how = settings.to_begin_with
     far = photos.light(scenes[0], how, step)
     if settings.reflectance_is_found:
@@ -231,8 +232,8 @@ def illumination_by(
     Parameters as of `find_illumination`; the light comes from infinitely far away, one for all views.
     """
     use_threads(threads)
-    as_seen, gains, of_pixel = _photos(views, images, looks, replace(settings.lighting, asked="shared"))
-    photos = as_seen.in_one_light()
+    in_one_light = replace(settings.lighting, asked="shared")
+    _, photos, gains, of_pixel = _photos(views, images, looks, in_one_light)
     how = settings.to_begin_with if known.scale is None else replace(settings.light, brightest=None)
     search = photos.search(scene, how)
     turn_deg = turn_of(search, known, step)
@@ -278,14 +279,16 @@ def illumination_by(
 
 def _photos(
     views: StackedViews, images: list[np.ndarray], looks: Viewing, lighting: LightSharing
-) -> tuple[Observations, ViewGains, np.ndarray]:
-    """The photos as they are seen, the gains of their views, and those of all pixels, (N, 3)."""
+) -> tuple[Observations, Observations, ViewGains, np.ndarray]:
+    """The photos as they are seen, and as they are lit, the gains of views, and of all pixels, (N, 3)."""
     image = np.stack(images, axis=1)
     if not looks.trusted.any():
         looks = replace(looks, trusted=np.ones_like(looks.trusted))
     gains = view_gains(views, image, looks.trusted)
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
-    return Observations.of(views, looks, image / of_pixel, gains.spread, lighting), gains, of_pixel
+    linked = Linked.of(views, looks.trusted)
+    as_seen = Observations.of(linked, looks, image / of_pixel, gains.spread, lighting)
+    return as_seen, as_seen.as_lit(linked), gains, of_pixel
 
 
 def _best_explanation(

@@ -86,24 +86,27 @@ class Observations:
 
     @classmethod
     def of(
-        cls, views: StackedViews, looks: Viewing, seen: np.ndarray, spread: float, lighting: LightSharing
+        cls, linked: Linked, looks: Viewing, seen: np.ndarray, spread: float, lighting: LightSharing
     ) -> Observations:
-        """Tell how far views with such a spread have lights of their own; nothing is taken off yet."""
+        """Tell how far views with such a spread have lights of their own; nothing is taken off yet.
+
+        `linked`: by the pixels that `looks` trusts.
+        """
+        views = linked.views
         one_light = np.zeros(views.view_count, np.int64)
-        rise = brightening(Linked.of(views, looks.trusted), seen)
+        rise = brightening(linked, seen)
         apart = lighting.apart(spread, rise) if views.view_count > 1 else 0.0
         return cls(views, looks, seen, seen, one_light, rise, apart)
 
-    def as_lit(self) -> Observations:
+    def as_lit(self, linked: Linked) -> Observations:
         """Take the photos for lit by one light, unless that has no weight at all."""
-        return self.each_in_its_own_light() if self.apart == 1 else self.in_one_light()
+        return self.each_in_its_own_light() if self.apart == 1 else self.in_one_light(linked)
 
-    def in_one_light(self) -> Observations:
-        """Leave out what is `darker_outliers`, and take highlights off.
+    def in_one_light(self, linked: Linked) -> Observations:
+        """Leave out what `darker_outliers` finds, and take highlights off.
 
         The less weight one light has, the darker a place must be: lights of their own darken places, too.
         """
-        linked = Linked.of(self.views, self.looks.trusted)
         looks = self.looks.without(
             darker_outliers(linked, self.seen, DARKENED ** min(1 / (1 - self.apart), NEVER))
         )

@@ -39,8 +39,8 @@ class LightSharing:
         if self.asked != "auto":
             return float(self.asked == "per-view")
         moved = (spread - self.still) / (self.moving - self.still)
-        diffuse = (GLOSSY - rise) / (GLOSSY - MATT)
-        return float(np.clip(moved, 0, 1) * np.clip(diffuse, 0, 1))
+        not_gloss = (GLOSSY - rise) / (GLOSSY - MATT)
+        return float(np.clip(moved, 0, 1) * np.clip(not_gloss, 0, 1))
 
 
 def mixed_with_own_lights(
