@@ -3,7 +3,7 @@
 from pipeline.errors import UserError
 from pipeline.job import Job, Progress, Silence
 from pipeline.json_text import finite_or_null, json_text
-from pipeline.settings import Settings, setting
+from pipeline.settings import Settings, group, setting
 from pipeline.stage import AnyStage, Artefact, Flow, Source, Stage, settings_of
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "Stage",
     "UserError",
     "finite_or_null",
+    "group",
     "json_text",
     "setting",
     "settings_of",

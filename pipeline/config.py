@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from pydantic import ValidationError
 from yaml.error import MarkedYAMLError
 
 from pipeline.errors import UserError
-from pipeline.settings import Settings, near
+from pipeline.settings import Settings, is_group, near
 
 
 class _Loader(yaml.SafeLoader):
@@ -123,18 +124,18 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 
 
 def override(settings: dict[str, dict[str, Any]], assignments: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Apply ``stage.name=value`` assignments; values are read as YAML: 2, true, [a, b].
+    """Apply ``stage.name=value`` and ``stage.phase.name=value``; values are read as YAML: 2, true, [a, b].
 
     Raises
     ------
     UserError
         An assignment has not that form.
     """
-    changed = {stage: dict(section) for stage, section in settings.items()}
+    changed = deepcopy(settings)
     for assignment in assignments:
         name, equals, text = assignment.partition("=")
-        stage, dot, setting_name = name.strip().partition(".")
-        if not (equals and dot and setting_name):
+        *sections, setting_name = name.strip().split(".")
+        if not (equals and sections and all(sections) and setting_name):
             raise UserError(
                 f"--set {assignment} was not understood; expected STAGE.SETTING=VALUE, as in mesh.depth=9."
             )
@@ -144,7 +145,12 @@ def override(settings: dict[str, dict[str, Any]], assignments: Iterable[str]) ->
             raise UserError(
                 f"--set {assignment}: the value is not YAML ({' '.join(str(error).split())})."
             ) from error
-        changed.setdefault(stage, {})[setting_name] = value
+        section: dict[str, Any] = changed
+        for one in sections:
+            if not isinstance(section.setdefault(one, {}), dict):
+                section[one] = {}
+            section = section[one]
+        section[setting_name] = value
     return changed
 
 
@@ -176,12 +182,27 @@ def _validated(stage: str, kind: type[Settings], values: Mapping[str, Any]) -> S
 
 def _sentence(stage: str, kind: type[Settings], fault: Mapping[str, Any]) -> str:
     """One sentence for one of pydantic's findings."""
-    name = ".".join(str(part) for part in fault["loc"])
-    if fault["type"] == "extra_forbidden" and name in kind.moved:
-        return f"{stage}.{name} has moved to {kind.moved[name]}; set it there."
+    *phases, own = [str(part) for part in fault["loc"]]
+    name = ".".join([stage, *phases, own])
     if fault["type"] == "extra_forbidden":
-        known = [field.alias or name for name, field in kind.model_fields.items()]
-        return f"There is no setting {stage}.{name}; {near(name, known)}"
+        phase = _phase_at(kind, phases)
+        if own in phase.moved:
+            return f"{name} has moved to {phase.moved[own]}; set it there."
+        known = [field.alias or name for name, field in phase.model_fields.items()]
+        return f"There is no setting {name}; {near(own, known)}"
     said = fault["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    if fault["type"] == "model_type":
+        said = f"settings of its own, as in {name}.{next(iter(_phase_at(kind, fault['loc']).model_fields))}"
     expected = AS_ONE_WRITES_IT.get(fault["type"], said)
-    return f"{stage}.{name} is {fault['input']!r}; expected {expected}."
+    return f"{name} is {fault['input']!r}; expected {expected}."
+
+
+def _phase_at(kind: type[Settings], names: Iterable[str | int]) -> type[Settings]:
+    """The settings of the phase of this name, which may lie in another."""
+    for name in names:
+        kind = {
+            field.alias or own: field.annotation
+            for own, field in kind.model_fields.items()
+            if is_group(field.annotation)
+        }[str(name)]
+    return kind

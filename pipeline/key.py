@@ -22,7 +22,7 @@ class Ingredients:
     ----------
     stage, version : str, int
     settings : dict
-        The settings that change the result.
+        The settings that change the result, by public name.
     inputs : dict of str to dict
         Per input, the digest of each file by relative path.
     tools, machine : dict of str to str
@@ -55,7 +55,7 @@ def ingredients(stage: Stage[S], settings: S, inputs: Mapping[str, FileDigests])
     return Ingredients(
         stage=stage.name,
         version=stage.version,
-        settings=settings_that_matter(settings),
+        settings=settings_that_matter(settings, stage.ignores),
         inputs=dict(inputs),
         tools={tool: tool_version(tool) for tool in stage.tools},
         machine=dict(stage.machine(settings)),

@@ -36,7 +36,7 @@ def logged(stage: AnyStage, job: Job[Settings], path: Path, failures: Path) -> I
     root.setLevel(logging.INFO)
     log = logging.getLogger(stage.name)
     try:
-        log.info("version %s, settings %s", stage.version, settings_that_matter(job.settings))
+        log.info("version %s, settings %s", stage.version, settings_that_matter(job.settings, stage.ignores))
         yield
         for sentence in job.warnings:
             log.warning(sentence)

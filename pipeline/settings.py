@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeGuard
 
 from pydantic import BaseModel, ConfigDict, Field
 
 
 class Settings(BaseModel):
-    """Settings of one stage: frozen; unknown keys, NaN and infinity refused. Subclass it beside the stage.
+    """Settings of a stage or of one phase in it: frozen; unknown keys, NaN and infinity refused.
+
+    Subclass it beside the stage, or beside the phase, and make that a field of the stage's with `group`.
 
     Attributes
     ----------
@@ -59,15 +61,51 @@ def setting(
     )
 
 
-def settings_that_matter(settings: Settings) -> dict[str, Any]:
-    """The settings that change the result, as JSON values by public name."""
-    silent = {
-        field.alias or name
-        for name, field in type(settings).model_fields.items()
-        if isinstance(field.json_schema_extra, dict) and not field.json_schema_extra["changes_result"]
+def group(kind: type[Settings], why: str) -> Any:
+    """Declare the settings of one phase as a field of its stage's: ``stage.phase.name`` to the user.
+
+    Parameters
+    ----------
+    kind
+        Its settings, all of which have defaults.
+    why
+        What the phase does, one sentence; shown by the documentation above its settings.
+    """
+    return Field(default_factory=kind, description=why)
+
+
+def is_group(annotation: object) -> TypeGuard[type[Settings]]:
+    """Tell a phase's settings from a single one, by the field's type."""
+    return isinstance(annotation, type) and issubclass(annotation, Settings)
+
+
+def settings_that_matter(settings: Settings, ignored: Iterable[str] = ()) -> dict[str, Any]:
+    """List the settings that change the result, as JSON values by public name: ``phase.name`` in a phase.
+
+    Parameters
+    ----------
+    settings
+        Of a stage.
+    ignored
+        Public names of settings, or of whole phases, that this variant of the stage does not look at.
+    """
+    ignored = set(ignored)
+    return {
+        name: value
+        for name, value in _values(settings)
+        if name not in ignored and not any(name.startswith(f"{phase}.") for phase in ignored)
     }
+
+
+def _values(settings: Settings) -> Iterator[tuple[str, Any]]:
+    """Public names and JSON values of the settings that change the result, those of phases after a dot."""
     values = settings.model_dump(mode="json", by_alias=True)
-    return {name: value for name, value in values.items() if name not in silent}
+    for name, field in type(settings).model_fields.items():
+        public = field.alias or name
+        if is_group(field.annotation):
+            yield from ((f"{public}.{own}", value) for own, value in _values(getattr(settings, name)))
+        elif not isinstance(field.json_schema_extra, dict) or field.json_schema_extra["changes_result"]:
+            yield public, values[public]
 
 
 def near(wrong: str, known: Iterable[str]) -> str:

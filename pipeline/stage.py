@@ -64,6 +64,8 @@ class Stage(Generic[S]):
     gives : tuple of Artefact
     run : callable
         The adapter: opens the inputs, calls the core, saves the outputs.
+    ignores : tuple of str
+        Settings, or phases of them, that this variant of the stage does not look at: no part of the key.
     tools : tuple of str
         Distributions whose versions change the result: part of the key.
     machine : callable
@@ -79,6 +81,7 @@ class Stage(Generic[S]):
     gives: tuple[Artefact, ...]
     run: Callable[[Job[S]], None]
     may_take: tuple[str, ...] = ()
+    ignores: tuple[str, ...] = ()
     tools: tuple[str, ...] = ()
     machine: Callable[[S], Mapping[str, str]] = field(default=no_facts)
 

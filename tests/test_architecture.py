@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import ast
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from pydantic.fields import FieldInfo
 
+from pipeline import Settings
+from pipeline.settings import is_group
 from stages import ALL_STAGES
 from stages.scene.distributions import OPEN3D, PYCOLMAP
 
@@ -224,12 +228,28 @@ def test_every_setting_has_a_reason_and_can_be_reached_from_the_command_line():
     declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
     defaults = check_settings(declared, {})
     for stage, kind in declared.items():
-        for name, field in kind.model_fields.items():
-            public = field.alias or name
-            assert field.description, f"{stage}.{public} says nothing about itself"
-            value = defaults[stage].model_dump(mode="json", by_alias=True)[public]
+        for name, field in all_settings(kind):
+            assert field.description, f"{stage}.{name} says nothing about itself"
+            value = defaults[stage].model_dump(mode="json", by_alias=True)
+            for part in name.split("."):
+                value = value[part]
             text = "null" if value is None else str(value).replace("'", '"')
-            assert check_settings(declared, override({}, [f"{stage}.{public}={text}"])) == defaults
+            if not is_group(field.annotation):
+                assert check_settings(declared, override({}, [f"{stage}.{name}={text}"])) == defaults
+
+
+def all_settings(kind: type[Settings]) -> Iterator[tuple[str, FieldInfo]]:
+    """Public names and fields, those of phases and the phases themselves as well."""
+    for name, field in kind.model_fields.items():
+        public = field.alias or name
+        yield public, field
+        if is_group(field.annotation):
+            yield from ((f"{public}.{own}", inner) for own, inner in all_settings(field.annotation))
+
+
+@pytest.mark.parametrize("stage", ALL_STAGES, ids=lambda stage: stage.name)
+def test_a_stage_ignores_only_settings_that_it_has(stage):
+    assert set(stage.ignores) <= {name for name, _ in all_settings(stage.settings)}
 
 
 def test_no_stage_takes_what_one_after_it_in_order_gives():

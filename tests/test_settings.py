@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import pytest
 from pydantic import ValidationError
 
-from pipeline import UserError, settings_of
+from pipeline import Settings, UserError, group, setting, settings_of
 from pipeline.config import check_settings, override, read_config
 from pipeline.digest import digest_value
 from pipeline.settings import settings_that_matter
@@ -81,6 +83,55 @@ def test_settings_are_frozen():
 def test_silent_settings_stay_out_of_the_key():
     assert settings_that_matter(JoinSettings(chatty=True)) == {"separator": " "}
     assert settings_that_matter(CountSettings()) == {"times": 1, "lambda": 1.0}
+
+
+class InkSettings(Settings):
+    moved = MappingProxyType({"tint": "print.ink.colour"})
+    colour: str = setting("black", "Of the ink.")
+    drops: int = setting(3, "Per word.", ge=1)
+    loud: bool = setting(False, "Changes nothing.", changes_result=False)
+
+
+class PrintSettings(Settings):
+    copies: int = setting(1, "How many.", ge=1)
+    ink: InkSettings = group(InkSettings, "What words are printed with.")
+
+
+def printed(*assignments: str) -> PrintSettings:
+    return check_settings({"print": PrintSettings}, override({}, assignments))["print"]
+
+
+def test_a_phase_has_settings_of_its_own_after_a_dot():
+    settings = printed("print.ink.drops=5", "print.copies=2")
+    assert (settings.copies, settings.ink) == (2, InkSettings(drops=5))
+    assert settings_that_matter(settings) == {"copies": 2, "ink.colour": "black", "ink.drops": 5}
+    config = {"print": {"ink": {"colour": "blue"}}}
+    both = override(config, ["print.ink.drops=5"])
+    assert both == {"print": {"ink": {"colour": "blue", "drops": 5}}}
+    assert config == {"print": {"ink": {"colour": "blue"}}}
+
+
+def test_what_a_variant_of_a_stage_ignores_stays_out_of_its_key():
+    assert settings_that_matter(PrintSettings(), ["ink"]) == {"copies": 1}
+    assert settings_that_matter(PrintSettings(), ["ink.drops", "copies"]) == {"ink.colour": "black"}
+
+
+@pytest.mark.parametrize(
+    ("assignment", "sentence"),
+    [
+        ("print.ink.drop=3", "There is no setting print.ink.drop; did you mean 'drops'?"),
+        ("print.ikn.drops=3", "There is no setting print.ikn; did you mean 'ink'?"),
+        ("print.ink.tint=red", "print.ink.tint has moved to print.ink.colour; set it there."),
+        ("print.ink.drops=0", "print.ink.drops is 0; expected greater than or equal to 1."),
+        ("print.ink=3", "print.ink is 3; expected settings of its own, as in print.ink.colour."),
+        ("print.copies.many=3", "print.copies is {'many': 3}; expected a valid integer."),
+        ("print..drops=3", "--set print..drops=3 was not understood"),
+    ],
+)
+def test_a_refusal_names_the_setting_of_a_phase(assignment, sentence):
+    with pytest.raises(UserError) as error:
+        printed(assignment)
+    assert sentence in str(error.value)
 
 
 def test_a_config_keeps_its_folder_for_relative_paths(tmp_path):
