@@ -23,7 +23,7 @@ from stages.lighting import LIGHTING
 from stages.mesh import MESH
 from stages.mvs import MVS
 from stages.photometry.decomposition_settings import check_mode
-from stages.photometry.lighting_settings import check_known_light
+from stages.photometry.lighting.settings import check_known_light
 from stages.raycast import RAYCAST
 from stages.relight import RELIGHT, RELIGHT_AS_FOUND
 from stages.render import RENDER

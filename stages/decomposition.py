@@ -47,7 +47,7 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
     from stages.formats.artefacts.view_files import read_arrays, read_maps
     from stages.formats.images.photos import read_mask
     from stages.photometry import transfer_solutions
-    from stages.photometry.observations import AlbedoData
+    from stages.photometry.albedo_data import AlbedoData
     from stages.photometry.stack import stack_views
 
     cameras, light = read_cameras(job.inputs["cameras"]), read_light(job.inputs["found_light"])

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage
-from stages.photometry.lighting_settings import LightingSettings
+from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.solver_settings import as_illumination
 from stages.scene.distributions import OPEN3D, PICTURES
 
@@ -59,10 +59,10 @@ def run(job: Job[LightingSettings]) -> None:
     from stages.formats.artefacts.transfer_file import read_transfer
     from stages.formats.artefacts.view_files import ways_to_cameras
     from stages.formats.images.photos import read_environment
+    from stages.photometry.light_search.brightest_reflectance import SCALE
+    from stages.photometry.light_search.search import REFINED
     from stages.photometry.lighting.illumination import find_illumination, illumination_by
-    from stages.photometry.lighting.light_search import REFINED
-    from stages.photometry.lighting.lit_photos import TURNS, Viewing
-    from stages.photometry.lighting.reflectance import SCALE
+    from stages.photometry.lighting.observations import TURNS, Viewing
 
     known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
     opened, stored = _open(job), read_transfer(job.inputs["transfer"])

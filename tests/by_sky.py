@@ -11,9 +11,9 @@ from stages.photometry.albedo.albedo_given_light import AlbedoSolution, decompos
 from stages.photometry.albedo.paint_edges import PaintEdges
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.joint.fast_alternation import FastSettings
+from stages.photometry.light_search.light_estimate import LightSearchSettings
 from stages.photometry.lighting.illumination import Illumination, IlluminationSettings, find_illumination
-from stages.photometry.lighting.light_estimate import LightSearchSettings
-from stages.photometry.lighting.lit_photos import Viewing
+from stages.photometry.lighting.observations import Viewing
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.solver_settings import as_sky
 from stages.photometry.stack import StackedViews

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.albedo.detail import Detail, with_detail
-from stages.photometry.albedo.detail_octaves import DetailSettings
-from stages.photometry.albedo.noise_estimation import grain_of, noise_between_views
-from stages.photometry.albedo.octaves import SIGMAS_PX, KnownPixels, gaussian_mean, response_to_noise
-from stages.photometry.albedo.other_views import OtherViews
-from stages.photometry.albedo.shading_uncertainty import ShownChange, error_of_change, log_shading
 from stages.photometry.decomposition_settings import DecompositionSettings
+from stages.photometry.detail.albedo_detail import Detail, with_detail
+from stages.photometry.detail.detail_octaves import DetailSettings
+from stages.photometry.detail.noise_estimation import grain_of, noise_between_views
+from stages.photometry.detail.octaves import SIGMAS_PX, KnownPixels, gaussian_mean, response_to_noise
+from stages.photometry.detail.other_views import OtherViews
+from stages.photometry.detail.shading_uncertainty import ShownChange, error_of_change, log_shading
 from stages.photometry.stack import StackedViews
 
 SHAPE = (160, 200)

@@ -60,9 +60,11 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "photometry/paper": set(),
     "photometry/transport": {"paper"},
     "photometry/specular": {"transport"},
-    "photometry/lighting": {"transport", "specular"},
+    "photometry/light_search": {"transport", "specular"},
+    "photometry/lighting": {"light_search", "transport", "specular"},
     "photometry/joint": {"paper", "transport"},
-    "photometry/albedo": {"joint", "specular"},
+    "photometry/detail": set(),
+    "photometry/albedo": {"joint", "detail", "specular"},
     "solvers/kernels": set(),
     "solvers/least_squares": set(),
     "solvers/primal_dual": {"kernels"},
@@ -75,7 +77,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "synthetic/paints": set(),
 }
 GROUND = {  # files beside the rooms that they may import; the others lead them
-    "photometry": {"stack", "observations", "chromaticity", "neighbourhoods", "statistics_by_class"},
+    "photometry": {"stack", "albedo_data", "chromaticity", "neighbourhoods", "statistics_by_class"},
     "stereo": {"view_selection"},
 }
 CROWDED = 12  # files that a room holds at most; steps and tests are lists, not rooms

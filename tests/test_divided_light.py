@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.lighting.direction_refinement import MOST_CELLS, bright_cells, divided
-from stages.photometry.lighting.light_estimate import LightEstimate
-from stages.photometry.lighting.light_search import estimate_light
+from stages.photometry.light_search.direction_refinement import MOST_CELLS, bright_cells, divided
+from stages.photometry.light_search.light_estimate import LightEstimate
+from stages.photometry.light_search.search import estimate_light
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.transport.directional_transport import (
     AROUND,

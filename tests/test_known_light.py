@@ -12,10 +12,10 @@ from stages.cli import main
 from stages.formats.artefacts.view_files import ways_to_cameras
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import read_mask
+from stages.photometry.light_search.light_estimate import LightSearchSettings
 from stages.photometry.lighting.illumination import IlluminationSettings, illumination_by
 from stages.photometry.lighting.known_light import FINE_DEG, STEP_DEG, KnownLight, _lowest
-from stages.photometry.lighting.light_estimate import LightSearchSettings
-from stages.photometry.lighting.lit_photos import Viewing
+from stages.photometry.lighting.observations import Viewing
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.transport.environment import directions_of_picture
 from tests.rendered_scene import TINY, artefact, unshade, write_config

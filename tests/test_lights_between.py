@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.shared_or_own_lights import GLOSSY, MATT, LightSharing
-from stages.photometry.lighting_settings import LightingSettings
 from tests.by_sky import decompose_by_sky
 from tests.test_sky_light import HOW, lit, looks, photo_of  # noqa: F401
 

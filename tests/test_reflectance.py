@@ -11,7 +11,7 @@ import pytest
 from stages.cli import main
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
-from stages.photometry.lighting.reflectance import SCALE, reflectance_of
+from stages.photometry.light_search.brightest_reflectance import SCALE, reflectance_of
 from tests.rendered_scene import artefact, write_config
 
 COURTYARD = {

@@ -10,11 +10,11 @@ import pytest
 import scipy.sparse as sp
 
 from stages.formats.artefacts.view_files import ways_to_cameras
-from stages.photometry.lighting.light_estimate import LightEstimate
-from stages.photometry.lighting.light_from_pairs import PairObjective
-from stages.photometry.lighting.light_from_specular import light_in_gloss
-from stages.photometry.lighting.light_search import Search
-from stages.photometry.lighting.lit_photos import Observations, Viewing
+from stages.photometry.light_search.light_estimate import LightEstimate
+from stages.photometry.light_search.light_from_pairs import PairObjective
+from stages.photometry.light_search.light_from_specular import light_in_gloss
+from stages.photometry.light_search.search import Search
+from stages.photometry.lighting.observations import Observations, Viewing
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.specular.chromaticity_clusters import PALETTE, chromaticity_clusters
 from stages.photometry.specular.highlights import Linked

@@ -18,18 +18,18 @@ from stages.photometry.albedo.soft_paint import soft_paint
 from stages.photometry.chromaticity import DARK, colour_change, in_white_light
 from stages.photometry.joint.fast_alternation import FastSettings
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights, graph_of
-from stages.photometry.lighting.illumination import explained_best
-from stages.photometry.lighting.light_estimate import LightEstimate, LightSearchSettings
-from stages.photometry.lighting.light_from_pairs import (
+from stages.photometry.light_search.light_estimate import LightEstimate, LightSearchSettings
+from stages.photometry.light_search.light_from_pairs import (
     ENOUGH,
     PairObjective,
     PairWeights,
     Sample,
     weighted_by_reliability,
 )
-from stages.photometry.lighting.light_search import Search, disagreements, estimate_light
-from stages.photometry.lighting.lit_photos import Observations, Viewing
-from stages.photometry.lighting.pair_sampling import COLOUR, Pairs, alike_pairs, sample_of
+from stages.photometry.light_search.pair_sampling import COLOUR, Pairs, alike_pairs, sample_of
+from stages.photometry.light_search.search import Search, disagreements, estimate_light
+from stages.photometry.lighting.illumination import explained_best
+from stages.photometry.lighting.observations import Observations, Viewing
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.lighting.view_gains import view_gains
 from stages.photometry.paper.energy import EnergyWeights

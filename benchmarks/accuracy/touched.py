@@ -21,7 +21,7 @@ from benchmarks.paper.laboratory import QUARTER, TINY  # noqa: E402
 from benchmarks.paper.tables import markdown  # noqa: E402
 from stages.formats.images.photos import write_png8  # noqa: E402
 from stages.photometry.decomposition_settings import DecompositionSettings  # noqa: E402
-from stages.photometry.lighting_settings import LightingSettings  # noqa: E402
+from stages.photometry.lighting.settings import LightingSettings  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 OF_STAGE = {"lighting": LightingSettings(), "decomposition": DecompositionSettings()}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from stages.photometry.albedo.confidence import confidence, confidence_of
-from stages.photometry.albedo.detail import Detail
+from stages.photometry.detail.albedo_detail import Detail
 from stages.photometry.energy_history import descent_as_json, rounds_as_json
 from stages.photometry.joint.fast_alternation import FastDescent, FastSettings, solve
 from stages.photometry.paper.alternation import AlternationSettings, Outcome, decompose_channels

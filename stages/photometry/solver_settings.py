@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from stages.photometry.decomposition_settings import DecompositionSettings, given_or
-from stages.photometry.lighting_settings import LightingSettings
+from stages.photometry.lighting.settings import LightingSettings
 
 if TYPE_CHECKING:
     from stages.photometry.albedo.albedo_given_light import AlbedoSettings
@@ -81,9 +81,9 @@ def as_transfer(settings: DecompositionSettings, weights: EnergyWeights) -> Tran
 
 def as_illumination(settings: LightingSettings) -> IlluminationSettings:
     """For the light of `light: directions`."""
+    from stages.photometry.light_search.light_estimate import LightSearchSettings
+    from stages.photometry.light_search.light_from_pairs import PairWeights
     from stages.photometry.lighting.illumination import IlluminationSettings
-    from stages.photometry.lighting.light_estimate import LightSearchSettings
-    from stages.photometry.lighting.light_from_pairs import PairWeights
     from stages.photometry.lighting.shared_or_own_lights import LightSharing
 
     return IlluminationSettings(
@@ -101,8 +101,8 @@ def as_illumination(settings: LightingSettings) -> IlluminationSettings:
 def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> AlbedoSettings:
     """For the albedo under that light."""
     from stages.photometry.albedo.albedo_given_light import AlbedoSettings
-    from stages.photometry.albedo.detail_octaves import DetailSettings
     from stages.photometry.albedo.paint_edges import PaintEdges
+    from stages.photometry.detail.detail_octaves import DetailSettings
 
     return AlbedoSettings(
         edges=PaintEdges(

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from stages.photometry.albedo.albedo_given_light import AlbedoSettings, decompose_under_light
+from stages.photometry.albedo_data import AlbedoData
 from stages.photometry.energy_history import rounds_under_light_as_json
 from stages.photometry.joint.transfer_alternation import TransferAlternation, solve_with_transfer
-from stages.photometry.observations import AlbedoData
 from stages.photometry.paper.alternation import Outcome
 from stages.photometry.solutions import SolvedUnderLight, SolvedWithLight, solution_of
 from stages.photometry.stack import StackedViews

@@ -1,1 +1,1 @@
-"""The albedo under a known light: the smooth one, the photo's detail, and how well it is known."""
+"""The albedo under a known light: smooth where the light changes, with the photo's detail; its confidence."""

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.photometry.albedo.appearance import appearance_of
-from stages.photometry.albedo.detail import Detail, with_detail
-from stages.photometry.albedo.detail_octaves import DetailSettings
 from stages.photometry.albedo.paint_edges import PaintEdges, agreement_of_links, smoothness_of_edges
 from stages.photometry.albedo.smooth_albedo import albedo_under_light
 from stages.photometry.albedo.soft_paint import soft_paint
+from stages.photometry.albedo_data import AlbedoData
 from stages.photometry.chromaticity import in_white_light
+from stages.photometry.detail.albedo_detail import Detail, with_detail
+from stages.photometry.detail.detail_octaves import DetailSettings
 from stages.photometry.joint.fast_alternation import FastDescent, FastSettings
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights
-from stages.photometry.observations import AlbedoData
 from stages.photometry.stack import StackedViews
 from stages.solvers.kernels.threading_layer import use_threads
 

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from stages.photometry.lighting.direction_refinement import divided
+from stages.photometry.albedo_data import UNLIT, AlbedoData
+from stages.photometry.light_search.brightest_reflectance import FIRST, Reflectance, reflectance_of
+from stages.photometry.light_search.direction_refinement import divided
+from stages.photometry.light_search.light_estimate import LightEstimate, LightSearchSettings
 from stages.photometry.lighting.known_light import KnownLight, light_at, turn_of
-from stages.photometry.lighting.light_estimate import LightEstimate, LightSearchSettings
-from stages.photometry.lighting.lit_photos import Observations, Viewing
-from stages.photometry.lighting.reflectance import FIRST, Reflectance, reflectance_of
+from stages.photometry.lighting.observations import Observations, Viewing
 from stages.photometry.lighting.shared_or_own_lights import LightSharing, mixed_with_own_lights
 from stages.photometry.lighting.view_gains import ViewGains, view_gains
-from stages.photometry.observations import UNLIT, AlbedoData
 from stages.photometry.specular.highlights import Linked
 from stages.photometry.specular.specular_reflection import SpecularReflection
 from stages.photometry.specular.view_differences import Differences

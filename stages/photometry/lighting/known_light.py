@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import LightEstimate
-from stages.photometry.lighting.light_from_pairs import disagreement
-from stages.photometry.lighting.light_search import Search
-from stages.photometry.lighting.pair_sampling import Pairs
+from stages.photometry.light_search.light_estimate import LightEstimate
+from stages.photometry.light_search.light_from_pairs import disagreement
+from stages.photometry.light_search.pair_sampling import Pairs
+from stages.photometry.light_search.search import Search
 from stages.photometry.transport.environment import turned_light
 
 STEP_DEG = 5  # between turns that are compared first

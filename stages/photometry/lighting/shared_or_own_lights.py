@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import LightEstimate, LightSearchSettings
+from stages.photometry.light_search.light_estimate import LightEstimate, LightSearchSettings
 from stages.photometry.transport.lit_scenes import LitScene
 
 if TYPE_CHECKING:
-    from stages.photometry.lighting.lit_photos import Observations
+    from stages.photometry.lighting.observations import Observations
 
 MATT, GLOSSY = 1.04, 1.06  # `brightening` up to which views do not differ by gloss, and from which they do
 

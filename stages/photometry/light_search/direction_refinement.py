@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import LightEstimate
+from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.transport.directional_transport import AROUND, DirectionalTransport, honeycomb
 from stages.photometry.transport.lit_scenes import LitScene
 

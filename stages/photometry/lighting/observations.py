@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import LightEstimate, LightSearchSettings
-from stages.photometry.lighting.light_from_specular import light_in_gloss
-from stages.photometry.lighting.light_search import Search, disagreements, estimate_light
+from stages.photometry.light_search.light_estimate import LightEstimate, LightSearchSettings
+from stages.photometry.light_search.light_from_specular import light_in_gloss
+from stages.photometry.light_search.search import Search, disagreements, estimate_light
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.specular.chromaticity_clusters import chromaticity_clusters
 from stages.photometry.specular.highlights import (

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import LightEstimate
+from stages.photometry.light_search.light_estimate import LightEstimate
 
 USUAL = 0.6  # what the brightest material of a scene often reflects: stone .3 to .6, plaster and paper .8
 # Of the disagreement: the price of a reflectance twice or half the usual; flat curves tell little.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.photometry.lighting.light_from_pairs import PairObjective
+from stages.photometry.light_search.light_from_pairs import PairObjective
 from stages.photometry.specular.view_differences import InMirror
 from stages.solvers.least_squares.non_negative import descend_above_zero
 

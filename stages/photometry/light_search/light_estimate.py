@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.lighting.light_from_pairs import PairWeights
+from stages.photometry.light_search.light_from_pairs import PairWeights
 from stages.photometry.transport.lit_scenes import LitScene
 
 

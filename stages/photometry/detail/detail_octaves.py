@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from stages.photometry.albedo.noise_estimation import grain_of, noise_between_views, noise_of_one_view
-from stages.photometry.albedo.octaves import KnownPixels
-from stages.photometry.albedo.other_views import OtherViews
-from stages.photometry.albedo.shading_uncertainty import (
+from stages.photometry.detail.noise_estimation import grain_of, noise_between_views, noise_of_one_view
+from stages.photometry.detail.octaves import KnownPixels
+from stages.photometry.detail.other_views import OtherViews
+from stages.photometry.detail.shading_uncertainty import (
     DARK,
     FINE,
     ShownChange,

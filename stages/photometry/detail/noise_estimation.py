@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
-from stages.photometry.albedo.octaves import response_to_noise
-from stages.photometry.albedo.shading_uncertainty import DARK
+from stages.photometry.detail.octaves import response_to_noise
+from stages.photometry.detail.shading_uncertainty import DARK
 from stages.photometry.statistics_by_class import by_size, deviation, line_through
 
 TEXTURE = (0.6, 1.0, 1.0, 1.0, 1.0)  # of 1/f brightness, a little blurred: deviations of the finest octaves

@@ -10,7 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from stages.photometry.albedo.detail_octaves import (
+from stages.photometry.albedo_data import UNLIT
+from stages.photometry.detail.detail_octaves import (
     AXES,
     QUOTIENT,
     DetailOctave,
@@ -19,9 +20,8 @@ from stages.photometry.albedo.detail_octaves import (
     channels_of,
     noise_without_others,
 )
-from stages.photometry.albedo.octaves import response_to_noise
-from stages.photometry.albedo.shading_uncertainty import DARK, ShadingUncertainty
-from stages.photometry.observations import UNLIT
+from stages.photometry.detail.octaves import response_to_noise
+from stages.photometry.detail.shading_uncertainty import DARK, ShadingUncertainty
 from stages.photometry.stack import StackedViews
 
 MEASURED = 2  # octaves in which views are compared for noise; in coarser ones it is white

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.lighting.light_estimate import LightEstimate, LightSearchSettings
-from stages.photometry.lighting.light_from_pairs import (
+from stages.photometry.light_search.light_estimate import LightEstimate, LightSearchSettings
+from stages.photometry.light_search.light_from_pairs import (
     PairObjective,
     Sample,
     disagreement,
     light_from_pairs,
     weighted_by_reliability,
 )
-from stages.photometry.lighting.pair_sampling import Pairs, PixelSample
+from stages.photometry.light_search.pair_sampling import Pairs, PixelSample
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.lit_scenes import LitScene

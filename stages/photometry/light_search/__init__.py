@@ -1,0 +1,1 @@
+"""The search for light from all directions, by pairs of pixels that are likely to be of like albedo."""
