@@ -53,10 +53,11 @@ test: $(VENV)/.ready-test ## the fast tests
 test-all: $(VENV)/.ready-test ## all tests (the long ones take most of an hour)
 	$(PYTEST)
 
-check: $(VENV)/.ready-test ## format, lint, types, generated documentation up to date
+check: $(VENV)/.ready-test ## format, lint, types, numbers outside settings, generated documentation up to date
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
+	$(VENV)/bin/python checks/numbers_outside_settings.py
 	$(VENV)/bin/python docs/generate.py --check
 
 docs: $(VENV)/.ready ## write the generated documentation anew

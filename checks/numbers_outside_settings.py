@@ -1,0 +1,106 @@
+"""Count the numbers that stand in the code of `stages/` outside settings: each is listed with a reason.
+
+`python checks/numbers_outside_settings.py` fails where a number stands that
+`numbers_outside_settings.yaml` does not list, where one is listed that is gone, and where more than
+`MOST_CHOICES` of those listed shape an answer. Numbers that say nothing by themselves (`SAY_NOTHING`) and
+guards against division by zero (up to `GUARD`) are not counted, unless a constant has them; nor are defaults
+and bounds of settings.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).resolve().parent.parent
+LIST = Path(__file__).with_suffix(".yaml")
+BEYOND = ("command", "evaluation", "synthetic")  # folders that print, judge and render: no answer is theirs
+SAY_NOTHING = frozenset({0, 1, 2, 3, 4, 0.5})  # identities, halves, axes, channels, neighbours
+SAYS_ITS_NAME = frozenset[float]()  # a constant is counted whatever its value is
+GUARD = 1e-6
+MOST_CHOICES = 60
+CHOICES, NO_CHOICES = "choices", "no choices"  # sections of the list
+
+
+def numbers_of(tree: ast.Module) -> Iterator[tuple[str, int]]:
+    """Find the numbers of a file: the name of the constant, or what is written, and its line."""
+    for statement in tree.body:
+        if isinstance(statement, ast.Assign | ast.AnnAssign) and statement.value is not None:
+            targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+            if any(counted(statement.value, SAYS_ITS_NAME)):
+                yield ", ".join(ast.unparse(target) for target in targets).strip("()"), statement.lineno
+        elif not is_settings(statement):
+            yield from ((str(number.value), number.lineno) for number in counted(statement))
+
+
+def counted(node: ast.AST, but: frozenset[float] = SAY_NOTHING) -> Iterator[ast.Constant]:
+    """Find the numbers in a piece of code, but for some, and for defaults and bounds of settings."""
+    if isinstance(node, ast.Call) and ast.unparse(node.func) == "setting" or is_settings(node):
+        return
+    number = isinstance(node, ast.Constant) and type(node.value) in (int, float)
+    if number and node.value not in but and (but is SAYS_ITS_NAME or abs(node.value) > GUARD):
+        yield node
+    for child in ast.iter_child_nodes(node):
+        yield from counted(child, but)
+
+
+def is_settings(node: ast.AST) -> bool:
+    """Tell the declaration of settings, whose methods state defaults that depend on others."""
+    return isinstance(node, ast.ClassDef) and any("Settings" in ast.unparse(base) for base in node.bases)
+
+
+def found_in(folder: Path) -> dict[str, dict[str, int]]:
+    """Find the numbers of all files: by file below `folder`, by name or text, the first line."""
+    found: dict[str, dict[str, int]] = defaultdict(dict)
+    for path in sorted(folder.rglob("*.py")):
+        place = path.relative_to(folder)
+        if place.parts[0] not in BEYOND:
+            for name, line in numbers_of(ast.parse(path.read_text(encoding="utf-8"))):
+                found[place.as_posix()].setdefault(name, line)
+    return dict(found)
+
+
+def complaints(found: dict[str, dict[str, int]], listed: dict[str, dict[str, dict[str, str]]]) -> list[str]:
+    """Say what is found and not listed, listed and not found, or too many; by files, `*` is all of one."""
+    said, allowed = [], defaultdict(dict)
+    for section in listed.values():
+        for file, reasons in section.items():
+            allowed[file].update(reasons)
+    for file, names in found.items():
+        for name, line in names.items():
+            if name not in allowed[file] and "*" not in allowed[file]:
+                said.append(
+                    f"stages/{file}:{line}: {name} is a number outside settings; expected a setting with a "
+                    f"reason. Make it one, or list it in {LIST.name} and say why it is none."
+                )
+    for file, reasons in allowed.items():
+        for name in reasons.keys() - found.get(file, {}).keys() - ({"*"} if file in found else set()):
+            said.append(f"{LIST.name}: {file} has no number {name} any more; take it from the list.")
+    choices = sum(len(reasons) for reasons in listed[CHOICES].values())
+    if choices > MOST_CHOICES:
+        said.append(f"{choices} numbers outside settings shape an answer; expected {MOST_CHOICES} at most.")
+    return said
+
+
+def main() -> int:
+    """Compare, say, count; returns the exit code."""
+    listed = yaml.safe_load(LIST.read_text(encoding="utf-8"))
+    found = found_in(ROOT / "stages")
+    said = complaints(found, listed)
+    for sentence in said:
+        sys.stderr.write(sentence + "\n")
+    counts = {name: sum(len(reasons) for reasons in section.values()) for name, section in listed.items()}
+    sys.stdout.write(
+        f"Numbers outside settings: {counts[CHOICES]} shape an answer (at most {MOST_CHOICES}), "
+        f"{counts[NO_CHOICES]} are listed that do not (formats, widths, units).\n"
+    )
+    return bool(said)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
