@@ -35,11 +35,11 @@ STAGES = {stage.name: stage for stage in (LIGHTING, DECOMPOSITION_UNDER_LIGHT)}
 HEAD = """# What each number is worth
 
 Written by `python -m benchmarks.accuracy.sensitivity`. Each number of the settings alone, 30 % smaller and
-30 % larger (whole numbers by at least one; lists as a whole; where a bound is nearer, up to it), on the three
-stored scenes of `tests/accuracy_scenes`: a relief under sun and sky, a glossy bust, a courtyard of smoothed geometry.
-Shown is the mean over the scenes of si-RMSE and of the error of detail (five octaves of log brightness), over
-that by default, and si-RMSE of the scene that changes most. Numbers that change no scene's si-RMSE by half a
-per cent are listed below the table."""
+30 % larger (whole numbers by at least one; lists as a whole; where a bound is nearer, up to it), on the
+three stored scenes of `tests/accuracy_scenes`: a relief under sun and sky, a glossy bust, a courtyard of
+smoothed geometry. Shown is the mean over the scenes of si-RMSE and of the error of detail (five octaves of
+log brightness), over that by default, and si-RMSE of the scene that changes most. Numbers that change no
+scene's si-RMSE by half a per cent are listed below the table."""
 
 
 @dataclass(frozen=True)
