@@ -19,7 +19,7 @@ class PairSettings(Settings):
     chromaticity_cell: float = setting(
         0.12,
         "Pixels whose log chromaticities lie in one cell of this size are paired as of equal chromaticity. "
-        "`decomposition.chroma_step` says what passes for an edge of the albedo once the light is known.",
+        "What passes for an edge of the albedo under a known light is the decomposition's `chroma_step`.",
         unit="logarithm of red and blue over green",
         gt=0,
     )
@@ -59,7 +59,7 @@ class PairSettings(Settings):
         0.01,
         "Noise level n of the images: a pixel of intensity I has the reliability (I / (I + 2 n))².",
         unit="of the scaled image",
-        ge=0,
+        gt=0,
     )
     darkest: float = setting(
         1e-4,
@@ -91,6 +91,7 @@ class PairSettings(Settings):
         200,
         "Pairs in the smallest squares from which on their loss is the measure of the others' reliability; "
         "of fewer, the next larger squares are.",
+        unit="pairs",
         ge=1,
     )
 
