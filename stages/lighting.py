@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage
 from stages.photometry.lighting.settings import LightingSettings
-from stages.photometry.solver_settings import as_illumination
 from stages.scene.distributions import OPEN3D, PICTURES
 
 if TYPE_CHECKING:
@@ -20,9 +19,6 @@ if TYPE_CHECKING:
     from stages.photometry.transport.directional_transport import VisibilityProbes
     from stages.photometry.transport.lit_scenes import LitScene
     from stages.scene.cameras import Camera
-
-GRAZING = 0.1  # cosine: more than 84° off its normal, surface shows mostly its neighbourhood
-SATURATED = 0.98  # of white, linear: the photo shows less than there was
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,34 +55,43 @@ def run(job: Job[LightingSettings]) -> None:
     from stages.formats.artefacts.transfer_file import read_transfer
     from stages.formats.artefacts.view_files import ways_to_cameras
     from stages.formats.images.photos import read_environment
-    from stages.photometry.light_search.brightest_reflectance import SCALE
-    from stages.photometry.light_search.search import REFINED
-    from stages.photometry.lighting.illumination import find_illumination, illumination_by
-    from stages.photometry.lighting.observations import TURNS, Viewing
+    from stages.photometry.lighting.estimate_illumination import find_illumination
+    from stages.photometry.lighting.illumination_by_known_light import illumination_by
+    from stages.photometry.lighting.trusted_pixels import Viewing
 
     known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
     opened, stored = _open(job), read_transfer(job.inputs["transfer"])
     towards = ways_to_cameras(opened.cameras, opened.views.masks)
-    trusted = opened.unclipped & (np.einsum("nk,nk->n", opened.normals, towards) > GRAZING)
-    _tell_clipped(job, int(np.count_nonzero(~opened.unclipped)), len(trusted))
+    how = job.settings
+    looks = Viewing.of(opened.unclipped, opened.normals, towards, how.trusted_pixels)
+    _tell_clipped(job, int(np.count_nonzero(~opened.unclipped)), len(opened.unclipped))
     if known is not None:
         stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
     scenes = _scenes(job, opened, stored)
     seen = opened.views, opened.images
-    looks, how = Viewing(trusted, towards), as_illumination(job.settings)
-    tries = len(SCALE) // 2 if how.reflectance_is_found else 0
     if known is not None:
-        light = _as_known(known, job.settings, opened)
-        with job.progress("steps", light.turns + 1 + tries) as step:
+        light = _as_known(known, how, opened)
+        with job.progress("steps", light.turns(how.known_light) + 1 + _tries(how)) as step:
             found = illumination_by(light, *seen, scenes[0], looks, how, job.threads, step)
     else:
-        scales = len(how.light.scales)
-        steps = scales * (len(scenes) + 1) + 2 * tries + TURNS + REFINED
-        with job.progress("steps", steps) as step:
+        with job.progress("steps", _steps(how, len(scenes))) as step:
             found = find_illumination(*seen, scenes, looks, how, job.threads, step)
-    _note(job, stored, found, trusted)
+    _note(job, stored, found, looks.trusted)
     _tell(job, stored, found)
-    _write(job, opened, stored, found, bool(trusted.any()))
+    _write(job, opened, stored, found, bool(looks.trusted.any()))
+
+
+def _steps(how: LightingSettings, scenes: int) -> int:
+    """About as many steps as the search for the light has."""
+    from stages.photometry.lighting.observations import TURNS
+
+    search = how.search
+    return len(search.scales) * (scenes + 1) + 2 * _tries(how) + TURNS + search.refined_scales
+
+
+def _tries(how: LightingSettings) -> int:
+    """About as many reflectances as are tried."""
+    return len(how.reflectance.tried) // 2 if how.reflectance_is_found else 0
 
 
 def _open(job: Job[LightingSettings]) -> Opened:
@@ -95,6 +100,7 @@ def _open(job: Job[LightingSettings]) -> Opened:
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.artefacts.link_files import numbered_links
     from stages.formats.artefacts.view_files import read_views, scaled_channels
+    from stages.photometry.lighting.trusted_pixels import unclipped
     from stages.photometry.stack import stack_views
 
     cameras = read_cameras(job.inputs["cameras"])
@@ -106,9 +112,9 @@ def _open(job: Job[LightingSettings]) -> Opened:
             pixels.append(linear)
             step()
     views = stack_views(masks, None, numbered_links(job.inputs["correspondences"], cameras))
-    unclipped = np.concatenate([_unclipped(own) for own in pixels])
+    not_clipped = np.concatenate([unclipped(own, job.settings.trusted_pixels) for own in pixels])
     images, scale = scaled_channels(np.concatenate(pixels))
-    return Opened(cameras, views, images, scale, np.concatenate(normals), unclipped)
+    return Opened(cameras, views, images, scale, np.concatenate(normals), not_clipped)
 
 
 def _scenes(job: Job[LightingSettings], opened: Opened, stored: StoredTransfer) -> list[LitScene]:
@@ -147,19 +153,11 @@ def _eyes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityProbe
     )
 
 
-def _unclipped(pixels: np.ndarray) -> np.ndarray:
-    """Pixels of a view that no channel of its photo has clipped; a linear image beyond 1 has no white."""
-    import numpy as np
-
-    if pixels.max(initial=0.0) > 1.0001:
-        return np.ones(len(pixels), bool)
-    return np.all(pixels < SATURATED, axis=1)
-
-
 def _tell_clipped(job: Job[LightingSettings], clipped: int, pixels: int) -> None:
     if 2 * clipped > pixels:
+        white = job.settings.trusted_pixels.saturation
         job.warn(
-            f"{clipped} of {pixels} pixels are white in a channel of their photo (from {SATURATED:.0%} on); "
+            f"{clipped} of {pixels} pixels are white in a channel of their photo (from {white:.0%} on); "
             "expected few: their albedo is a guess. Develop the photos darker, or give them as EXR."
         )
 
@@ -261,5 +259,5 @@ LIGHTING = Stage(
         Artefact("observations", "per view what is seen without gloss, and which pixels count, npz"),
     ),
     run=run,
-    tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
+    tools=("numpy", "scipy", "numba", *OPEN3D, *PICTURES),
 )

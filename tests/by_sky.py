@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +12,10 @@ from stages.photometry.albedo.albedo_given_light import AlbedoSolution, decompos
 from stages.photometry.albedo.paint_edges import PaintEdges
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.joint.fast_alternation import FastSettings
-from stages.photometry.light_search.light_estimate import LightSearchSettings
-from stages.photometry.lighting.illumination import Illumination, IlluminationSettings, find_illumination
-from stages.photometry.lighting.observations import Viewing
-from stages.photometry.lighting.shared_or_own_lights import LightSharing
+from stages.photometry.lighting.estimate_illumination import find_illumination
+from stages.photometry.lighting.illumination import Illumination
+from stages.photometry.lighting.settings import LightingSettings
+from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.solver_settings import as_sky
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
@@ -24,11 +25,13 @@ from stages.photometry.transport.lit_scenes import LitScene
 class BySky:
     """What is asked for: of the light, then of the albedo."""
 
-    light: LightSearchSettings
-    lighting: LightSharing
-    sheen: bool
+    light: LightingSettings
     edges: PaintEdges
     descent: FastSettings
+
+    def with_light(self, **changes: Any) -> BySky:
+        """The same, but for some settings of the light, which are not checked."""
+        return replace(self, light=self.light.model_copy(update=changes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +56,7 @@ def decompose_by_sky(
     threads: int = 1,
 ) -> FoundBySky:
     """Find the light, then the albedo under it."""
-    of_light = IlluminationSettings(how.light, how.lighting, how.sheen)
-    found = find_illumination(views, images, scenes, looks, of_light, threads, lambda: None)
+    found = find_illumination(views, images, scenes, looks, how.light, threads, lambda: None)
     asked = as_sky(DecompositionSettings(), how.descent.weights, views.side)
     asked = replace(asked, edges=how.edges, descent=how.descent)  # detail as by default
     under = (views, found.light.shading, found.observations, asked)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.light_search.direction_refinement import MOST_CELLS, bright_cells, divided
+from stages.photometry.light_search.direction_refinement import bright_cells, divided
 from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.search import estimate_light
-from stages.photometry.lighting.shared_or_own_lights import LightSharing
+from stages.photometry.light_search.settings import RefinementSettings
 from stages.photometry.transport.directional_transport import (
     AROUND,
     Sphere,
@@ -28,6 +28,7 @@ from tests.sphere_scene import sphere_scene
 from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, looks, normals_of, photo_of
 
 COUNT = 64
+FINER = RefinementSettings()
 ORIGIN = np.array([10.0, -5, 3])  # that rays are relative to
 SUN = np.array([0.6, 0.0, 0.8])
 
@@ -55,9 +56,9 @@ def sunny(peak: float = 20.0) -> LightEstimate:
 
 def test_the_light_is_the_same_and_its_cells_still_hold_all_directions():
     scene, light = scene_of(behind_a_wall(-2)), sunny()
-    finer, same = divided(scene, light)
-    bright = bright_cells(light.radiance, scene.pixels.cells)
-    assert 0 < bright.size < MOST_CELLS
+    finer, same = divided(scene, light, FINER)
+    bright = bright_cells(light.radiance, scene.pixels.cells, FINER)
+    assert 0 < bright.size < FINER.max_cells
     assert len(finer.pixels.directions) == COUNT + AROUND * bright.size == same.radiance.shape[1]
     for transport in (finer.pixels, finer.vertices):
         assert transport.cells.sum() == pytest.approx(1)
@@ -82,9 +83,9 @@ def test_new_directions_lie_around_the_old_as_far_away_as_their_cells_are_wide()
 
 def test_each_new_direction_is_looked_in():
     """A wall's edge between an old direction and those around it hides some of these only."""
-    bright = bright_cells(sunny().radiance, np.full(COUNT, 1 / COUNT))
+    bright = bright_cells(sunny().radiance, np.full(COUNT, 1 / COUNT), FINER)
     edge = float(even_directions(COUNT)[bright, 0].mean())
-    finer, _ = divided(scene_of(behind_a_wall(edge)), sunny())
+    finer, _ = divided(scene_of(behind_a_wall(edge)), sunny(), FINER)
     seen = np.unpackbits(finer.pixels.visible, axis=1, count=len(finer.pixels.directions))
     facing = finer.pixels.directions @ finer.pixels.normals.T > 0.05
     assert np.array_equal(seen.T[facing] == 1, np.tile(finer.pixels.directions[:, :1] >= edge, 3)[facing])
@@ -102,25 +103,25 @@ def test_a_lamp_at_hand_is_looked_at_where_it_is():
 
     scene = scene_of(blocked, Sphere((0.5, 0, 0), 2.0))
     asked.clear()
-    finer, _ = divided(scene, sunny())
+    finer, _ = divided(scene, sunny(), FINER)
     towards = finer.pixels.directions[COUNT] + np.array([0.25, 0, 0])
     assert np.allclose(asked[0][0], towards / np.linalg.norm(towards), atol=1e-6)
 
 
 def test_nothing_is_divided_where_nothing_is_bright_or_nobody_looks():
     scene, even = scene_of(behind_a_wall(-2)), sunny(0.0)
-    assert divided(scene, even) == (scene, even)
+    assert divided(scene, even, FINER) == (scene, even)
     blind = replace(scene, eyes=None)
-    assert divided(blind, sunny())[0] is blind
+    assert divided(blind, sunny(), FINER)[0] is blind
 
 
 def test_only_so_many_cells_are_divided_and_those_that_send_most():
     cells = np.full(1000, 1e-3)
     light = np.ones((1, 1000, 3))
     light[0, :100] = np.arange(1000, 1100)[:, None]
-    assert bright_cells(light, cells).tolist() == list(range(100 - MOST_CELLS, 100))
+    assert bright_cells(light, cells, FINER).tolist() == list(range(100 - FINER.max_cells, 100))
     cells[99] = 1e-6
-    assert 99 not in bright_cells(light, cells)
+    assert 99 not in bright_cells(light, cells, FINER)
 
 
 def test_of_many_lights_each_is_measured_by_itself():
@@ -128,13 +129,13 @@ def test_of_many_lights_each_is_measured_by_itself():
     lights = np.ones((30, 1000, 3))
     lights[np.arange(30), 20 * np.arange(30)] = 50
     lights[7] *= 1000
-    found = bright_cells(lights, np.full(1000, 1e-3))
-    assert found.size == MOST_CELLS and np.all(found % 20 == 0)
+    found = bright_cells(lights, np.full(1000, 1e-3), FINER)
+    assert found.size == FINER.max_cells and np.all(found % 20 == 0)
 
 
 def test_the_picture_holds_all_the_light_where_some_cells_are_finer():
     radiance, polar = sunny().radiance[0], np.pi * (np.arange(64) + 0.5) / 64
-    finer, same = divided(scene_of(behind_a_wall(-2)), sunny())
+    finer, same = divided(scene_of(behind_a_wall(-2)), sunny(), FINER)
     middle = np.argmax(radiance.sum(axis=1))
     alone = np.where(np.arange(len(finer.pixels.cells)) == middle, 100.0, 0)[:, None]
     solid = np.repeat(np.sin(polar), 128)[:, None] / (128 * np.sin(polar).sum())
@@ -176,7 +177,7 @@ def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is(under_a
     views, sky, image, shading = under_a_roof
     everything, one_light = np.ones(len(image), bool), np.zeros(3, int)
     coarse = estimate_light(sky, views, image, everything, one_light, FEW)
-    finer, near = divided(sky, coarse)
+    finer, near = divided(sky, coarse, FINER)
     fine = estimate_light(finer, views, image, everything, one_light, FEW, near=near)
     left = [
         error(light.shading(scene, views.starts, one_light), shading)
@@ -188,8 +189,8 @@ def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is(under_a
 @pytest.mark.parametrize("sheen", [False, True])
 def test_the_decomposition_divides_what_it_may_look_in(under_a_roof, sheen):
     views, sky, image, shading = under_a_roof
-    channels, looked, how = list(image.T.copy()), looks(np.ones(len(image), bool)), replace(HOW, sheen=sheen)
-    how = replace(how, lighting=LightSharing("shared", 1.0, 2.0))
+    channels, looked = list(image.T.copy()), looks(np.ones(len(image), bool))
+    how = HOW.with_light(lights="shared", sheen=sheen)
     fine, coarse = (
         decompose_by_sky(views, channels, [scene], looked, how).light
         for scene in (sky, replace(sky, eyes=None))

@@ -12,19 +12,16 @@ from stages.cli import main
 from stages.formats.artefacts.view_files import ways_to_cameras
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import read_mask
-from stages.photometry.light_search.light_estimate import LightSearchSettings
-from stages.photometry.lighting.illumination import IlluminationSettings, illumination_by
-from stages.photometry.lighting.known_light import FINE_DEG, STEP_DEG, KnownLight, _lowest
-from stages.photometry.lighting.observations import Viewing
-from stages.photometry.lighting.shared_or_own_lights import LightSharing
+from stages.photometry.lighting.illumination_by_known_light import illumination_by
+from stages.photometry.lighting.known_light import KnownLight, _lowest
+from stages.photometry.lighting.settings import LightingSettings
+from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.transport.environment import directions_of_picture
 from tests.rendered_scene import TINY, artefact, unshade, write_config
 from tests.sphere_scene import sphere_scene
 from tests.test_sky_light import error, normals_of, open_scene
 
-HOW = IlluminationSettings(
-    LightSearchSettings(samples=3000, bounces=0), LightSharing("auto", 0.1, 0.2), sheen=True
-)
+HOW = LightingSettings(samples=3000, bounces=0, still_light=0.1, moving_light=0.2)
 SEEN = {"views": 4, "width_px": 54, "height_px": 96, "arc_deg": 90.0, "noise": 0.03, "spacing": 0.02}
 ROLLED = 25  # of the picture's 128 columns
 ROLLED_DEG = 360 * ROLLED / 128
@@ -73,7 +70,7 @@ def test_the_turn_is_found_whatever_unit_and_white_balance_the_picture_has(spher
         picture * np.array([20, 10, 4], np.float32), np.eye(3), turn_deg=None, scale=None
     )
     found = illuminated(sphere, in_another_unit, image)
-    assert turn_between(found.turn_deg, turn_deg) <= 2 * FINE_DEG
+    assert turn_between(found.turn_deg, turn_deg) <= 2 * HOW.known_light.fine_turn_step_deg
     assert np.allclose(found.light.shading.mean(axis=0), 1, atol=1e-3)
     assert error(image / found.light.shading, sphere[2]) < 0.05
 
@@ -81,7 +78,7 @@ def test_the_turn_is_found_whatever_unit_and_white_balance_the_picture_has(spher
 def test_a_turn_that_is_given_is_kept(sphere):
     picture = sun_and_sky(20.0)
     known = KnownLight.of(picture, np.eye(3), turn_deg=200.0, scale=None)
-    assert known.turns == 0
+    assert known.turns(HOW.known_light) == 0
     assert illuminated(sphere, known, photo_in(sphere, picture, 10.0)).turn_deg == 200.0
 
 
@@ -97,8 +94,8 @@ def test_in_the_photos_unit_the_albedo_is_absolute(sphere):
 
 def test_the_lowest_around_a_circle_are_no_neighbours():
     left = np.array([0.1, 0.5, 0.3, 0.4, 0.2, 0.6, 0.7, 0.15])
-    assert _lowest(left).tolist() == [0, 4, 2]
-    assert _lowest(np.ones(8)).tolist() == [0, 1, 2], "where nothing tells turns apart, some all the same"
+    assert _lowest(left, 3).tolist() == [0, 4, 2]
+    assert _lowest(np.ones(8), 3).tolist() == [0, 1, 2], "where nothing tells turns apart, some all the same"
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +124,7 @@ def facts_of(config: Path) -> dict:
 
 def test_the_turn_of_a_rendered_scene_s_light_is_found_within_a_step_of_the_grid(config, capsys):
     facts = facts_of(config)
-    assert turn_between(facts["known_light_turned_by_deg"], -ROLLED_DEG) <= STEP_DEG
+    assert turn_between(facts["known_light_turned_by_deg"], -ROLLED_DEG) <= HOW.known_light.turn_step_deg
     assert facts["light_distance"] == "infinitely far"
     output = config.parent / "w/output"
     code, told, said = unshade(capsys, "evaluate", output / "albedo", output / "truth", "--json")

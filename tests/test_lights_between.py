@@ -2,38 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stages.photometry.lighting.settings import LightingSettings
-from stages.photometry.lighting.shared_or_own_lights import GLOSSY, MATT, LightSharing
+from stages.photometry.lighting.settings import LightingSettings, LightSharingSettings
+from stages.photometry.lighting.shared_or_own_lights import weight_of_own_lights
 from tests.by_sky import decompose_by_sky
 from tests.test_sky_light import HOW, lit, looks, photo_of  # noqa: F401
 
 MATTE = 1.0
+HALF = LightingSettings(still_light=0.2, moving_light=0.3)
+BETWEEN = LightingSettings().sharing
 
 
 def test_lights_part_by_degrees_as_views_differ_more():
-    lighting = LightSharing("auto", 0.2, 0.3)
-    assert [lighting.apart(spread, MATTE) for spread in (0.0, 0.2, 0.25, 0.3, 0.7)] == pytest.approx(
-        [0, 0, 0.5, 1, 1]
-    )
-    assert abs(lighting.apart(0.2501, MATTE) - lighting.apart(0.2499, MATTE)) < 0.01
+    weights = [weight_of_own_lights(spread, MATTE, HALF) for spread in (0.0, 0.2, 0.25, 0.3, 0.7)]
+    assert weights == pytest.approx([0, 0, 0.5, 1, 1])
+    more, less = (weight_of_own_lights(spread, MATTE, HALF) for spread in (0.2501, 0.2499))
+    assert abs(more - less) < 0.01
 
 
 def test_gloss_keeps_views_in_one_light_by_degrees_as_well():
-    lighting = LightSharing("auto", 0.2, 0.3)
-    assert lighting.apart(0.5, MATT) == 1
-    assert lighting.apart(0.5, (MATT + GLOSSY) / 2) == pytest.approx(0.5)
-    assert lighting.apart(0.5, GLOSSY) == 0
+    matte, glossy = BETWEEN.matte_brightening, BETWEEN.glossy_brightening
+    assert weight_of_own_lights(0.5, matte, HALF) == 1
+    assert weight_of_own_lights(0.5, (matte + glossy) / 2, HALF) == pytest.approx(0.5)
+    assert weight_of_own_lights(0.5, glossy, HALF) == 0
+
+
+def test_gloss_begins_above_what_is_matt():
+    with pytest.raises(ValidationError, match="matte_brightening less than glossy_brightening"):
+        LightSharingSettings(matte_brightening=1.1)
 
 
 def test_what_is_asked_for_is_done_whatever_views_show():
-    assert LightSharing("shared", 0.2, 0.3).apart(0.9, MATTE) == 0
-    assert LightSharing("per-view", 0.2, 0.3).apart(0.0, MATTE) == 1
+    assert weight_of_own_lights(0.9, MATTE, HALF.model_copy(update={"lights": "shared"})) == 0
+    assert weight_of_own_lights(0.0, MATTE, HALF.model_copy(update={"lights": "per-view"})) == 1
 
 
 def test_a_light_between_lies_between_and_goes_over_into_both_ends(lit):  # noqa: F811
@@ -43,24 +47,24 @@ def test_a_light_between_lies_between_and_goes_over_into_both_ends(lit):  # noqa
     image[dim & (views.positions()[:, 1] > np.quantile(views.positions()[:, 1], 0.6))] *= 0.7  # a cloud
     images = [np.ascontiguousarray(image[:, c], np.float32) for c in range(3)]
 
-    def found(lighting: LightSharing):
-        how = replace(HOW, lighting=lighting, sheen=False)
+    def found(lights: str, still: float = 0.2, moving: float = 0.3):
+        how = HOW.with_light(lights=lights, still_light=still, moving_light=moving, sheen=False)
         light = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), how).light
         return light, light.light.shading
 
-    one, of_one = found(LightSharing("shared", 0.2, 0.3))
-    _, of_each = found(LightSharing("per-view", 0.2, 0.3))
+    one, of_one = found("shared")
+    _, of_each = found("per-view")
     spread = one.gains.spread
-    assert one.brightening < MATT
+    assert one.brightening < BETWEEN.matte_brightening
     apart = np.abs(of_each - of_one).mean()
     assert apart > 0.02
-    halfway, between = found(LightSharing("auto", 0.5 * spread, 1.5 * spread))
+    halfway, between = found("auto", 0.5 * spread, 1.5 * spread)
     assert halfway.apart == pytest.approx(0.5)
     assert halfway.light.radiance.shape[0] == 3
     assert np.allclose(between, (of_one + of_each) / 2, atol=0.02)
     for towards, weight in ((of_one, 0.002), (of_each, 0.998)):
         still = spread - 0.1 * weight  # (spread − still) / 0.1 is the weight
-        _, nearly = found(LightSharing("auto", still, still + 0.1))
+        _, nearly = found("auto", still, still + 0.1)
         assert np.abs(nearly - towards).mean() < 0.02 * apart
 
 
@@ -78,9 +82,8 @@ def test_the_albedo_makes_no_step_either_where_something_lies_in_a_photo(lit):  
 
     def found(apart: float) -> np.ndarray:
         still = spread - 0.1 * apart
-        return decompose_by_sky(
-            views, images, [sky], trusting, replace(HOW, lighting=LightSharing("auto", still, still + 0.1))
-        ).albedo
+        how = HOW.with_light(still_light=still, moving_light=still + 0.1)
+        return decompose_by_sky(views, images, [sky], trusting, how).albedo
 
     steps = [np.abs(np.log(found(at + 0.01) / found(at))).mean() for at in (0.3, 0.495)]
     assert max(steps) < 0.02

@@ -7,13 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from stages.cli import main
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
-from stages.photometry.light_search.brightest_reflectance import SCALE, reflectance_of
+from stages.photometry.light_search.brightest_reflectance import reflectance_of
+from stages.photometry.light_search.settings import ReflectanceSettings
 from tests.rendered_scene import artefact, write_config
 
+HOW = ReflectanceSettings()
 COURTYARD = {
     "subject": "courtyard",
     "light": "dome",
@@ -38,7 +41,8 @@ def searched(curve) -> tuple[float, list[float]]:
         tried.append(brightest)
         return brightest
 
-    found = reflectance_of(light, lambda lights: [curve(one) for one in lights], None, lambda: None)
+    left, step = (lambda lights: [curve(one) for one in lights]), (lambda: None)
+    found = reflectance_of(light, left, None, step, HOW.usual, HOW)
     assert found.light in tried and sorted(found.tried) == sorted(tried)
     return found.value, tried
 
@@ -47,14 +51,19 @@ def searched(curve) -> tuple[float, list[float]]:
 def test_the_lowest_of_a_smooth_curve_is_found_and_little_is_tried(true):
     value, tried = searched(lambda one: 0.1 + 0.05 * np.log(one / true) ** 2)
     assert value == pytest.approx(true, rel=0.1)
-    assert len(tried) == len(set(tried)) <= len(SCALE)
+    assert len(tried) == len(set(tried)) <= len(HOW.tried)
 
 
 def test_nothing_beyond_the_scale_is_tried_and_a_flat_curve_says_the_usual():
-    assert searched(lambda one: 1 / one)[0] == max(SCALE)
-    assert searched(lambda one: one)[0] == min(SCALE)
+    assert searched(lambda one: 1 / one)[0] == max(HOW.tried)
+    assert searched(lambda one: one)[0] == min(HOW.tried)
     for flat in (0.2, 0.0):
         assert 0.5 < searched(lambda one, flat=flat: flat)[0] < 0.7
+
+
+def test_those_that_are_tried_ascend():
+    with pytest.raises(ValidationError, match="reflectances that ascend"):
+        ReflectanceSettings(tried=(0.4, 0.2))
 
 
 @pytest.fixture(scope="module")

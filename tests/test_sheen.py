@@ -13,9 +13,8 @@ from stages.formats.artefacts.view_files import ways_to_cameras
 from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.light_from_pairs import PairObjective
 from stages.photometry.light_search.light_from_specular import light_in_gloss
-from stages.photometry.light_search.search import Search
-from stages.photometry.lighting.observations import Observations, Viewing
-from stages.photometry.lighting.shared_or_own_lights import LightSharing
+from stages.photometry.lighting.observations import Observations
+from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.specular.chromaticity_clusters import PALETTE, chromaticity_clusters
 from stages.photometry.specular.highlights import Linked
 from stages.photometry.specular.specular_reflection import (
@@ -65,8 +64,8 @@ def differences_of(views, seen, shading, trusted, mirror) -> Differences:
 def photos_of(views, seen, mirror) -> Observations:
     looked = Viewing(everything(seen), mirror.towards)
     linked = Linked.of(views, looked.trusted)
-    lighting = LightSharing("shared", 1.0, 2.0)
-    return Observations.of(linked, looked, seen, 0.0, lighting).in_one_light(linked)
+    how = FEW.model_copy(update={"lights": "shared"})
+    return Observations.of(linked, looked, seen, 0.0, how).in_one_light(linked)
 
 
 def light_of(mirror: Mirror) -> LightEstimate:
@@ -165,7 +164,7 @@ def test_light_and_sheen_are_found_together(glossy):
     photos, wrong = photos_of(views, diffuse + sheen, mirror), light_of(mirror)
     wrong = replace(wrong, radiance=np.maximum(wrong.radiance, 1.0))
     differences = photos.differences(sky, wrong)
-    found, light = photos.sheen(sky, wrong, differences, FEW, lambda: None)
+    found, light = photos.sheen(sky, wrong, differences, lambda: None)
     assert found.glossy.all()
     assert found.roughness == ROUGHNESS
     foretold, before = (
@@ -181,12 +180,10 @@ def test_both_witnesses_are_heard(glossy):
     views, sky, mirror, shading, diffuse, sheen = glossy
     photos, start = photos_of(views, diffuse + sheen, mirror), np.ones((1, DIRECTIONS, 3))
     even = LightEstimate(start, np.zeros((1, 1, 3), np.float32))
-    objective = Search.of(
-        sky, views, photos.diffuse, everything(diffuse), photos.light_of_view, FEW
-    ).objective(even)
+    objective = photos.search(sky).objective(even)
     assert isinstance(objective, PairObjective)
     rough, strength = photos.differences(sky, light_of(mirror)).in_mirror(ROUGHNESS), 0.1 * np.ones(3)
-    light = light_in_gloss(objective, rough, strength, start)
+    light = light_in_gloss(objective, rough, strength, start, FEW)
     assert light.min() >= 0
     for loss in (lambda e: objective(e)[0], lambda e: rough.left(strength * e[0])[0]):
         assert loss(light) < loss(start)
@@ -213,7 +210,7 @@ def test_matt_surface_has_none(glossy):
     differences = differences_of(views, diffuse, shading, everything(diffuse), mirror)
     assert differences.mirrored.left > 0.95
     photos = photos_of(views, diffuse, mirror)
-    assert photos.sheen(sky, light_of(mirror), differences, FEW, lambda: None) is None
+    assert photos.sheen(sky, light_of(mirror), differences, lambda: None) is None
 
 
 def test_what_no_other_view_sees_tells_nothing(glossy):
@@ -230,7 +227,7 @@ def test_what_no_other_view_sees_tells_nothing(glossy):
         assert untold.mirrored is None
         assert untold.strength(mirror.radiance) is None
         photos = photos_of(views, seen, mirror)
-        assert photos.sheen(sky, light_of(mirror), untold, FEW, lambda: None) is None
+        assert photos.sheen(sky, light_of(mirror), untold, lambda: None) is None
 
 
 def test_as_many_links_are_looked_at_however_many_views_share_them():
@@ -286,7 +283,7 @@ def test_what_is_matt_hides_no_sheen_of_other_paint(glossy_in_part):
     photos, light = photos_of(views, seen, mirror), light_of(mirror)
     differences = differences_of(views, seen, shading, everything(diffuse), mirror)
     assert differences.mirrored.left > MOST_EXPLAINED
-    found, again = photos.sheen(sky, light, differences, FEW, lambda: None)
+    found, again = photos.sheen(sky, light, differences, lambda: None)
     assert np.mean(found.glossy == part) > 0.99
     assert found.roughness == ROUGHNESS
     added = found.image(replace(mirror, radiance=again.radiance[0]))
@@ -305,7 +302,7 @@ def test_noise_is_no_mirror_however_few_links_there_are(glossy):
         ends = np.zeros(len(diffuse), bool)
         ends[differences.p[:count]] = ends[differences.q[:count]] = True
         few = differences.within(ends)
-        assert photos.sheen(sky, light_of(mirror), few, FEW, lambda: None) is None
+        assert photos.sheen(sky, light_of(mirror), few, lambda: None) is None
 
 
 def test_some_pixels_always_stay_trusted():
@@ -339,7 +336,7 @@ def test_the_albedo_comes_nearer_the_paint(glossy):
     images = [np.ascontiguousarray((diffuse + sheen)[:, c]) for c in range(3)]
     albedo = diffuse / shading
     with_it, without = (
-        decompose_by_sky(views, images, [sky], looks(everything(diffuse)), replace(HOW, sheen=sheen))
+        decompose_by_sky(views, images, [sky], looks(everything(diffuse)), HOW.with_light(sheen=sheen))
         for sheen in (True, False)
     )
     assert with_it.light.sheen is not None

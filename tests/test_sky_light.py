@@ -18,19 +18,18 @@ from stages.photometry.albedo.soft_paint import soft_paint
 from stages.photometry.chromaticity import DARK, colour_change, in_white_light
 from stages.photometry.joint.fast_alternation import FastSettings
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights, graph_of
-from stages.photometry.light_search.light_estimate import LightEstimate, LightSearchSettings
+from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.light_from_pairs import (
-    ENOUGH,
     PairObjective,
-    PairWeights,
     Sample,
     weighted_by_reliability,
 )
 from stages.photometry.light_search.pair_sampling import COLOUR, Pairs, alike_pairs, sample_of
 from stages.photometry.light_search.search import Search, disagreements, estimate_light
-from stages.photometry.lighting.illumination import explained_best
-from stages.photometry.lighting.observations import Observations, Viewing
-from stages.photometry.lighting.shared_or_own_lights import LightSharing
+from stages.photometry.lighting.estimate_illumination import explained_best
+from stages.photometry.lighting.observations import Observations
+from stages.photometry.lighting.settings import LightingSettings
+from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.lighting.view_gains import view_gains
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.specular import highlights
@@ -44,11 +43,9 @@ from tests.sphere_scene import SphereScene, sphere_scene
 
 DIRECTIONS = 128
 MOVING = 0.1, 0.2
-FEW = LightSearchSettings(samples=3000, bounces=0)
+FEW = LightingSettings(samples=3000, bounces=0, still_light=MOVING[0], moving_light=MOVING[1])
 HOW = BySky(
     light=FEW,
-    lighting=LightSharing("auto", *MOVING),
-    sheen=True,
     edges=PaintEdges(coarse=2.0),
     descent=FastSettings(EnergyWeights(0.7, 0.3, 1e-4), max_rounds=20),
 )
@@ -189,11 +186,10 @@ def test_coloured_lamps_are_not_taken_for_paint(lit):
     shading = sky.pixels.shading(0.1 + 6 * lamps @ np.array([[1.0, 0.3, 0.1], [0.1, 0.3, 1.0]]))
     image, everything = photo_of(albedo, shading), np.ones(len(albedo), bool)
     one_light, found = np.zeros(views.view_count, int), {}
-    for price in (FEW.weights.neutrality, 3.0):
-        how = replace(FEW, weights=PairWeights(neutrality=price))
-        lights = [
-            estimate_light(sky, views, image, everything, one_light, replace(how, seed=k)) for k in range(3)
-        ]
+    for price in (FEW.neutrality, 3.0):
+        draws = [FEW.search.model_copy(update={"seed": k}) for k in range(3)]
+        hows = [FEW.model_copy(update={"neutrality": price, "search": draw}) for draw in draws]
+        lights = [estimate_light(sky, views, image, everything, one_light, how) for how in hows]
         shadings = [light.shading(sky, views.starts, one_light) for light in lights]
         found[price] = np.mean([error(image / shading, albedo) for shading in shadings])
     free, held = found.values()
@@ -245,7 +241,7 @@ def test_paint_that_changes_softly_is_told_from_one_paint_and_from_patches(lit):
 
 def test_pairs_count_less_where_they_disagree_more_than_who_is_nearest():
     """As many nearest pairs, alike, as of another kind, at twice the depth; then the other way round."""
-    image, times = np.repeat([[0.4], [0.4], [0.8], [0.8]], 3, axis=1), ENOUGH
+    image, times = np.repeat([[0.4], [0.4], [0.8], [0.8]], 3, axis=1), FEW.pairs.fewest
     first, second = (np.tile(np.array(side, np.int32), times) for side in ([0, 2, 0, 1], [1, 3, 2, 3]))
 
     def weights(*kinds: int) -> np.ndarray:
@@ -253,7 +249,7 @@ def test_pairs_count_less_where_they_disagree_more_than_who_is_nearest():
         kind = np.tile(np.array(kinds, np.int32), times)
         pairs = Pairs(first, second, np.full(kind.size, 1 / kind.size), kind)
         return (
-            weighted_by_reliability(image, np.ones((4, 3)), pairs, 0.4, PairWeights())
+            weighted_by_reliability(image, np.ones((4, 3)), pairs, 0.4, FEW.pairs)
             .weight.reshape(-1, 4)
             .sum(axis=0)
         )
@@ -269,10 +265,13 @@ def test_pairs_count_less_where_they_disagree_more_than_who_is_nearest():
 def test_few_pairs_are_no_measure_of_the_others():
     """One nearest pair that is alike, and many in larger squares that are not, nor can be."""
     image = np.repeat([[0.4], [0.4], [0.5], [0.5]], 3, axis=1)
-    first = np.array([0] + [0, 2] * ENOUGH, np.int32)
-    second, kind = np.array([1] + [2, 0] * ENOUGH, np.int32), np.array([1] + [2] * 2 * ENOUGH, np.int32)
+    first = np.array([0] + [0, 2] * FEW.pairs.fewest, np.int32)
+    second, kind = (
+        np.array([1] + [2, 0] * FEW.pairs.fewest, np.int32),
+        np.array([1] + [2] * 2 * FEW.pairs.fewest, np.int32),
+    )
     pairs = Pairs(first, second, np.full(first.size, 1 / first.size), kind)
-    alone = weighted_by_reliability(image, np.ones((4, 3)), pairs, 0.4, PairWeights()).weight[0]
+    alone = weighted_by_reliability(image, np.ones((4, 3)), pairs, 0.4, FEW.pairs).weight[0]
     assert alone == pytest.approx(1 / first.size)
 
 
@@ -280,7 +279,7 @@ def test_a_kind_of_few_pairs_has_no_more_than_their_share():
     image = np.repeat([[0.4], [0.4], [0.5], [0.5]], 3, axis=1)
     places = np.array([0, 2] * 50, np.int32)
     pairs = Pairs(places, places + 1, np.full(100, 0.01), np.array([1] + [2] * 99, np.int32))
-    assert weighted_by_reliability(image, np.ones((4, 3)), pairs, 0.4, PairWeights()).weight == pytest.approx(
+    assert weighted_by_reliability(image, np.ones((4, 3)), pairs, 0.4, FEW.pairs).weight == pytest.approx(
         np.full(100, 0.01)
     )
 
@@ -303,7 +302,7 @@ def test_light_bounces_from_surface_that_no_pixel_shows_with_the_paint_of_its_ne
     sky = LitScene.of(normals, blend, proxy, open_to_all, DIRECTIONS, None)
     even = np.ones((1, DIRECTIONS, 3))
     image = np.array([0.2, 0.9, 0.05])[of_vertex, None] * sky.pixels.shading(even[0])
-    how, one_light = replace(FEW, bounces=1), np.zeros(views.view_count, int)
+    how, one_light = FEW.model_copy(update={"bounces": 1, "brightest": 0.9}), np.zeros(views.view_count, int)
     search = Search.of(sky, views, image, np.ones(len(image), bool), one_light, how)
     found = search.settled(even, search.even_light())
     assert found.bounced[0, 0] == pytest.approx(
@@ -344,7 +343,7 @@ def test_a_light_that_is_near_is_gone_on_from(lit):
     again = estimate_light(
         sky, views, image, everything, one_light, FEW, lambda: steps.append(1), near
     ).shading(sky, views.starts, one_light)
-    assert len(steps) < len(FEW.scales)
+    assert len(steps) < len(FEW.search.scales)
     before = near.shading(sky, views.starts, one_light)
     assert error(again, shading) < 0.05 < error(before, shading)
 
@@ -367,8 +366,8 @@ def test_the_slope_of_what_is_minimised_is_right():
         np.full(60, 1 / 60),
         np.ones(60, np.int32),
     )
-    weights = PairWeights(neutrality=0.3, evenness=0.2)
-    objective = PairObjective(sample, 0.1 * rng.random((30, 3)), pairs, 0.4, weights, 2)
+    how = FEW.model_copy(update={"neutrality": 0.3, "evenness": 0.2})
+    objective = PairObjective(sample, 0.1 * rng.random((30, 3)), pairs, 0.4, how, 2)
     light = 0.5 + rng.random((2, 8, 3))
     slope = objective(light)[1]
     for direction in rng.normal(size=(5, 2, 8, 3)):
@@ -380,7 +379,7 @@ def test_the_slope_of_what_is_minimised_is_right():
 def test_an_even_neutral_light_costs_nothing_beside_the_pairs():
     sample = Sample(np.ones((2, 3)), np.ones((2, 8), np.float32), np.zeros(2, int), np.full(8, 1 / 8))
     pairs = Pairs(np.array([0], np.int32), np.array([1], np.int32), np.array([1.0]), np.array([1], np.int32))
-    objective = PairObjective(sample, np.zeros((2, 3)), pairs, 0.4, PairWeights(), 1)
+    objective = PairObjective(sample, np.zeros((2, 3)), pairs, 0.4, FEW, 1)
     value, slope = objective(np.ones((1, 8, 1)) * np.array([1.0, 2.0, 0.5]))
     assert value == pytest.approx(0, abs=1e-12)
     assert np.allclose(slope, 0, atol=1e-9)
@@ -390,7 +389,7 @@ def test_pairs_join_what_is_near_or_of_one_colour():
     rng = np.random.default_rng(0)
     colours = np.array([[0.8, 0.2, 0.2], [0.2, 0.2, 0.8]])[np.arange(40) % 2]
     positions = np.column_stack([np.zeros(40, int), np.arange(40) // 2 * 100])
-    pairs = alike_pairs(colours, np.zeros(40, int), positions, np.zeros((40, 3)), (5, 10), rng)
+    pairs = alike_pairs(colours, np.zeros(40, int), positions, np.zeros((40, 3)), (5, 10), rng, FEW.pairs)
     same = np.arange(40)[pairs.first] % 2 == np.arange(40)[pairs.second] % 2
     near = np.abs(positions[pairs.first, 1] - positions[pairs.second, 1]) < 10
     assert np.all(same | near)
@@ -405,13 +404,15 @@ def test_what_is_near_in_the_image_alone_is_not_paired():
     before = column >= 10
     places = np.column_stack([column, row, np.where(before, 40, 0)])
     grey, positions = np.full((400, 3), 0.5), np.column_stack([row, column])
-    pairs = alike_pairs(grey, np.zeros(400, int), positions, places, (3, 6), rng)
+    pairs = alike_pairs(grey, np.zeros(400, int), positions, places, (3, 6), rng, FEW.pairs)
     across = before[pairs.first] != before[pairs.second]
     assert across[pairs.kind == COLOUR].any()
     assert not across[pairs.kind != COLOUR].any()
     assert np.unique(pairs.first[pairs.kind != COLOUR]).size > 350
     level = np.column_stack([column, row, np.zeros(400)])
-    flat = alike_pairs(grey, np.zeros(400, int), positions, level, (3, 6), np.random.default_rng(0))
+    flat = alike_pairs(
+        grey, np.zeros(400, int), positions, level, (3, 6), np.random.default_rng(0), FEW.pairs
+    )
     assert (before[flat.first] != before[flat.second])[flat.kind != COLOUR].any()
 
 
@@ -422,7 +423,9 @@ def test_how_far_is_far_is_asked_of_every_view_and_not_of_what_has_no_place():
     positions, level = np.column_stack([row, column]), np.column_stack([column, row, np.zeros(400)])
     places = np.concatenate([level, 10 * level, np.full((400, 3), np.nan)])
     views = np.repeat(np.arange(3), 400)
-    pairs = alike_pairs(np.full((1200, 3), 0.5), views, np.tile(positions, (3, 1)), places, (3, 6), rng)
+    pairs = alike_pairs(
+        np.full((1200, 3), 0.5), views, np.tile(positions, (3, 1)), places, (3, 6), rng, FEW.pairs
+    )
     near = pairs.first[pairs.kind != COLOUR]
     counts = np.bincount(views[near], minlength=3)
     assert counts.min() > 0.9 * counts.max() > 0
@@ -430,11 +433,11 @@ def test_how_far_is_far_is_asked_of_every_view_and_not_of_what_has_no_place():
 
 def test_the_sample_lies_inside_the_masks_and_is_sorted():
     views = sphere_scene(view_count=2).stacked()
-    every = np.arange(views.starts[-1])
-    drawn = sample_of(views, every, 100, np.random.default_rng(0))
+    every, thin = np.arange(views.starts[-1]), FEW.pairs.thin_share
+    drawn = sample_of(views, every, 100, np.random.default_rng(0), thin)
     assert drawn.size == 100
     assert np.all(np.diff(drawn) > 0)
-    everything = sample_of(views, every, 10**6, np.random.default_rng(0))
+    everything = sample_of(views, every, 10**6, np.random.default_rng(0), thin)
     assert drawn.size < everything.size < views.starts[-1]
 
 
@@ -444,7 +447,7 @@ def test_thin_surface_is_drawn_from_as_well_as_the_knob_on_it():
     mask[3:6, 20:23] = True
     normals = np.broadcast_to([0.0, 0.0, 1.0], (*mask.shape, 3)).astype(np.float32)
     views = stack_views([mask], [normals], {})
-    drawn = sample_of(views, np.arange(mask.sum()), 10**6, np.random.default_rng(0))
+    drawn = sample_of(views, np.arange(mask.sum()), 10**6, np.random.default_rng(0), FEW.pairs.thin_share)
     assert drawn.size == mask.sum()
 
 
@@ -453,13 +456,16 @@ def test_gains_of_the_views_are_found_and_moving_light_is_told_from_them(lit):
     image = albedo * shading
     gains = np.array([[1.0, 1, 1], [1.3, 1.2, 1.1], [0.8, 0.7, 0.9]])
     of_pixel = np.repeat(gains, np.diff(views.starts), axis=0)
-    found = view_gains(views, image * of_pixel, np.ones(len(image), bool))
+    found = view_gains(views, image * of_pixel, np.ones(len(image), bool), FEW.gains)
     wanted = gains / np.exp(np.log(gains).mean(axis=0))
     assert np.allclose(found.gains, wanted, rtol=0.02)
     assert found.spread < 0.03
     moving = sphere_scene(view_count=3, turn_deg=90.0)
     image = np.concatenate([i[m] for i, m in zip(moving.images, moving.masks, strict=True)])
-    assert view_gains(moving.stacked(), image / np.percentile(image, 99), image[:, 0] >= 0).spread > 0.15
+    assert (
+        view_gains(moving.stacked(), image / np.percentile(image, 99), image[:, 0] >= 0, FEW.gains).spread
+        > 0.15
+    )
 
 
 @pytest.mark.parametrize(
@@ -470,7 +476,7 @@ def test_a_dim_channel_or_view_does_not_hide_the_exposures(lit, exposures, blue)
     views, _, albedo, shading, _ = lit
     gains = np.outer(exposures, [1, 1, blue])
     image = albedo * shading * np.repeat(gains, np.diff(views.starts), axis=0)
-    found = view_gains(views, image / np.percentile(image, 99), np.ones(len(image), bool))
+    found = view_gains(views, image / np.percentile(image, 99), np.ones(len(image), bool), FEW.gains)
     wanted = gains[:, 0] / np.exp(np.log(gains[:, 0]).mean())
     assert np.allclose(found.gains[:, :2], wanted[:, None], rtol=0.03)
     assert found.spread < 0.03
@@ -480,7 +486,7 @@ def test_views_without_links_have_no_gains():
     scene = sphere_scene(view_count=2)
     scene.links = {}
     count = int(scene.stacked().starts[-1])
-    found = view_gains(scene.stacked(), np.ones((count, 3)), np.ones(count, bool))
+    found = view_gains(scene.stacked(), np.ones((count, 3)), np.ones(count, bool), FEW.gains)
     assert np.array_equal(found.gains, np.ones((2, 3)))
     assert found.spread == 0
 
@@ -550,9 +556,9 @@ def test_the_lights_colour_is_taken_out_and_its_brightness_stays():
 
 
 def test_a_nearer_light_is_believed_only_if_it_explains_clearly_more():
-    assert explained_best([0.1000, 0.0995, 0.110]) == 0
-    assert explained_best([0.1000, 0.0985, 0.098]) == 2
-    assert explained_best([0.1]) == 0
+    assert explained_best([0.1000, 0.0995, 0.110], FEW.distance) == 0
+    assert explained_best([0.1000, 0.0985, 0.098], FEW.distance) == 2
+    assert explained_best([0.1], FEW.distance) == 0
 
 
 def test_everything_together_on_the_sphere(lit):
@@ -564,7 +570,7 @@ def test_everything_together_on_the_sphere(lit):
     assert found.light.sheen is None
     assert np.allclose(found.light.light.shading.mean(axis=0), 1, atol=1e-3)
     assert error(found.albedo, albedo) < 0.25 * error(image, albedo)
-    apart = replace(HOW, lighting=LightSharing("per-view", *MOVING))
+    apart = HOW.with_light(lights="per-view")
     per_view = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), apart)
     assert per_view.light.light.radiance.shape == (3, DIRECTIONS, 3)
     assert error(per_view.albedo, albedo) < 0.5 * error(image, albedo)
@@ -648,7 +654,7 @@ def test_disputed_pixels_believe_the_other_views(lit):
 def test_where_nothing_is_trusted_everything_is(lit):
     views, sky, albedo, shading, _ = lit
     image = photo_of(albedo, shading)
-    how = replace(HOW, lighting=LightSharing("shared", *MOVING), descent=replace(HOW.descent, max_rounds=5))
+    how = replace(HOW.with_light(lights="shared"), descent=replace(HOW.descent, max_rounds=5))
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
     found = decompose_by_sky(views, images, [sky], looks(np.zeros(len(albedo), bool)), how)
     assert found.light.observations.trusted.any()
@@ -719,7 +725,7 @@ def test_gloss_is_told_from_light_that_moves(lit):
     """Both make views differ; gloss only brightens, and few of the views of a place."""
     views, sheen = lit[0], with_sheen(lit)
     everything = np.ones(len(sheen), bool)
-    assert view_gains(views, sheen, everything).spread > MOVING[-1]
+    assert view_gains(views, sheen, everything, FEW.gains).spread > MOVING[-1]
     assert brightening(Linked.of(views, everything), sheen) > 1.1
     alone = replace(views, links={})
     assert brightening(Linked.of(alone, everything), sheen) == 1
@@ -796,9 +802,9 @@ def darkened_in_the_first(lit, to: float) -> tuple[np.ndarray, np.ndarray]:
 def test_a_place_that_one_photo_darkens_is_no_measure_and_darkens_no_other(lit, to):
     views, everything, image = lit[0], np.ones(len(lit[2]), bool), photo_of(lit[2], lit[3])
     shadowed, place = darkened_in_the_first(lit, to)
-    lighting = LightSharing("shared", *MOVING)
+    how = FEW.model_copy(update={"lights": "shared"})
     linked = Linked.of(views, everything)
-    photos = Observations.of(linked, looks(everything), shadowed, 0.0, lighting).in_one_light(linked)
+    photos = Observations.of(linked, looks(everything), shadowed, 0.0, how).in_one_light(linked)
     inside = place & near_the_middle_of_the_first(lit, 18) & linked_to_others(views)
     assert np.mean(photos.looks.trusted[inside]) < 0.1
     assert np.mean(photos.looks.trusted[~place]) > 0.99

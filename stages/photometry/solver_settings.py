@@ -1,4 +1,4 @@
-"""What the settings of `lighting` and `decomposition` mean to the solvers, at the size of the views."""
+"""What the settings of `decomposition` mean to the solvers, at the size of the views."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from stages.photometry.albedo.albedo_given_light import AlbedoSettings
     from stages.photometry.joint.fast_alternation import FastSettings
     from stages.photometry.joint.transfer_alternation import TransferAlternation
-    from stages.photometry.lighting.illumination import IlluminationSettings
     from stages.photometry.paper.alternation import AlternationSettings
     from stages.photometry.paper.energy import EnergyWeights
 
@@ -77,25 +76,6 @@ def as_transfer(settings: DecompositionSettings, weights: EnergyWeights) -> Tran
         given_or(settings.brightest, HARMONICS_BRIGHTEST),
     )
     return TransferAlternation(as_fast(settings, weights), bounces)
-
-
-def as_illumination(settings: LightingSettings) -> IlluminationSettings:
-    """For the light of `light: directions`."""
-    from stages.photometry.light_search.light_estimate import LightSearchSettings
-    from stages.photometry.light_search.light_from_pairs import PairWeights
-    from stages.photometry.lighting.illumination import IlluminationSettings
-    from stages.photometry.lighting.shared_or_own_lights import LightSharing
-
-    return IlluminationSettings(
-        light=LightSearchSettings(
-            samples=settings.samples,
-            bounces=settings.bounces,
-            brightest=settings.brightest,
-            weights=PairWeights(settings.neutrality, settings.evenness),
-        ),
-        lighting=LightSharing(settings.lights, settings.still_up_to, settings.moving_light),
-        sheen=settings.sheen,
-    )
 
 
 def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> AlbedoSettings:

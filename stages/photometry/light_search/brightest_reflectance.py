@@ -9,12 +9,7 @@ from typing import Any
 import numpy as np
 
 from stages.photometry.light_search.light_estimate import LightEstimate
-
-USUAL = 0.6  # what the brightest material of a scene often reflects: stone .3 to .6, plaster and paper .8
-# Of the disagreement: the price of a reflectance twice or half the usual; flat curves tell little.
-UNUSUAL = 0.005
-FIRST = 0.6  # where the search begins
-SCALE = (0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9)  # those that are tried: a factor of 1.5 apart
+from stages.photometry.light_search.settings import ReflectanceSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +40,8 @@ def reflectance_of(
     disagreements: Callable[[Sequence[LightEstimate]], list[float]],
     near: LightEstimate,
     step: Callable[[], None],
-    first: float = FIRST,
+    first: float,
+    how: ReflectanceSettings,
 ) -> Reflectance:
     """Find what the brightest material reflects.
 
@@ -61,6 +57,7 @@ def reflectance_of(
         Called after every light that is tried.
     first : float
         Reflectance to begin at.
+    how : ReflectanceSettings
 
     Notes
     -----
@@ -70,39 +67,40 @@ def reflectance_of(
     factor apart, downhill from the first; then a parabola through the lowest and its neighbours, in the
     logarithm.
     """
-    best = int(np.argmin(np.abs(np.log(np.array(SCALE) / first))))
+    scale = how.tried
+    best = int(np.argmin(np.abs(np.log(np.array(scale) / first))))
     lights, further = dict[int, LightEstimate](), {best}
     while further:
         for one in sorted(further):
-            lights[one] = light(SCALE[one], lights.get(best, near))
+            lights[one] = light(scale[one], lights.get(best, near))
             step()
         tried = sorted(lights)
         left = dict(
-            zip((SCALE[one] for one in tried), disagreements([lights[one] for one in tried]), strict=True)
+            zip((scale[one] for one in tried), disagreements([lights[one] for one in tried]), strict=True)
         )
-        best = SCALE.index(_least(left))
-        further = {one for one in (best - 1, best + 1) if 0 <= one < len(SCALE)} - lights.keys()
-    value = _lowest(left)
-    nearest = min(lights, key=lambda one: abs(np.log(SCALE[one] / value)))
+        best = scale.index(_least(left, how))
+        further = {one for one in (best - 1, best + 1) if 0 <= one < len(scale)} - lights.keys()
+    value = _lowest(left, how)
+    nearest = min(lights, key=lambda one: abs(np.log(scale[one] / value)))
     return Reflectance(value, left, lights[nearest])
 
 
-def _price(reflectance: float) -> float:
+def _price(reflectance: float, how: ReflectanceSettings) -> float:
     """What a disagreement is multiplied by: 1 for the usual reflectance."""
-    return 1 + UNUSUAL * float(np.log2(reflectance / USUAL)) ** 2
+    return 1 + how.unusual_price * float(np.log2(reflectance / how.usual)) ** 2
 
 
-def _least(left: dict[float, float]) -> float:
+def _least(left: dict[float, float], how: ReflectanceSettings) -> float:
     """That under which least is left, for its price; of equals, the most usual."""
-    return min(left, key=lambda one: (_price(one) * left[one], abs(np.log(one / USUAL))))
+    return min(left, key=lambda one: (_price(one, how) * left[one], abs(np.log(one / how.usual))))
 
 
-def _lowest(left: dict[float, float]) -> float:
+def _lowest(left: dict[float, float], how: ReflectanceSettings) -> float:
     """Where the parabola through the lowest and its neighbours, in the logarithm, is lowest."""
     tried = sorted(left)
-    best = tried.index(_least(left))
+    best = tried.index(_least(left, how))
     if best in (0, len(tried) - 1):
         return tried[best]
     three = tried[best - 1 : best + 2]
-    curve = np.polyfit(np.log(three), [_price(one) * left[one] for one in three], 2)
+    curve = np.polyfit(np.log(three), [_price(one, how) * left[one] for one in three], 2)
     return float(np.exp(-curve[1] / (2 * curve[0]))) if curve[0] > 0 else tried[best]

@@ -7,21 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from stages.photometry.light_search.light_estimate import LightEstimate
+from stages.photometry.light_search.settings import RefinementSettings
 from stages.photometry.transport.directional_transport import AROUND, DirectionalTransport, honeycomb
 from stages.photometry.transport.lit_scenes import LitScene
 
-BRIGHT = 3.0  # times the mean light: cells that are divided
-MOST_CELLS = 24  # of them, those that send most: each costs six directions more, and lamps are few
 
-
-def divided(scene: LitScene, found: LightEstimate) -> tuple[LitScene, LightEstimate]:
+def divided(scene: LitScene, found: LightEstimate, how: RefinementSettings) -> tuple[LitScene, LightEstimate]:
     """Divide the cells that are bright into seven, each as bright as the whole.
 
     The light is the same; it can now be found anew with shadows as sharp as the finer cells are. Nothing
     changes where no cell is bright, or nobody can look.
     """
     transport = scene.pixels
-    bright = bright_cells(found.radiance, transport.cells)
+    bright = bright_cells(found.radiance, transport.cells, how)
     if scene.eyes is None or not bright.size:
         return scene, found
     around = honeycomb(transport.directions[bright], transport.cells[bright] / (AROUND + 1))
@@ -32,12 +30,12 @@ def divided(scene: LitScene, found: LightEstimate) -> tuple[LitScene, LightEstim
     return scene, replace(found, radiance=np.concatenate([found.radiance, of_new], axis=1))
 
 
-def bright_cells(radiance: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def bright_cells(radiance: np.ndarray, cells: np.ndarray, how: RefinementSettings) -> np.ndarray:
     """Numbers of the cells, (M,), that any of the lights (G, M, 3) has far brighter than its mean, sorted."""
     light = radiance.sum(axis=2)
     brightness = (light / np.maximum(light @ cells, 1e-12)[:, None]).max(axis=0)
-    bright = np.flatnonzero(brightness > BRIGHT)
-    strongest = np.argsort(-(cells * brightness)[bright], kind="stable")[:MOST_CELLS]
+    bright = np.flatnonzero(brightness > how.bright)
+    strongest = np.argsort(-(cells * brightness)[bright], kind="stable")[: how.max_cells]
     return np.sort(bright[strongest])
 
 

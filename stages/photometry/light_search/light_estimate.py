@@ -1,4 +1,4 @@
-"""`mode: transfer`: a light from all around, how it is looked for, and what it makes of a scene."""
+"""`mode: transfer`: a light from all around, and what it makes of a scene."""
 
 from __future__ import annotations
 
@@ -7,37 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.light_search.light_from_pairs import PairWeights
 from stages.photometry.transport.lit_scenes import LitScene
-
-
-@dataclass(frozen=True)
-class LightSearchSettings:
-    """How the light is looked for.
-
-    Attributes
-    ----------
-    bounces : int
-        How often light is passed on between surfaces.
-    samples : int
-        Pixels that it is found from; as many again per light beyond the first, divided by four.
-    scales : tuple of float
-        See `light_from_pairs`: coarse first, as bounces find their place, and so that a sun's shadow, e times
-        darker and more, is not at once taken for other paint; then finer.
-    brightest : float or None
-        What the brightest material reflects. None where light and images are in one unit, and the scale of
-        the albedo is known.
-    weights : PairWeights
-    seed : int
-        Of the sample.
-    """
-
-    bounces: int
-    samples: int = 20_000
-    scales: tuple[float, ...] = (2.4, 1.2, 0.6, 0.4, 0.4)
-    brightest: float | None = 0.9
-    weights: PairWeights = PairWeights()
-    seed: int = 0
 
 
 @dataclass(frozen=True, eq=False)

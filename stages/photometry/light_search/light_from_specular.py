@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from stages.photometry.light_search.light_from_pairs import PairObjective
+from stages.photometry.light_search.settings import LightSearchSettings
 from stages.photometry.specular.view_differences import InMirror
 from stages.solvers.least_squares.non_negative import descend_above_zero
 
-SAY = 0.3  # of how views differ, against how pairs of like paint do
-STEPS = 100  # of the descent
-
 
 def light_in_gloss(
-    pairs: PairObjective, mirror: InMirror, strength: np.ndarray, start: np.ndarray
+    pairs: PairObjective,
+    mirror: InMirror,
+    strength: np.ndarray,
+    start: np.ndarray,
+    settings: LightSearchSettings,
 ) -> np.ndarray:
     """Descend from a light to one that both kinds of witnesses agree on.
 
@@ -26,6 +28,8 @@ def light_in_gloss(
     strength : ndarray, shape (3,)
         Of the mirror.
     start : ndarray, shape (1, M, 3)
+    settings : LightSearchSettings
+        Of which `specular_light`, and the tolerance of the search.
 
     Returns
     -------
@@ -34,14 +38,16 @@ def light_in_gloss(
 
     Notes
     -----
-    Adds `SAY` times what the light in the mirror leaves of the differences to what `light_from_pairs`
-    minimises. Pairs know the light up to a scale, which the differences choose: the strength is held, and
-    both stay as easy as they are alone.
+    Adds `residual_weight` times what the light in the mirror leaves of the differences to what
+    `light_from_pairs` minimises. Pairs know the light up to a scale, which the differences choose: the
+    strength is held, and both stay as easy as they are alone.
     """
+    how = settings.specular_light
 
     def objective(light: np.ndarray) -> tuple[float, np.ndarray]:
         loss, slope = pairs(light)
         left, own = mirror.left(strength * light[0])
-        return loss + SAY * left, slope + SAY * strength * own
+        weight = how.residual_weight
+        return loss + weight * left, slope + weight * strength * own
 
-    return descend_above_zero(objective, start, STEPS)
+    return descend_above_zero(objective, start, how.max_steps, settings.search.slope_tolerance)

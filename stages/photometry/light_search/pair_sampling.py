@@ -8,18 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.photometry.chromaticity import chroma_of
+from stages.photometry.light_search.settings import PairSettings
 from stages.photometry.stack import StackedViews
 
-# Of the logarithms of red and blue over green: colours in one cell of this size pass for one. Pairs are drawn
-# for the light; `decomposition.chroma_step` says what passes for an edge of paint once the light is known.
-COLOUR_CELL = 0.12
-THIN = 0.1  # of the pixels: where fewer have four neighbours, the others are drawn as well
-PARTNERS = 4  # of each kind, per pixel
-# Of a view's side, squares of pixels that are likely to be of one paint: small ones, for where that changes
-# softly, and larger ones, since within smooth surface what is nearer hardly differs by its light.
-NEAR = (0.03, 0.06, 0.12)
-SMALLEST = 3  # px: in smaller ones pixels share their light as well as their paint
-APART = 3.0  # median distances of a kind in a view: what is farther apart lies at two sides of an outline
 COLOUR = 0  # the kind of pairs that are of one colour
 
 
@@ -88,6 +79,7 @@ class PixelSample:
         Where on the surface they are, world axes; not a number where that is not known.
     squares : tuple of int
         Sides of the squares in which pixels are near, px.
+    how : PairSettings
     """
 
     pixels: np.ndarray
@@ -95,6 +87,7 @@ class PixelSample:
     positions: np.ndarray
     places: np.ndarray
     squares: tuple[int, ...]
+    how: PairSettings
 
     @classmethod
     def of(
@@ -104,25 +97,28 @@ class PixelSample:
         among: np.ndarray,
         count: int,
         rng: np.random.Generator,
+        how: PairSettings,
     ) -> PixelSample:
         """Draw from the pixels `among`, (m,); see `sample_of`. `places`: see `LitScene.places`."""
-        pixels = sample_of(views, among, count, rng)
+        pixels = sample_of(views, among, count, rng, how.thin_share)
         view = np.searchsorted(views.starts, pixels, side="right") - 1
-        squares = tuple(sorted({max(SMALLEST, round(near * views.side)) for near in NEAR}))
-        return cls(pixels, view, views.positions()[pixels], places(pixels), squares)
+        sides = {max(how.smallest_square, round(side * views.side)) for side in how.square_sides}
+        return cls(pixels, view, views.positions()[pixels], places(pixels), tuple(sorted(sides)), how)
 
     def pairs(self, albedo: np.ndarray, rng: np.random.Generator) -> Pairs:
         """Pair them by what their albedo, (n, 3), seems to be; see `alike_pairs`."""
-        return alike_pairs(albedo, self.views, self.positions, self.places, self.squares, rng)
+        return alike_pairs(albedo, self.views, self.positions, self.places, self.squares, rng, self.how)
 
 
-def sample_of(views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+def sample_of(
+    views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator, thin_share: float
+) -> np.ndarray:
     """Some of the pixels `among`, (n,), sorted: evenly from those with four neighbours in their view.
 
-    Of surface so thin that these are few, from all.
+    From all, where these are no more than `thin_share` of them.
     """
     inner = np.concatenate([_inner(mask)[mask] for mask in views.masks])[among]
-    chosen = among[inner] if inner.sum() > THIN * among.size else among
+    chosen = among[inner] if inner.sum() > thin_share * among.size else among
     return np.sort(rng.choice(chosen, min(count, chosen.size), replace=False))
 
 
@@ -133,8 +129,9 @@ def alike_pairs(
     places: np.ndarray,
     squares: tuple[int, ...],
     rng: np.random.Generator,
+    how: PairSettings,
 ) -> Pairs:
-    """Pair the pixels of a sample, half of the weight on those of one colour, half on those that are near.
+    """Pair the pixels of a sample: those of one colour, with `compared_share` of the weight, and those near.
 
     In the image, and on the surface as well: a thing and the floor behind it are not of one paint.
 
@@ -151,18 +148,23 @@ def alike_pairs(
     squares : tuple of int
         Sides of the squares in which pixels are near, px, from small to large.
     rng : numpy.random.Generator
+    how : PairSettings
     """
-    groups = [_colour_of(albedo), *(_square_of(views, positions, side, rng) for side in squares)]
-    colour, *near = (_partners(group, rng) for group in groups)
-    partners = [colour, *(_on_one_surface(pairs, views, places) for pairs in near)]
+    groups = [
+        _colour_of(albedo, how.chromaticity_cell),
+        *(_square_of(views, positions, side, rng) for side in squares),
+    ]
+    colour, *near = (_partners(group, how.partners, rng) for group in groups)
+    partners = [colour, *(_on_one_surface(pairs, views, places, how.outline_distance) for pairs in near)]
     both = np.concatenate(partners).astype(np.int32)
     kind = np.repeat(np.arange(len(partners), dtype=np.int32), [len(own) for own in partners])
-    return Pairs(both[:, 0].copy(), both[:, 1].copy(), np.zeros(len(both)), kind).weighted(0.5)
+    pairs = Pairs(both[:, 0].copy(), both[:, 1].copy(), np.zeros(len(both)), kind)
+    return pairs.weighted(how.compared_share)
 
 
-def _colour_of(albedo: np.ndarray) -> np.ndarray:
+def _colour_of(albedo: np.ndarray, cell: float) -> np.ndarray:
     """Number of the chromaticity's cell, (n,)."""
-    cells = np.floor(chroma_of(albedo) / COLOUR_CELL).astype(np.int64)
+    cells = np.floor(chroma_of(albedo) / cell).astype(np.int64)
     return np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
 
 
@@ -172,25 +174,27 @@ def _square_of(views: np.ndarray, positions: np.ndarray, side: int, rng: np.rand
     return np.unique(squares, axis=0, return_inverse=True)[1].reshape(-1)
 
 
-def _partners(group: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _partners(group: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
     """Pairs within groups, (m, 2): every pixel with the next few of its group in a random order."""
     order = np.lexsort((rng.random(group.size), group))
     pairs = []
-    for step in range(1, PARTNERS + 1):
+    for step in range(1, count + 1):
         one, other = order[:-step], order[step:]
         alike = group[one] == group[other]
         pairs.append(np.column_stack([one[alike], other[alike]]))
     return np.concatenate(pairs)
 
 
-def _on_one_surface(pairs: np.ndarray, views: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Of pairs that are near in their view, (m, 2), those that are not much farther apart than most there."""
+def _on_one_surface(
+    pairs: np.ndarray, views: np.ndarray, places: np.ndarray, outline_distance: float
+) -> np.ndarray:
+    """Of pairs that are near in their view, (m, 2), those not much farther apart than the median there."""
     apart = np.linalg.norm(places[pairs[:, 0]] - places[pairs[:, 1]], axis=1)
     view, kept = views[pairs[:, 0]], np.ones(len(pairs), bool)
     for own in (np.flatnonzero(view == one) for one in np.unique(view)):
         known = apart[own][np.isfinite(apart[own])]
         if known.size:
-            kept[own] = ~(apart[own] > APART * np.median(known))
+            kept[own] = ~(apart[own] > outline_distance * np.median(known))
     return pairs[kept]
 
 

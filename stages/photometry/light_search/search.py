@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.light_search.light_estimate import LightEstimate, LightSearchSettings
+from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.light_from_pairs import (
     PairObjective,
     Sample,
@@ -16,16 +16,16 @@ from stages.photometry.light_search.light_from_pairs import (
     weighted_by_reliability,
 )
 from stages.photometry.light_search.pair_sampling import Pairs, PixelSample
+from stages.photometry.light_search.settings import LightSearchSettings
+from stages.photometry.light_search.vertex_albedo import (
+    NO_LIGHT,
+    bounced_at_vertices,
+    brightest_albedo,
+    vertex_albedo,
+)
 from stages.photometry.stack import StackedViews
-from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.pixel_transfer import WHITEST
-
-BRIGHT_SHARE = 0.98  # of the vertices' albedo, weighted by their light: the brightest material
-LOOKED_AT = 300_000  # pixels that tell the albedo of the vertices while light is sought
-REFINED = 2  # scales, where the light is nearly known
-SETTLES = 3  # rounds in which bounces and albedo find together under one light
-NO_LIGHT = 1e-6  # of the scaled image's unit: surface with less says nothing about its albedo
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Search:
     Attributes
     ----------
     part : LitScene
-        With `LOOKED_AT` pixels at most.
+        With `bounce_pixels` at most.
     starts : ndarray, shape (n + 1,)
         Where every view begins among these.
     image : ndarray, shape (m, 3)
@@ -72,11 +72,13 @@ class Search:
         settings: LightSearchSettings,
     ) -> Search:
         """Draw the pixels; arguments as of `estimate_light`."""
-        rng, count = np.random.default_rng(settings.seed), int(light_of_view.max(initial=0)) + 1
+        how, further = settings.search, int(light_of_view.max(initial=0))
+        rng = np.random.default_rng(how.seed)
         looked = np.flatnonzero(trusted)
-        looked = np.sort(rng.choice(looked, min(LOOKED_AT, looked.size), replace=False))
+        looked = np.sort(rng.choice(looked, min(how.bounce_pixels, looked.size), replace=False))
         part, starts = scene.at(looked), np.searchsorted(looked, views.starts)
-        drawn = PixelSample.of(views, scene.places, looked, settings.samples * (3 + count) // 4, rng)
+        count = int(settings.samples * (1 + how.further_light_share * further))
+        drawn = PixelSample.of(views, scene.places, looked, count, rng, settings.pairs)
         among = np.searchsorted(looked, drawn.pixels)
         own_image = image[drawn.pixels].astype(np.float64)
         shares = part.pixels.shares(among)
@@ -97,7 +99,7 @@ class Search:
         image, light = self.sample.image, now or self.even_light()
         shading = light.shading(self.part, self.starts, self.light_of_view)[self.among]
         pairs = self.drawn.pairs(image / np.maximum(shading, NO_LIGHT) if now else image, self.rng)
-        return weighted_by_reliability(image, shading, pairs, scale, self.settings.weights)
+        return weighted_by_reliability(image, shading, pairs, scale, self.settings.pairs)
 
     def bounce(self, now: LightEstimate) -> np.ndarray:
         """Shading of the paired pixels by light from other surface, (n, 3)."""
@@ -109,23 +111,25 @@ class Search:
 
     def objective(self, now: LightEstimate) -> PairObjective:
         """What pairs disagree by at the finest scale, and the priors; by the bounces of the light so far."""
-        bounce, finest = self.bounce(now), self.settings.scales[-1]
+        bounce, finest = self.bounce(now), self.settings.finest_scale
         pairs = self.pairs(now, finest)
-        return PairObjective(self.sample, bounce, pairs, finest, self.settings.weights, len(now.radiance))
+        return PairObjective(self.sample, bounce, pairs, finest, self.settings, len(now.radiance))
 
     def light(self, step: Callable[[], None], near: LightEstimate | None = None) -> LightEstimate:
         """Find the light; arguments as of `estimate_light`."""
-        scales, now = self.settings.scales, near
-        for scale in scales if near is None else scales[-REFINED:]:
+        how, now = self.settings.search, near
+        for scale in how.scales if near is None else how.scales[-how.refined_scales :]:
             before, pairs = now or self.even_light(), self.pairs(now, scale)
-            bounce, weights = self.bounce(before), self.settings.weights
-            light = light_from_pairs(self.sample, bounce, pairs, scale, before.radiance, weights)
+            bounce = self.bounce(before)
+            light = light_from_pairs(self.sample, bounce, pairs, scale, before.radiance, self.settings)
             now = self.settled(light, before)
             step()
         return now or self.even_light()
 
     def settled(self, light: np.ndarray, before: LightEstimate) -> LightEstimate:
         """A light, (G, M, 3), at the scale that `brightest` asks for, with the bounces that it then has.
+
+        None: at its own scale, where light and images are in one unit.
 
         Albedo and bounces find together, from those before on. Without bounces its scale is as good as any.
         """
@@ -136,15 +140,23 @@ class Search:
         of_pixels = now.direct(*where)  # what is sent on changes in the rounds; of this, its scale alone
         of_vertices = np.stack([scene.vertices.shading(one) for one in light])
         scale, nearest = np.float32(1), scene.nearest_shown
-        for _ in range(SETTLES):
+        for _ in range(self.settings.search.bounce_rounds):
             shading = scale * of_pixels + now.sent_on(*where)
             albedo, known = vertex_albedo(scene, self.image, shading)
-            asked = self.settings.brightest
-            factor = 1.0 if asked is None else _brightest(albedo, known) / asked
+            factor = self._albedo_scale(albedo, known)
             absolute, scale = np.clip(albedo / factor, 0, WHITEST)[nearest], np.float32(scale * factor)
-            sent_on = _bounced(scene, scale * of_vertices, absolute, known[nearest], self.settings.bounces)
+            sent_on = bounced_at_vertices(
+                scene, scale * of_vertices, absolute, known[nearest], self.settings.bounces
+            )
             now = LightEstimate(scale * light, sent_on)
         return now
+
+    def _albedo_scale(self, albedo: np.ndarray, known: np.ndarray) -> float:
+        """How many times too bright an albedo of the vertices is, known by so much light, (P, 3) each."""
+        asked = self.settings.brightest
+        if asked is None:
+            return 1.0
+        return brightest_albedo(albedo, known, self.settings.search.brightest_quantile) / asked
 
 
 def estimate_light(
@@ -180,7 +192,7 @@ def estimate_light(
     -----
     Starting from even light, or from one that is near, at every scale: pairs are drawn by what the albedo
     seems to be; the light descends; then albedo and bounces settle under it, the albedo's scale being set by
-    `brightest`. The cost does not grow with the number of pixels beyond `LOOKED_AT`.
+    `brightest`. The cost does not grow with the number of pixels beyond `bounce_pixels`.
     """
     return Search.of(scene, views, image, trusted, light_of_view, settings).light(step, near)
 
@@ -201,51 +213,16 @@ def disagreements(
     The same pairs for all, drawn by what each light makes of the albedo: where paint is of many colours most
     of the loss is paint's, and differs by more from draw to draw than from light to light.
     """
-    rng = np.random.default_rng(settings.seed)
-    drawn = PixelSample.of(views, scenes[0].places, np.flatnonzero(trusted), settings.samples, rng)
+    rng, how = np.random.default_rng(settings.search.seed), settings.pairs
+    drawn = PixelSample.of(views, scenes[0].places, np.flatnonzero(trusted), settings.samples, rng, how)
     seen, starts = image[drawn.pixels], np.searchsorted(drawn.pixels, views.starts)
     shadings = [
         light.shading(scene.at(drawn.pixels), starts, light_of_view)
         for scene, light in zip(scenes, lights, strict=True)
     ]
     draws = [drawn.pairs(seen / np.maximum(shading, NO_LIGHT), rng) for shading in shadings]
-    scale, weights = settings.scales[-1], settings.weights
+    scale = settings.finest_scale
     return [
-        float(np.mean([disagreement(seen, shading, pairs, scale, weights) for pairs in draws]))
+        float(np.mean([disagreement(seen, shading, pairs, scale, how) for pairs in draws]))
         for shading in shadings
     ]
-
-
-def vertex_albedo(scene: LitScene, image: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Albedo of the vertices, and the light that it is known by, (P, 3) each.
-
-    The photos' light over the shading's, all pixels around a vertex together: what is dark says little.
-    """
-    to_vertices = scene.pixels.blend.T.tocsr()
-    seen, light = to_vertices @ image, to_vertices @ shading
-    return np.where(light > NO_LIGHT, seen / np.maximum(light, NO_LIGHT), 0), light
-
-
-def _brightest(albedo: np.ndarray, known: np.ndarray) -> float:
-    """A high quantile of all channels, weighted by the light that they are known by."""
-    order = np.argsort(albedo, axis=None)
-    upto = np.cumsum(known.ravel()[order], dtype=np.float64)
-    if upto.size == 0 or upto[-1] <= 0:
-        return 1.0
-    bright = float(albedo.ravel()[order][np.searchsorted(upto, BRIGHT_SHARE * upto[-1])])
-    return bright if bright > 0 else 1.0
-
-
-def _bounced(
-    scene: LitScene, direct: np.ndarray, absolute: np.ndarray, known: np.ndarray, bounces: int
-) -> np.ndarray:
-    """Shading of the vertices by what other surface sends on, under each light: (G, P, 3), float32."""
-    at_vertices = np.empty_like(direct)
-    for c in range(3):
-        lit = known[:, c] > NO_LIGHT
-        typical = float(np.median(absolute[lit, c])) if lit.any() else 0.0
-        albedo = np.where(lit, absolute[:, c], typical).astype(np.float32)
-        from_sky = np.ascontiguousarray(direct[:, :, c].T)  # all lights at once
-        total = bounced(from_sky, scene.proxy.seen, albedo, typical, bounces)
-        at_vertices[:, :, c] = (total - from_sky).T
-    return at_vertices

@@ -12,12 +12,9 @@ from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.light_from_pairs import disagreement
 from stages.photometry.light_search.pair_sampling import Pairs
 from stages.photometry.light_search.search import Search
+from stages.photometry.lighting.settings import KnownLightSettings
 from stages.photometry.transport.environment import turned_light
 
-STEP_DEG = 5  # between turns that are compared first
-FINALISTS = 3  # of them, that are compared with the bounces that each has
-FINE_DEG = 1  # between turns around the best of these
-ROWS = 128  # of the picture while turns are compared: 1.4° each, where directions are some 13° apart
 NO_LIGHT = 1e-12  # mean shading of a channel: one that the picture has no light in stays dark
 
 
@@ -62,17 +59,16 @@ class KnownLight:
         light = turned_light(self.picture, turn_deg, self.upright_from_world, directions)
         return light if self.scale is None else self.scale * light
 
-    def reduced(self) -> KnownLight:
+    def reduced(self, rows: int) -> KnownLight:
         """The same in fewer pixels."""
-        if self.picture.shape[0] <= ROWS:
+        if self.picture.shape[0] <= rows:
             return self
-        picture = cv2.resize(self.picture, (2 * ROWS, ROWS), interpolation=cv2.INTER_AREA)
+        picture = cv2.resize(self.picture, (2 * rows, rows), interpolation=cv2.INTER_AREA)
         return replace(self, picture=picture)
 
-    @property
-    def turns(self) -> int:
+    def turns(self, how: KnownLightSettings) -> int:
         """Steps of `turn_of`."""
-        return 0 if self.turn_deg is not None else 360 // STEP_DEG + FINALISTS
+        return 0 if self.turn_deg is not None else len(range(0, 360, how.turn_step_deg)) + how.finalists
 
 
 def light_at(search: Search, known: KnownLight, turn_deg: float) -> LightEstimate:
@@ -89,24 +85,24 @@ def light_at(search: Search, known: KnownLight, turn_deg: float) -> LightEstimat
     return search.settled(dark.radiance, dark)
 
 
-def turn_of(search: Search, known: KnownLight, step: Callable[[], None]) -> float:
+def turn_of(search: Search, known: KnownLight, how: KnownLightSettings, step: Callable[[], None]) -> float:
     """The turn, degrees from 0 to 360: given, or that under which pixels of like paint come out alike.
 
     Notes
     -----
     As `light_from_pairs` judges a light, at its finest scale. Turns every 5° are compared without bounces,
     the three best that are no neighbours with their own, and then those every degree around the best of
-    these. Each comparison is on the same pairs for all.
+    these (by default). Each comparison is on the same pairs for all.
     """
     if known.turn_deg is not None:
         return known.turn_deg
-    known, directions = known.reduced(), search.part.pixels.directions
-    finest, turns = search.settings.scales[-1], np.arange(0, 360, STEP_DEG)
+    known, directions = known.reduced(how.picture_rows), search.part.pixels.directions
+    finest, turns = search.settings.finest_scale, np.arange(0, 360, how.turn_step_deg)
     pairs, left = [search.pairs(None, finest)], []
     for turn in turns:
         left.append(_left(search, known.radiance(directions, float(turn)), None, pairs))
         step()
-    finalists, lights = turns[_lowest(np.array(left))], []
+    finalists, lights = turns[_lowest(np.array(left), how.finalists)], []
     for turn in finalists:
         lights.append(light_at(search, known, turn))
         step()
@@ -118,7 +114,7 @@ def turn_of(search: Search, known: KnownLight, step: Callable[[], None]) -> floa
     best = int(np.argmin(left))
     middle, light, sent = finalists[best], lights[best].radiance[0], bounces[best]
     factor = light.sum(axis=0) / np.maximum(known.radiance(directions, middle).sum(axis=0), NO_LIGHT)
-    near = middle + np.arange(1 - STEP_DEG, STEP_DEG, FINE_DEG)
+    near = middle + np.arange(1 - how.turn_step_deg, how.turn_step_deg, how.fine_turn_step_deg)
     left = [_left(search, factor * known.radiance(directions, turn), sent, pairs) for turn in near]
     return float(near[np.argmin(left)] % 360)
 
@@ -129,13 +125,12 @@ def _left(search: Search, light: np.ndarray, sent_on: np.ndarray | None, pairs: 
     shading = sample.shares @ light.astype(np.float32)
     if sent_on is not None:
         shading = shading + sent_on
-    own = (
-        disagreement(sample.image, shading, drawn, settings.scales[-1], settings.weights) for drawn in pairs
-    )
-    return float(np.mean(list(own)))
+    compared = (settings.finest_scale, settings.pairs)
+    own = [disagreement(sample.image, shading, drawn, *compared) for drawn in pairs]
+    return float(np.mean(own))
 
 
-def _lowest(left: np.ndarray) -> np.ndarray:
+def _lowest(left: np.ndarray, count: int) -> np.ndarray:
     """Numbers of a few around a circle that no neighbour is lower than: the lowest, sorted by height."""
     lowest = np.flatnonzero((left <= np.roll(left, 1)) & (left <= np.roll(left, -1)))
-    return lowest[np.argsort(left[lowest], kind="stable")][:FINALISTS]
+    return lowest[np.argsort(left[lowest], kind="stable")][:count]

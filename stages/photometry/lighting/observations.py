@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.photometry.light_search.light_estimate import LightEstimate, LightSearchSettings
+from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.light_from_specular import light_in_gloss
 from stages.photometry.light_search.search import Search, disagreements, estimate_light
-from stages.photometry.lighting.shared_or_own_lights import LightSharing
+from stages.photometry.lighting.settings import LightingSettings
+from stages.photometry.lighting.shared_or_own_lights import weight_of_own_lights
+from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.specular.chromaticity_clusters import chromaticity_clusters
 from stages.photometry.specular.highlights import (
     DARKENED,
@@ -36,27 +38,6 @@ STRENGTHS = (0.01, 1.0)  # of a mirror: less is not seen, more is views too near
 
 
 @dataclass(frozen=True, eq=False)
-class Viewing:
-    """How the camera looks at pixels.
-
-    Attributes
-    ----------
-    trusted : ndarray, shape (N,), bool
-        Pixels whose data count, for the light as well, as far as one knows without it.
-    towards : ndarray, shape (N, 3), float32
-        Unit vectors from the surface to the camera, world axes.
-    """
-
-    trusted: np.ndarray
-    towards: np.ndarray
-
-    def without(self, pixels: np.ndarray) -> Viewing:
-        """The same, but that some pixels, (N,) bool, are trusted no more, unless none would be left."""
-        trusted = self.trusted & ~pixels
-        return replace(self, trusted=trusted) if trusted.any() else self
-
-
-@dataclass(frozen=True, eq=False)
 class Observations:
     """The photos as light is sought from them: gains of the views divided out.
 
@@ -74,6 +55,8 @@ class Observations:
         Of the views.
     apart : float
         How far every view has a light of its own: 0, not at all, to 1.
+    settings : LightingSettings
+        `brightest` is what is taken for it so far; None: the albedo has its own scale.
     """
 
     views: StackedViews
@@ -83,10 +66,11 @@ class Observations:
     light_of_view: np.ndarray
     brightening: float
     apart: float
+    settings: LightingSettings
 
     @classmethod
     def of(
-        cls, linked: Linked, looks: Viewing, seen: np.ndarray, spread: float, lighting: LightSharing
+        cls, linked: Linked, looks: Viewing, seen: np.ndarray, spread: float, settings: LightingSettings
     ) -> Observations:
         """Tell how far views with such a spread have lights of their own; nothing is taken off yet.
 
@@ -95,8 +79,8 @@ class Observations:
         views = linked.views
         one_light = np.zeros(views.view_count, np.int64)
         rise = brightening(linked, seen)
-        apart = lighting.apart(spread, rise) if views.view_count > 1 else 0.0
-        return cls(views, looks, seen, seen, one_light, rise, apart)
+        apart = weight_of_own_lights(spread, rise, settings) if views.view_count > 1 else 0.0
+        return cls(views, looks, seen, seen, one_light, rise, apart, settings)
 
     def as_lit(self, linked: Linked) -> Observations:
         """Take the photos for lit by one light, unless that has no weight at all."""
@@ -123,29 +107,28 @@ class Observations:
         """Matt surface then looks the same in all views."""
         return not self.light_of_view.any()
 
-    def search(self, scene: LitScene, settings: LightSearchSettings) -> Search:
+    def reflecting(self, brightest: float) -> Observations:
+        """Take the brightest material to reflect so much."""
+        return replace(self, settings=self.settings.reflecting(brightest))
+
+    def search(self, scene: LitScene) -> Search:
         """The pixels that light is found from."""
-        return Search.of(scene, self.views, self.diffuse, self.looks.trusted, self.light_of_view, settings)
+        return Search.of(scene, *self._compared, self.settings)
 
     def light(
-        self,
-        scene: LitScene,
-        settings: LightSearchSettings,
-        step: Callable[[], None],
-        near: LightEstimate | None = None,
+        self, scene: LitScene, step: Callable[[], None], near: LightEstimate | None = None
     ) -> LightEstimate:
         """What they were taken in; one that is `near` it is gone on from."""
-        trusted = self.looks.trusted
-        return estimate_light(
-            scene, self.views, self.diffuse, trusted, self.light_of_view, settings, step, near
-        )
+        return estimate_light(scene, *self._compared, self.settings, step, near)
 
-    def disagreements(
-        self, scenes: Sequence[LitScene], lights: Sequence[LightEstimate], settings: LightSearchSettings
-    ) -> list[float]:
+    def disagreements(self, scenes: Sequence[LitScene], lights: Sequence[LightEstimate]) -> list[float]:
         """How much each of several lights leaves unexplained."""
-        trusted = self.looks.trusted
-        return disagreements(scenes, lights, self.views, self.diffuse, trusted, self.light_of_view, settings)
+        return disagreements(scenes, lights, *self._compared, self.settings)
+
+    @property
+    def _compared(self) -> tuple[StackedViews, np.ndarray, np.ndarray, np.ndarray]:
+        """What the search for light compares: views, image, trusted pixels, lights of the views."""
+        return self.views, self.diffuse, self.looks.trusted, self.light_of_view
 
     def shading(self, scene: LitScene, found: LightEstimate) -> np.ndarray:
         """Of all pixels by a light, (N, 3), float32."""
@@ -197,7 +180,6 @@ class Observations:
         scene: LitScene,
         found: LightEstimate,
         differences: Differences,
-        settings: LightSearchSettings,
         step: Callable[[], None],
     ) -> tuple[SpecularReflection, LightEstimate] | None:
         """The sheen, and the light in which it and the paint are seen at once; None where nothing is glossy.
@@ -214,8 +196,9 @@ class Observations:
         mirror = own.in_mirror(sheen.roughness)
         for _ in range(TURNS):
             diffuse, _ = without_specular(self.seen, sheen.image(self.mirror(scene, found)))
-            search = replace(self, diffuse=diffuse).search(scene, settings)
-            light = light_in_gloss(search.objective(found), mirror, sheen.strength, found.radiance)
+            search = replace(self, diffuse=diffuse).search(scene)
+            objective, start = search.objective(found), found.radiance
+            light = light_in_gloss(objective, mirror, sheen.strength, start, self.settings)
             left, _ = mirror.left(sheen.strength * light[0])
             settled = search.settled(light, found)
             dimmed = light.sum() / max(settled.radiance.sum(), 1e-12)

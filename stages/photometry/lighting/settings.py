@@ -4,14 +4,136 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import ValidationInfo, field_validator
+from pydantic import ValidationInfo, field_validator, model_validator
 
-from pipeline import Settings, UserError, setting
+from pipeline import Settings, UserError, group, setting
+from stages.photometry.light_search.settings import LightSearchSettings
 
-STILL = 2 / 3  # of `moving_light`
+STILL = 2 / 3  # of `moving_light`: `still_light` by default
 
 
-class LightingSettings(Settings):
+class ViewGainSettings(Settings):
+    """Settings of `view_gains`: gains by corresponding pixels, and how views differ beyond them."""
+
+    dark: float = setting(
+        0.02,
+        "Pixels up to this are too noisy to compare: of a view's bright pixels where these are dim, of the "
+        "scaled image elsewhere.",
+        unit="of the scaled image",
+        gt=0,
+        lt=1,
+    )
+    darkest: float = setting(
+        0.002,
+        "The same, at least, in views however dim: a few steps of eight bits.",
+        unit="of the scaled image",
+        gt=0,
+        lt=1,
+    )
+    bright_percentile: float = setting(
+        99.0, "Percentile of a view and channel that is its bright pixels.", unit="%", gt=0, le=100
+    )
+    fewest_links: int = setting(
+        50, "Links of a pair of views, at least, for a median over them.", unit="links", ge=1
+    )
+    fewest_links_in_patch: int = setting(
+        5, "Links of a patch, at least, for a mean over them, if any patch has as many.", unit="links", ge=1
+    )
+    largest_difference: float = setting(
+        1.0,
+        "Differences of linked pixels beyond this count as this in the mean of their patch.",
+        unit="logarithm",
+        gt=0,
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> ViewGainSettings:
+        if self.darkest > self.dark:
+            raise ValueError("darkest at most dark")
+        return self
+
+
+class LightSharingSettings(Settings):
+    """Settings of `lights: auto`: gloss, which only brightens, told from lights of the views' own."""
+
+    matte_brightening: float = setting(
+        1.04,
+        "How far views rise above one another, against how far they fall below (RMS), up to which moving "
+        "light may be what makes them differ.",
+        gt=0,
+    )
+    glossy_brightening: float = setting(
+        1.06, "The same from which on gloss is, and one light serves all views; by degrees between.", gt=0
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LightSharingSettings:
+        if self.matte_brightening >= self.glossy_brightening:
+            raise ValueError("matte_brightening less than glossy_brightening")
+        return self
+
+
+class TrustedPixelSettings(Settings):
+    """Settings of which pixels' data count, for the light and for the albedo."""
+
+    saturation: float = setting(
+        0.98,
+        "Pixels with a channel from here on are clipped: the photo shows less than there was. Photos with "
+        "values beyond 1 (linear EXR) have no white, and are never clipped.",
+        unit="of white, linear",
+        gt=0,
+        le=1,
+    )
+    grazing_cosine: float = setting(
+        0.1,
+        "Cosine of the angle between normal and viewing direction that pixels exceed: at more than 84° "
+        "surface shows mostly its neighbourhood.",
+        ge=0,
+        lt=1,
+    )
+    unlit: float = setting(
+        0.02,
+        "Pixels whose shading is no more have no data for the albedo: a quotient by less says nothing.",
+        unit="of the median shading",
+        ge=0,
+        lt=1,
+    )
+
+
+class LightDistanceSettings(Settings):
+    """Settings of the choice among distances of the light (`transfer.light_distances`)."""
+
+    nearer_gain: float = setting(
+        0.01,
+        "Share by which light from nearby must leave less disagreement than light from infinitely far away "
+        "to be believed in.",
+        ge=0,
+        lt=1,
+    )
+
+
+class KnownLightSettings(Settings):
+    """Settings of `turn_of`: the search for the turn of a known light about the vertical."""
+
+    turn_step_deg: int = setting(
+        5, "Between turns that are compared first, without bounces.", unit="°", ge=1, le=90
+    )
+    finalists: int = setting(
+        3, "Turns of these, with no better neighbour, that are compared with the bounces that each has.", ge=1
+    )
+    fine_turn_step_deg: int = setting(
+        1, "Between turns around the best of these that are compared last.", unit="°", ge=1, le=90
+    )
+    picture_rows: int = setting(
+        128,
+        "Rows that the picture is reduced to while turns are compared: 1.4° each, where directions are some "
+        "13° apart.",
+        unit="px",
+        ge=8,
+    )
+
+
+class LightingSettings(LightSearchSettings):
     """Settings of the `lighting` stage: light of at least 0 from all around, found before the albedo."""
 
     lights: Literal["auto", "shared", "per-view"] = setting(
@@ -42,35 +164,6 @@ class LightingSettings(Settings):
         "mirror, is taken off where it explains how views differ: on all of it, or else on the paints where "
         "it does. How views differ there then has a say in the light, too.",
     )
-    samples: int = setting(
-        20_000,
-        "Pixels that the light is found from; a quarter as many more for every further light. More changes "
-        "little.",
-        unit="pixels",
-        ge=1000,
-        le=300_000,
-    )
-    neutrality: float = setting(
-        0.005,
-        "The price of channels that disagree about where the light comes from. More keeps the colour of "
-        "paint out of the light where all that faces one way is of one colour (moss on the ground); less is "
-        "for coloured lamps.",
-        ge=0,
-    )
-    evenness: float = setting(
-        1e-3,
-        "The price of light that differs from direction to direction; settles what the surface does not "
-        "see. A sun costs what it is bright, not the square.",
-        ge=0,
-    )
-    bounces: int = setting(4, "How often light is passed on between surfaces; 0: not at all.", ge=0, le=100)
-    brightest: float | None = setting(
-        None,
-        "What the brightest material reflects: it says how much light bounces. none: found, as that under "
-        "which like surface in hollows and outside comes out most alike.",
-        ge=0.01,
-        le=0.95,
-    )
     known_turn_deg: float | None = setting(
         None,
         "`--known-light`: by how much its picture is turned about the vertical, counter-clockwise seen from "
@@ -83,6 +176,23 @@ class LightingSettings(Settings):
         "1 on average, as under light that is found; `brightest` says how much bounces. fixed: its values "
         "are in the photos' unit (what is white, in light of 1 all around, has the value 1), so that the "
         "albedo is absolute.",
+    )
+
+    gains: ViewGainSettings = group(
+        ViewGainSettings, "Gains of the views, by corresponding pixels, and how views differ beyond them."
+    )
+    sharing: LightSharingSettings = group(
+        LightSharingSettings,
+        "`lights: auto`: gloss, which only brightens, told from lights that each view has of its own.",
+    )
+    trusted_pixels: TrustedPixelSettings = group(
+        TrustedPixelSettings, "Pixels whose data count, for the light and for the albedo."
+    )
+    distance: LightDistanceSettings = group(
+        LightDistanceSettings, "The choice among distances of the light (`transfer.light_distances`)."
+    )
+    known_light: KnownLightSettings = group(
+        KnownLightSettings, "`--known-light`: the search for the turn of its picture about the vertical."
     )
 
     @field_validator("still_light")

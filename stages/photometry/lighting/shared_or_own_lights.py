@@ -3,44 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.photometry.light_search.light_estimate import LightEstimate, LightSearchSettings
+from stages.photometry.light_search.light_estimate import LightEstimate
+from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.transport.lit_scenes import LitScene
 
 if TYPE_CHECKING:
     from stages.photometry.lighting.observations import Observations
 
-MATT, GLOSSY = 1.04, 1.06  # `brightening` up to which views do not differ by gloss, and from which they do
 
+def weight_of_own_lights(spread: float, rise: float, settings: LightingSettings) -> float:
+    """Weigh lights of the views' own against one for all: from 0, one light, to 1, each its own.
 
-@dataclass(frozen=True)
-class LightSharing:
-    """One light for all views, one for each, or what lies between.
-
-    Attributes
+    Parameters
     ----------
-    asked : str
-        auto: by what follows, and `MATT` and `GLOSSY`.
-    still, moving : float
-        Spread of the views (see `ViewGains`) up to which one light is taken to serve all, and from which on
-        each has its own, unless they differ as gloss makes them (see `brightening`).
+    spread : float
+        By which views differ, see `ViewGains`: up to `still_light` one light is taken to serve all, from
+        `moving_light` on each has its own, unless they differ as gloss makes them.
+    rise : float
+        See `brightening`: gloss lifts views above one another further than moving light does.
+    settings : LightingSettings
     """
-
-    asked: Literal["auto", "shared", "per-view"]
-    still: float
-    moving: float
-
-    def apart(self, spread: float, rise: float) -> float:
-        """Weigh lights of the views' own against one for all: from 0, one light, to 1, each its own."""
-        if self.asked != "auto":
-            return float(self.asked == "per-view")
-        moved = (spread - self.still) / (self.moving - self.still)
-        not_gloss = (GLOSSY - rise) / (GLOSSY - MATT)
-        return float(np.clip(moved, 0, 1) * np.clip(not_gloss, 0, 1))
+    if settings.lights != "auto":
+        return float(settings.lights == "per-view")
+    how, still = settings.sharing, settings.still_up_to
+    moved = (spread - still) / (settings.moving_light - still)
+    not_gloss = (how.glossy_brightening - rise) / (how.glossy_brightening - how.matte_brightening)
+    return float(np.clip(moved, 0, 1) * np.clip(not_gloss, 0, 1))
 
 
 def mixed_with_own_lights(
@@ -48,7 +41,6 @@ def mixed_with_own_lights(
     apart: Observations,
     scene: LitScene,
     light: LightEstimate,
-    settings: LightSearchSettings,
     step: Callable[[], None],
 ) -> tuple[Observations, LightEstimate]:
     """Mix one light for all views with lights of their own, by `Observations.apart`.
@@ -56,12 +48,11 @@ def mixed_with_own_lights(
     Parameters
     ----------
     shared, apart : Observations
-        As seen in one light, which may have gloss taken off, and in a light for each view.
+        As seen in one light, which may have gloss taken off, and in a light for each view. By the settings
+        of the latter its lights are found.
     scene : LitScene
     light : LightEstimate
         The one light.
-    settings : LightSearchSettings
-        By which the others are found.
     step : callable
         Called after every scale of the search.
 
@@ -72,7 +63,7 @@ def mixed_with_own_lights(
         by the mixture is the mixture of both shadings, each of mean 1; of gloss, as much is taken off.
     """
     weight = np.float32(shared.apart)
-    own = _of_mean_one(apart, scene, apart.light(scene, settings, step))
+    own = _of_mean_one(apart, scene, apart.light(scene, step))
     one = _of_mean_one(shared, scene, light)
     found = LightEstimate(
         (1 - weight) * one.radiance + weight * own.radiance, (1 - weight) * one.bounced + weight * own.bounced

@@ -6,14 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stages.photometry.lighting.settings import ViewGainSettings
 from stages.photometry.neighbourhoods import PATCHES
 from stages.photometry.stack import StackedViews
 
-DARK = 0.02  # of the scaled image, or of a view's bright pixels where these are dim: darker is noise
-DARKEST = 0.002  # of the scaled image: a few steps of eight bits
-BRIGHT = 99  # percentile of a view and channel
-FEWEST = 50  # links of a pair of views that a median is trusted of
-FEWEST_IN_PATCH = 5  # links
 TO_DEVIATION = 1.4826  # median absolute to standard deviation, were the errors Gaussian
 
 
@@ -35,7 +31,9 @@ class ViewGains:
     spread: float
 
 
-def view_gains(views: StackedViews, image: np.ndarray, trusted: np.ndarray) -> ViewGains:
+def view_gains(
+    views: StackedViews, image: np.ndarray, trusted: np.ndarray, how: ViewGainSettings
+) -> ViewGains:
     """Compare linked pixels of scaled images, (N, 3), as far as both are trusted, (N,), bool.
 
     Notes
@@ -45,31 +43,34 @@ def view_gains(views: StackedViews, image: np.ndarray, trusted: np.ndarray) -> V
     Under one static light, matt surface shows the same to all views, so that nothing but the gains is left.
     Fine paint, half a pixel off, is no sign of moving light: differences count by their mean over patches.
     """
-    floor = np.repeat(_floors(views, image), np.diff(views.starts), axis=0)
+    floor = np.repeat(_floors(views, image, how), np.diff(views.starts), axis=0)
     logs, bright = np.log(np.maximum(image, floor)), trusted[:, None] & (image > floor)
-    gains = np.stack([_log_gains(views, logs[:, c], bright[:, c]) for c in range(3)], axis=1)
+    channels = ((logs[:, c], bright[:, c]) for c in range(3))
+    gains = np.stack([_log_gains(views, *each, how.fewest_links) for each in channels], axis=1)
     logs -= np.repeat(gains, np.diff(views.starts), axis=0)
-    left = _left(views, logs, bright)
+    left = _left(views, logs, bright, how)
     spread = TO_DEVIATION * float(np.median(np.abs(left))) if left.size else 0.0
     return ViewGains(np.exp(gains), spread)
 
 
-def _floors(views: StackedViews, image: np.ndarray) -> np.ndarray:
+def _floors(views: StackedViews, image: np.ndarray, how: ViewGainSettings) -> np.ndarray:
     """What is dark in every view and channel, (n, 3)."""
     bright = [
-        np.percentile(image[views.view(k)], BRIGHT, axis=0) if np.diff(views.starts)[k] else np.zeros(3)
+        np.percentile(image[views.view(k)], how.bright_percentile, axis=0)
+        if np.diff(views.starts)[k]
+        else np.zeros(3)
         for k in range(views.view_count)
     ]
-    return np.clip(DARK * np.array(bright), DARKEST, DARK)
+    return np.clip(how.dark * np.array(bright), how.darkest, how.dark)
 
 
-def _log_gains(views: StackedViews, logs: np.ndarray, bright: np.ndarray) -> np.ndarray:
+def _log_gains(views: StackedViews, logs: np.ndarray, bright: np.ndarray, fewest_links: int) -> np.ndarray:
     """Of every view in one channel, (n,): 0 where it is dark."""
     rows, medians = [], []
     for (i, j), (one, other) in zip(sorted(views.links), views.linked_pixels(), strict=True):
         both = bright[one] & bright[other]
         links = np.count_nonzero(both)
-        if links < FEWEST:
+        if links < fewest_links:
             continue
         row = np.zeros(views.view_count)
         row[i], row[j] = 1, -1
@@ -78,16 +79,16 @@ def _log_gains(views: StackedViews, logs: np.ndarray, bright: np.ndarray) -> np.
     return np.linalg.lstsq(rows, medians, rcond=None)[0] if rows else np.zeros(views.view_count)
 
 
-def _left(views: StackedViews, logs: np.ndarray, bright: np.ndarray) -> np.ndarray:
+def _left(views: StackedViews, logs: np.ndarray, bright: np.ndarray, how: ViewGainSettings) -> np.ndarray:
     """Differences of linked pixels, gains divided out, where both are bright: means of patches, (·,)."""
     patch, left = _patches(views), [np.zeros(0)]
     for one, other in views.linked_pixels():
         both = bright[one] & bright[other]
         some = both.any(axis=1)
-        if np.count_nonzero(some) < FEWEST:
+        if np.count_nonzero(some) < how.fewest_links:
             continue
         off = ((logs[one] - logs[other]) * both)[some].sum(axis=1) / both[some].sum(axis=1)
-        left.append(_of_patches(patch[one[some]], off))
+        left.append(_of_patches(patch[one[some]], off, how))
     return np.concatenate(left)
 
 
@@ -98,8 +99,9 @@ def _patches(views: StackedViews) -> np.ndarray:
     return rows * (int(columns.max(initial=0)) + 1) + columns
 
 
-def _of_patches(patch: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Means of the values in every patch that holds some, (·,)."""
+def _of_patches(patch: np.ndarray, values: np.ndarray, how: ViewGainSettings) -> np.ndarray:
+    """Means of the values in every patch that holds enough, else in every patch that holds some, (·,)."""
     _, own, count = np.unique(patch, return_inverse=True, return_counts=True)
-    means = np.bincount(own.reshape(-1), np.clip(values, -1, 1)) / count
-    return means[count >= FEWEST_IN_PATCH] if (count >= FEWEST_IN_PATCH).any() else means
+    values = np.clip(values, -how.largest_difference, how.largest_difference)
+    means, enough = np.bincount(own.reshape(-1), values) / count, count >= how.fewest_links_in_patch
+    return means[enough] if enough.any() else means

@@ -1,0 +1,171 @@
+"""Estimation of light that is not known, of its distance, of gains of the views, and of their sheen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stages.photometry.light_search.direction_refinement import divided
+from stages.photometry.light_search.light_estimate import LightEstimate
+from stages.photometry.lighting.illumination import (
+    Explanation,
+    Illumination,
+    LightAndShading,
+    PhotosWithGains,
+    brightest_of,
+    reflectance_under,
+)
+from stages.photometry.lighting.observations import Observations
+from stages.photometry.lighting.settings import LightDistanceSettings, LightingSettings
+from stages.photometry.lighting.shared_or_own_lights import mixed_with_own_lights
+from stages.photometry.lighting.trusted_pixels import Viewing
+from stages.photometry.specular.view_differences import Differences
+from stages.photometry.stack import StackedViews
+from stages.photometry.transport.lit_scenes import LitScene
+from stages.solvers.kernels.threading_layer import use_threads
+
+Step = Callable[[], None]
+
+
+def find_illumination(
+    views: StackedViews,
+    images: list[np.ndarray],
+    scenes: Sequence[LitScene],
+    looks: Viewing,
+    settings: LightingSettings,
+    threads: int,
+    step: Step,
+) -> Illumination:
+    """Find the light, its distance, the gains of the views, their gloss, and what their pixels are worth.
+
+    Parameters
+    ----------
+    views : StackedViews
+        Their basis is not looked at.
+    images : list of 3 ndarray, shape (N,)
+        Scaled.
+    scenes : sequence of LitScene
+        The same under light from other distances: that whose light leaves the least disagreement is taken.
+    looks : Viewing
+        If none is trusted, all are.
+    settings : LightingSettings
+    threads : int
+        Never changes the result.
+    step : callable
+        Called after every step of the search.
+    """
+    use_threads(threads)
+    photos = PhotosWithGains.of(views, images, looks, settings)
+    far = _from_infinitely_far(photos.lit, scenes[0], step)
+    now = _at_best_distance(far, scenes, step).without_specular()
+    if now.reflectance is not None and now.light is not far.light:
+        now = _with_reflectance(now, step)
+    now = _in_finer_directions(now, now.light is not far.light, step)
+    now = _mixed_with_own_lights(now, photos.as_seen, step)
+    light = LightAndShading.of_mean_one(now.light.radiance, now.shading() * photos.of_pixel)
+    return Illumination.of(now, photos, light, brightest_of(settings, now.reflectance))
+
+
+def explained_best(left: Sequence[float], how: LightDistanceSettings) -> int:
+    """Index of the least; the first, light from far away, unless another is clearly better."""
+    best = int(np.argmin(left))
+    return best if left[best] < (1 - how.nearer_gain) * left[0] else 0
+
+
+def _from_infinitely_far(photos: Observations, scene: LitScene, step: Step) -> Explanation:
+    """Find the light as if it came from infinitely far away, and what the brightest material reflects."""
+    asked = photos.settings
+    photos = replace(photos, settings=asked.to_begin_with())
+    now = Explanation(photos, scene, photos.light(scene, step))
+    if not asked.reflectance_is_found:
+        return now
+    now = _with_reflectance(now, step)
+    return replace(now, light=now.photos.light(scene, _unnoticed, near=now.light))
+
+
+def _with_reflectance(now: Explanation, step: Step) -> Explanation:
+    """Find what the brightest material reflects, and the light by fewer pixels under about as much."""
+    roughly = now.photos.settings.to_compare_reflectances()
+    search = replace(now.photos, settings=roughly).search(now.scene)
+
+    def light(brightest: float, near: LightEstimate) -> LightEstimate:
+        return replace(search, settings=roughly.reflecting(brightest)).light(_unnoticed, near)
+
+    found = reflectance_under(now, light, step)
+    return replace(now, photos=now.photos.reflecting(found.value), light=found.light, reflectance=found)
+
+
+def _at_best_distance(far: Explanation, scenes: Sequence[LitScene], step: Step) -> Explanation:
+    """Choose the distance of the light, and find the sheen, and the light by it, there.
+
+    The photos still have the sheen.
+    """
+    now, differences = _best_explanation(far, scenes, step)
+    if differences is None:
+        return now
+    found = now.photos.sheen(now.scene, now.light, differences, step)
+    sheen, light = found or (None, now.light)
+    return replace(now, light=light, sheen=sheen, sheen_sought=True)
+
+
+def _best_explanation(
+    far: Explanation, scenes: Sequence[LitScene], step: Step
+) -> tuple[Explanation, Differences | None]:
+    """Choose the scene whose light explains the photos best; how views differ under that light.
+
+    No differences where no sheen is sought.
+
+    What pairs of like paint disagree by is told by the shading; how views differ, by highlights, which are a
+    sharper witness of where light comes from, where there are some, and enough in every scene to tell. The
+    two are multiplied.
+    """
+    photos, how = far.photos, far.photos.settings
+    lights = [far.light, *(_light_as_long_sought(far, scene, step) for scene in scenes[1:])]
+    left = photos.disagreements(scenes, lights)
+    differences: list[Differences] = []
+    if how.sheen and photos.share_a_light:
+        differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
+        left = _less_where_mirrored(left, differences)
+    best = explained_best(left, how.distance)
+    now = replace(far, scene=scenes[best], light=lights[best], number=best, disagreements=left)
+    return now, differences[best] if differences else None
+
+
+def _light_as_long_sought(far: Explanation, scene: LitScene, step: Step) -> LightEstimate:
+    """Find the light of a scene; gone on from as that from far away was, to find what surface reflects."""
+    search = far.photos.search(scene)
+    light = search.light(step)
+    return light if far.reflectance is None else search.light(_unnoticed, near=light)
+
+
+def _less_where_mirrored(left: list[float], differences: list[Differences]) -> list[float]:
+    """Multiply disagreements by what light in a mirror leaves of the differences, where that tells."""
+    mirrored = [light for each in differences if (light := each.mirrored) is not None]
+    if len(mirrored) < len(left) or not any(light.explains_most for light in mirrored):
+        return left
+    return [one * min(light.left, 1.0) for one, light in zip(left, mirrored, strict=True)]
+
+
+def _in_finer_directions(now: Explanation, changed: bool, step: Step) -> Explanation:
+    """Divide the bright cells of the light, and find it once more, unless nothing has changed."""
+    finer, near = divided(now.scene, now.light, now.photos.settings.refinement)
+    if not changed and finer is now.scene:
+        return now
+    return replace(now, scene=finer, light=now.photos.light(finer, step, near=near))
+
+
+def _mixed_with_own_lights(now: Explanation, as_seen: Observations, step: Step) -> Explanation:
+    """Mix the light with lights of the views' own, as far as they have such."""
+    apart = now.photos.apart
+    if not 0 < apart < 1:
+        return now
+    own = replace(as_seen, settings=now.photos.settings).each_in_its_own_light()
+    photos, light = mixed_with_own_lights(now.photos, own, now.scene, now.light, step)
+    sheen = now.sheen and replace(now.sheen, strength=(1 - apart) * now.sheen.strength)
+    return replace(now, photos=photos, light=light, sheen=sheen)
+
+
+def _unnoticed() -> None:
+    """Step that is not shown."""

@@ -1,0 +1,100 @@
+"""Estimation of all but the light, which is known: its turn, gains of the views, and their sheen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from stages.photometry.light_search.direction_refinement import divided
+from stages.photometry.light_search.light_estimate import LightEstimate
+from stages.photometry.lighting.illumination import (
+    Explanation,
+    Illumination,
+    LightAndShading,
+    PhotosWithGains,
+    brightest_of,
+    reflectance_under,
+)
+from stages.photometry.lighting.known_light import KnownLight, light_at, turn_of
+from stages.photometry.lighting.observations import Observations
+from stages.photometry.lighting.settings import LightingSettings
+from stages.photometry.lighting.trusted_pixels import Viewing
+from stages.photometry.stack import StackedViews
+from stages.photometry.transport.lit_scenes import LitScene
+from stages.solvers.kernels.threading_layer import use_threads
+
+
+def illumination_by(
+    known: KnownLight,
+    views: StackedViews,
+    images: list[np.ndarray],
+    scene: LitScene,
+    looks: Viewing,
+    settings: LightingSettings,
+    threads: int,
+    step: Callable[[], None],
+) -> Illumination:
+    """Find all but the light, which is known: its turn, gains of the views, their gloss, the pixels' worth.
+
+    Parameters as of `find_illumination`; the light comes from infinitely far away, one for all views.
+    """
+    use_threads(threads)
+    photos = PhotosWithGains.of(views, images, looks, settings.model_copy(update={"lights": "shared"}))
+    lit = _with_scale_of(known, photos.lit)
+    search = lit.search(scene)
+    turn_deg = turn_of(search, known, settings.known_light, step)
+    turned = Explanation(lit, scene, light_at(search, known, turn_deg))
+    now = _with_sheen(turned).without_specular()
+    if known.scale is None and settings.reflectance_is_found:
+        now = _with_reflectance(now, known, turn_deg, step)
+    now = _in_finer_directions(now, known, turn_deg, now.photos is not lit)
+    step()
+    now = replace(now, disagreements=now.photos.disagreements([now.scene], [now.light]))
+    brightest = brightest_of(settings, now.reflectance) if known.scale is None else 0.0
+    return Illumination.of(now, photos, _in_unit_of(known, now, photos.of_pixel), brightest, turn_deg)
+
+
+def _with_scale_of(known: KnownLight, photos: Observations) -> Observations:
+    """Take the albedo for one at a scale of its own, where the unit of the light is known."""
+    if known.scale is None:
+        return replace(photos, settings=photos.settings.to_begin_with())
+    return replace(photos, settings=photos.settings.model_copy(update={"brightest": None}))
+
+
+def _with_sheen(now: Explanation) -> Explanation:
+    """Find the sheen under the light, if it is asked for; the photos still have it."""
+    if not now.photos.settings.sheen:
+        return now
+    return replace(now, sheen=now.photos.sheen_in(now.scene, now.light), sheen_sought=True)
+
+
+def _with_reflectance(
+    now: Explanation, known: KnownLight, turn_deg: float, step: Callable[[], None]
+) -> Explanation:
+    """Find what the brightest material reflects; the light stays as it is until its directions are finer."""
+    search, how = now.photos.search(now.scene), now.photos.settings
+
+    def light(brightest: float, _: LightEstimate) -> LightEstimate:
+        return light_at(replace(search, settings=how.reflecting(brightest)), known, turn_deg)
+
+    found = reflectance_under(now, light, step)
+    return replace(now, photos=now.photos.reflecting(found.value), reflectance=found)
+
+
+def _in_finer_directions(now: Explanation, known: KnownLight, turn_deg: float, changed: bool) -> Explanation:
+    """Divide the bright cells of the light, and take its picture in these, unless nothing has changed."""
+    finer, _ = divided(now.scene, now.light, now.photos.settings.refinement)
+    if not changed and finer is now.scene:
+        return now
+    return replace(now, scene=finer, light=light_at(now.photos.search(finer), known, turn_deg))
+
+
+def _in_unit_of(known: KnownLight, now: Explanation, of_pixel: np.ndarray) -> LightAndShading:
+    """The light in its own unit, where that is known; else with shading of mean 1."""
+    radiance, shading = now.light.radiance, now.shading() * of_pixel
+    if known.scale is None:
+        return LightAndShading.of_mean_one(radiance, shading)
+    unit = np.float32(known.scale)
+    return LightAndShading(radiance / unit, shading / unit)

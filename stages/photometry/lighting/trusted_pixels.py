@@ -1,0 +1,54 @@
+"""Which pixels' data count: not clipped, not seen at a grazing angle, and lit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stages.photometry.lighting.settings import TrustedPixelSettings
+
+WHITE = 1.0001  # linear, but for rounding: an image with values beyond has no white
+
+
+@dataclass(frozen=True, eq=False)
+class Viewing:
+    """How the camera looks at pixels.
+
+    Attributes
+    ----------
+    trusted : ndarray, shape (N,), bool
+        Pixels whose data count, for the light as well, as far as one knows without it.
+    towards : ndarray, shape (N, 3), float32
+        Unit vectors from the surface to the camera, world axes.
+    """
+
+    trusted: np.ndarray
+    towards: np.ndarray
+
+    @classmethod
+    def of(
+        cls, unclipped: np.ndarray, normals: np.ndarray, towards: np.ndarray, how: TrustedPixelSettings
+    ) -> Viewing:
+        """Trust pixels that are `unclipped`, (N,), bool, unless they are seen at a grazing angle."""
+        return cls(unclipped & (np.einsum("nk,nk->n", normals, towards) > how.grazing_cosine), towards)
+
+    def without(self, pixels: np.ndarray) -> Viewing:
+        """The same, but that some pixels, (N,) bool, are trusted no more, unless none would be left."""
+        trusted = self.trusted & ~pixels
+        return replace(self, trusted=trusted) if trusted.any() else self
+
+
+def unclipped(linear: np.ndarray, how: TrustedPixelSettings) -> np.ndarray:
+    """Find the pixels of a view, (n, 3), that no channel of its photo has clipped: (n,), bool.
+
+    A linear image with values beyond 1 has no white, and nothing in it is clipped.
+    """
+    if linear.max(initial=0.0) > WHITE:
+        return np.ones(len(linear), bool)
+    return np.all(linear < how.saturation, axis=1)
+
+
+def unlit(shading: np.ndarray, how: TrustedPixelSettings) -> np.ndarray:
+    """Find the pixels with so little shading, (N, 3), that it tells nothing of the albedo: (N,), bool."""
+    return shading.mean(axis=1) <= how.unlit * np.median(shading)
