@@ -78,7 +78,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
 }
 GROUND = {  # files beside the rooms that they may import; the others lead them
     "photometry": {"stack", "albedo_data", "chromaticity", "neighbourhoods", "statistics_by_class"},
-    "stereo": {"view_selection"},
+    "stereo": {"mvs_settings", "view_selection"},
 }
 CROWDED = 12  # files that a room holds at most; steps and tests are lists, not rooms
 DISTRIBUTIONS = {  # of what is imported by another name than it is installed by
