@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import ValidationInfo, field_validator
 
 from pipeline import Settings, UserError, setting
+from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
 
 STILL = 2 / 3  # of `moving_light`
 
@@ -84,6 +85,8 @@ class LightingSettings(Settings):
         "are in the photos' unit (what is white, in light of 1 all around, has the value 1), so that the "
         "albedo is absolute.",
     )
+
+    upright_within_deg: float = UPRIGHT_WITHIN_DEG
 
     @field_validator("still_light")
     @classmethod
