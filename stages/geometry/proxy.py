@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import fast_simplification
 import numpy as np
-import open3d as o3d
 
 from stages.formats.meshes.triangle_meshes import Surface, joined
-from stages.geometry.occluders import scene_of
+from stages.geometry.occluders import nearest_faces, scene_of
 from stages.geometry.settings import ProxySettings
 from stages.geometry.short_edges import ShortEdged, with_short_edges
 from stages.geometry.surface import decimated, mean_edge
@@ -109,20 +108,9 @@ def blend_of(
         return own, np.tile(np.array([1, 0, 0], np.float32), (count, 1))
     scene, origin = scene_of(proxy, threads)
     places = (surface.vertices - origin).astype(np.float32)
-    faces, weights, facing = _nearest(scene, places, normals)
+    faces, weights, facing = nearest_faces(scene, places, normals)
     if not facing.all():
         offset = settings.sheet_offset * mean_edge(proxy)
         above = places[~facing] + offset * normals[~facing].astype(np.float32)
-        faces[~facing], weights[~facing], _ = _nearest(scene, above, normals[~facing])
+        faces[~facing], weights[~facing], _ = nearest_faces(scene, above, normals[~facing])
     return proxy.faces[faces].astype(np.int32), weights
-
-
-def _nearest(
-    scene: o3d.t.geometry.RaycastingScene, places: np.ndarray, normals: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nearest face, weights of its corners, and whether it looks the way of the normal."""
-    nearest = scene.compute_closest_points(o3d.core.Tensor.from_numpy(places))
-    u, v = nearest["primitive_uvs"].numpy().T
-    weights = np.clip(np.stack([1 - u - v, u, v], axis=1), 0, 1)
-    facing = np.einsum("vk,vk->v", nearest["primitive_normals"].numpy(), normals) >= 0
-    return nearest["primitive_ids"].numpy().copy(), weights / weights.sum(axis=1, keepdims=True), facing
