@@ -14,13 +14,13 @@ from stages.formats.colmap.model import pinhole_model
 from stages.formats.images.exr import write_exr
 from stages.formats.images.photos import encode_srgb8
 from stages.formats.meshes.triangle_meshes import Surface
+from stages.geometry.occluders import distances_to
 from stages.scene.cameras import Camera, footprint
 from stages.synthetic.render import Quality, Scene
 from stages.synthetic.sample import (
     DISTANCE,
     SampleScene,
     compact_mesh,
-    distances_to,
     exposure,
     halved,
     rounded,

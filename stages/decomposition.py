@@ -206,7 +206,7 @@ def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solv
     from stages.scene.upright import upright_from_world
 
     directions, lights = solved.sampled_light()
-    upright = directions @ upright_from_world(cameras).T
+    upright = directions @ upright_from_world(cameras, job.settings.upright_within_deg).T
     names = [camera.name for camera in cameras]
     pictures = {name: picture_of_light(upright, one) for name, one in zip(names, lights, strict=True)}
     write_pictures_of_light(job.outputs["light_pictures"], pictures)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Settings, Stage, json_text, setting
+from pipeline import Artefact, Job, Settings, Stage, group, json_text, setting
 from stages.scene.distributions import PICTURES, PYCOLMAP
 
 if TYPE_CHECKING:
@@ -13,8 +13,27 @@ if TYPE_CHECKING:
 
     from stages.scene.cameras import Camera
 
-SAMPLE = 200_000  # values per view that enter the quantile behind the PNG's scale
-DARK_PICTURE = 0.003  # of white: below 10 of 255 in sRGB
+
+class PictureSettings(Settings):
+    """Settings of how maps become pictures, apart from what `white_quantile` says."""
+
+    white_samples: int = setting(
+        200_000, "Values per view, at most, that enter the quantile.", unit="values", ge=100
+    )
+    dark_median: float = setting(
+        0.003,
+        "Pictures whose median is darker are said to look black: it is below 10 of 255 in sRGB.",
+        unit="of white",
+        ge=0,
+        le=1,
+    )
+    sheet_white: float = setting(
+        3.0,
+        "Photos of the contact sheet, where they are linear and go beyond 1, have their white at this many "
+        "times their mean.",
+        unit="mean values",
+        gt=0,
+    )
 
 
 class DeliverSettings(Settings):
@@ -29,10 +48,13 @@ class DeliverSettings(Settings):
     )
     sheet_width_px: int = setting(320, "Width of a picture in the contact sheet.", unit="px", ge=32, le=2048)
     sheet_views: int = setting(16, "Views in the contact sheet, evenly chosen.", ge=1, le=200)
+    pictures: PictureSettings = group(PictureSettings, "How maps become pictures.")
 
 
-def common_white(folder: Path, masks: Path, names: list[str], quantile: float) -> tuple[float, float]:
-    """The linear value that becomes PNG white, and the median, over the masked pixels of all views' EXRs."""
+def common_white(
+    folder: Path, masks: Path, names: list[str], settings: DeliverSettings
+) -> tuple[float, float]:
+    """Find the linear value that becomes PNG white, and the median, over masked pixels of all views' EXRs."""
     import numpy as np
 
     from stages.formats.images.exr import read_exr
@@ -41,14 +63,14 @@ def common_white(folder: Path, masks: Path, names: list[str], quantile: float) -
     samples = []
     for name in names:
         values = read_exr(folder / f"{name}.exr")[read_mask(masks / f"{name}.png")].max(axis=1)
-        samples.append(values[:: max(1, len(values) // SAMPLE)])
-    white, middle = np.quantile(np.concatenate(samples), [quantile, 0.5])
+        samples.append(values[:: max(1, len(values) // settings.pictures.white_samples)])
+    white, middle = np.quantile(np.concatenate(samples), [settings.white_quantile, 0.5])
     return (float(white) if white > 0 else 1.0), float(middle)
 
 
 def tell_dark_pictures(job: Job[DeliverSettings], kind: str, white: float, middle: float) -> None:
     """Say so where half of what is shown is so far below white that one sees nothing of it."""
-    if middle < DARK_PICTURE * white:
+    if middle < job.settings.pictures.dark_median * white:
         job.warn(
             f"The PNGs of {kind} look black: white stands for {white:.3g}, and half of all pixels lie below "
             f"{middle:.3g}. Lower deliver.white_quantile ({job.settings.white_quantile:g}), or mask what is "
@@ -67,7 +89,7 @@ def run(job: Job[DeliverSettings]) -> None:
     names = [camera.name for camera in cameras]
     whites = {}
     for kind in ("albedo", "shading"):
-        found = common_white(job.inputs[kind], job.inputs["mask"], names, settings.white_quantile)
+        found = common_white(job.inputs[kind], job.inputs["mask"], names, settings)
         whites[kind] = found[0]
         tell_dark_pictures(job, kind, *found)
     in_sheet = set(evenly(names, settings.sheet_views))
@@ -135,7 +157,8 @@ def sheet_row(
     mask = read_mask(job.inputs["mask"] / f"{camera.name}.png")
     normals = read_exr(job.inputs["normal"] / f"{camera.name}.exr")
     painted = ((normals * 0.5 + 0.5) * 255 * mask[..., None]).round().astype("uint8")
-    bright = max(float(photo[mask].max(axis=1).mean()) * 3, 1e-6) if photo.max() > 1 else 1.0
+    times = job.settings.pictures.sheet_white
+    bright = max(float(photo[mask].max(axis=1).mean()) * times, 1e-6) if photo.max() > 1 else 1.0
     return [encode_srgb8(photo / bright), encode_srgb8(albedo), encode_srgb8(shading), painted]
 
 

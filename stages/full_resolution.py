@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Settings, Stage, setting
-from stages.formats.images.photo_settings import MOST_TIMES_BRIGHT
+from pipeline import Artefact, Job, Settings, Stage, group, setting
+from stages.formats.images.photo_settings import MOST_TIMES_BRIGHT, FireflySettings
 from stages.scene.distributions import PICTURES, PYCOLMAP
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ class FullResolutionSettings(Settings):
         gt=1,
     )
     most_times_bright: float = MOST_TIMES_BRIGHT
+    fireflies: FireflySettings = group(FireflySettings, "What `most_times_bright` is a multiple of.")
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ class View:
     white: float
     most_contrast: float
     most_times_bright: float
+    fireflies: FireflySettings
 
 
 def run(job: Job[FullResolutionSettings]) -> None:
@@ -71,6 +73,7 @@ def run(job: Job[FullResolutionSettings]) -> None:
             white=white,
             most_contrast=job.settings.most_contrast,
             most_times_bright=job.settings.most_times_bright,
+            fireflies=job.settings.fireflies,
         )
         for camera in read_cameras(job.inputs["cameras"])
     ]
@@ -92,8 +95,9 @@ def write_view(view: View) -> str:
 
     finer = max(1.0, focal_px_of(view.lens) / view.camera.focal_px)
     camera = view.camera.scaled(round(view.camera.width * finer), round(view.camera.height * finer))
+    size = view.lens["width"], view.lens["height"]
     linear, kept, _ = read_masked_photo(
-        view.photo, None, (view.lens["width"], view.lens["height"]), view.as_stored, view.most_times_bright
+        view.photo, None, size, view.as_stored, view.most_times_bright, view.fireflies
     )
     linear, kept, _ = through_pinhole(linear, kept, view.lens, camera)
     known = read_exr(view.albedo), read_mask(view.mask)

@@ -138,7 +138,8 @@ def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -
     from stages.scene.upright import upright_from_world
 
     scale = 1 / opened.scale if settings.known_scale == "fixed" else None
-    return KnownLight.of(picture, upright_from_world(opened.cameras), settings.known_turn_deg, scale)
+    upright = upright_from_world(opened.cameras, settings.upright_within_deg)
+    return KnownLight.of(picture, upright, settings.known_turn_deg, scale)
 
 
 def _eyes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityProbes:
@@ -233,7 +234,7 @@ def _write(
     )
     write_light(job.outputs["found_light"], stored_light)
     names = [camera.name for camera in opened.cameras] if len(lights) > 1 else ["shared"]
-    upright = directions @ upright_from_world(opened.cameras).T
+    upright = directions @ upright_from_world(opened.cameras, job.settings.upright_within_deg).T
     pictures = {
         name: picture_of_light(upright, one, found.cells) for name, one in zip(names, lights, strict=True)
     }

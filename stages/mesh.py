@@ -5,12 +5,13 @@ from __future__ import annotations
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.distributions import OPEN3D, PYCOLMAP
 
-FEWEST_POINTS = 100  # below this Poisson has nothing to hold on to
-
 
 class MeshSettings(Settings):
     """Settings of the `mesh` stage."""
 
+    fewest_points: int = setting(
+        100, "With fewer fused points there is no mesh: Poisson has nothing to hold on to.", ge=4
+    )
     depth: int | None = setting(
         None, "Octree depth of Poisson; none: from the scene's extent and the pixel footprint.", ge=5, le=14
     )
@@ -19,6 +20,9 @@ class MeshSettings(Settings):
         "Width of an octree cell where the depth is not given. Finer cells follow the depth maps' noise.",
         unit="pixel footprints",
         gt=0,
+    )
+    shallowest: int = setting(
+        5, "Bound of the automatic depth from below: 32 cells along the longest side.", ge=1, le=14
     )
     deepest: int = setting(
         12, "Bound of the automatic depth: each step costs four times the memory.", ge=5, le=14
@@ -56,14 +60,15 @@ def run(job: Job[MeshSettings]) -> None:
     x_in_world, normals = read_points(job.inputs["fused"])
     points = s.OrientedPoints(x_in_world, normals, s.smallest_footprints(x_in_world, cameras))
     points = points.chosen(points.footprints < float("inf"))
-    if len(points) < FEWEST_POINTS:
+    if len(points) < settings.fewest_points:
         raise UserError(
-            f"Only {len(points)} fused points were found; expected at least {FEWEST_POINTS}. "
+            f"Only {len(points)} fused points were found; expected at least {settings.fewest_points}. "
             "The photos overlap too little or show too little texture: add photos, "
             "or raise undistort.max_size_px."
         )
     points = s.robust_crop(points, settings.crop_outliers, settings.crop_margin)
-    depth = settings.depth or s.octree_depth(points, settings.cell_footprints, settings.deepest)
+    bounds = settings.shallowest, settings.deepest
+    depth = settings.depth or s.octree_depth(points, settings.cell_footprints, *bounds)
     with job.progress("mesh", 4) as step:
         surface = s.poisson(points, depth)
         step()

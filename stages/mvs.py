@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage, UserError
-from stages.scene.distributions import OPEN3D, PYCOLMAP
+from stages.scene.distributions import PYCOLMAP
 from stages.stereo.mvs_settings import MvsSettings
 
 if TYPE_CHECKING:
@@ -73,6 +73,6 @@ MVS = Stage(
         Artefact("fused", "fused points with normals and colours, world axes", file="fused.ply"),
     ),
     run=run,
-    tools=("numpy", "scipy", "numba", "opencv-python-headless", *PYCOLMAP, *OPEN3D),
+    tools=("numpy", "scipy", "numba", "opencv-python-headless", *PYCOLMAP),
     machine=engine_of,
 )

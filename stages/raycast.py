@@ -5,15 +5,33 @@ from __future__ import annotations
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from pipeline import Artefact, Job, Settings, Stage, UserError, group, setting
 from pipeline.settings import near
 from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
 
 if TYPE_CHECKING:
     import numpy as np
 
-APART = 0.05  # of the mesh's size: further than stereo or a scan ever is from the points
-ENOUGH = 50  # sightings of sparse points for a word about it
+
+class FitCheckSettings(Settings):
+    """Settings of the comparison of the mesh with the sparse points: of a warning, not of the maps."""
+
+    largest_gap: float = setting(
+        0.05,
+        "A sparse point farther before or behind the mesh is off it: farther than stereo or a scan ever is.",
+        unit="diagonals of the mesh's box",
+        gt=0,
+        le=1,
+    )
+    off_share: float = setting(
+        0.5,
+        "The mesh seems to be in another frame if more than this share of the points is off it.",
+        ge=0,
+        le=1,
+    )
+    fewest_sightings: int = setting(
+        50, "Sightings of sparse points below which nothing is said about it.", unit="sightings", ge=1
+    )
 
 
 class RaycastSettings(Settings):
@@ -30,6 +48,9 @@ class RaycastSettings(Settings):
         "2 or 3 saves most of its time.",
         ge=1,
         le=16,
+    )
+    fit_check: FitCheckSettings = group(
+        FitCheckSettings, "Whether the mesh lies where the sparse points are, else a warning."
     )
 
 
@@ -106,11 +127,13 @@ def run(job: Job[RaycastSettings]) -> None:
 
 def _tell_fit(job: Job[RaycastSettings], gaps: np.ndarray, sightings: int, size: float) -> None:
     """Warn where the mesh lies elsewhere than the surface that the photos show."""
-    apart = int((gaps > APART * size).sum())
-    if sightings < ENOUGH or (2 * apart <= len(gaps) and len(gaps)):
+    check = job.settings.fit_check
+    apart = int((gaps > check.largest_gap * size).sum())
+    if sightings < check.fewest_sightings or (apart <= check.off_share * len(gaps) and len(gaps)):
         return
     where = (
-        f"{apart} of the {len(gaps)} on it lie more than {APART:.0%} of its size before or behind it"
+        f"{apart} of the {len(gaps)} on it lie more than {check.largest_gap:.0%} of its size before or "
+        "behind it"
         if len(gaps)
         else "none falls on it"
     )

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from pipeline import Artefact, Job, Settings, Stage, setting
 from stages.scene.distributions import OPEN3D, PICTURES
+from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
 
 BRIGHT = 0.9  # what the brightest material reflects, where nobody knows
 
@@ -24,6 +25,7 @@ class RelightSettings(Settings):
         gt=0,
         le=0.95,
     )
+    upright_within_deg: float = UPRIGHT_WITHIN_DEG
 
 
 def run(job: Job[RelightSettings]) -> None:
@@ -54,7 +56,7 @@ def run(job: Job[RelightSettings]) -> None:
     far = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])
     (scene,), opposed = scenes_by_distance(far, blend, normals)
     use_threads(job.threads)
-    upright = upright_from_world(cameras)
+    upright = upright_from_world(cameras, settings.upright_within_deg)
     light = turned_light(picture, settings.turn_deg, upright, scene.pixels.directions)
     radiance, shading = relit(scene, albedo, light, settings.bounces, _brightest(job))
     write_maps(job.outputs["relit"], cameras, masks, radiance)

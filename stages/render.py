@@ -153,9 +153,8 @@ def _write_image(job: Job[RenderSettings], camera: Camera, truth: Truth, image: 
     import numpy as np
 
     from stages.formats.images.exr import write_exr
-    from stages.scene.albedo_floor import ALBEDO_FLOOR
 
-    known = truth.albedo >= ALBEDO_FLOOR
+    known = truth.albedo >= job.settings.albedo_floor
     shading = np.where(known, image / np.where(known, truth.albedo, 1), 0).astype(np.float32)
     write_exr(job.outputs["images"] / f"{camera.name}.exr", image)
     write_exr(job.outputs["truth"] / "shading" / f"{camera.name}.exr", shading)

@@ -54,7 +54,8 @@ def _survey(job: Job[SfmSettings]) -> list[Photo]:
     photos: list[Photo] = []
     with job.progress("reading photos", len(names)) as step:
         copies = [job.scratch / copy_name(index) for index in range(len(names))]
-        for found in _each(job, survey, [folder] * len(names), names, copies, settings.max_size_px):
+        bounds = settings.max_size_px, settings.linear_white_samples
+        for found in _each(job, survey, [folder] * len(names), names, copies, *bounds):
             if isinstance(found, str):
                 job.warn(f"Left out: {found}")
             else:
@@ -163,14 +164,17 @@ def _map_incrementally(job: Job[SfmSettings], database: Path, count: int) -> lis
     from stages.motion.mapping import attempts, map_incrementally
 
     settings = job.settings
+    tries = attempts(settings.attempts, settings.seed, settings.mapping)
     best: list[pycolmap.Reconstruction] = []
     placed = 0
-    for number, attempt in enumerate(attempts(settings.attempts, settings.seed), 1):
+    for number, attempt in enumerate(tries, 1):
         label = "placing photos" if number == 1 else f"placing photos, attempt {number}"
         folder = job.scratch / f"attempt_{number}"
         folder.mkdir()
         with job.progress(label, count) as step:
-            models = map_incrementally(database, folder, attempt, settings.holds_cameras, step)
+            models = map_incrementally(
+                database, folder, attempt, settings.mapping, settings.holds_cameras, step
+            )
         if models and models[0].num_reg_images() > placed:
             best, placed = models, models[0].num_reg_images()
             job.note(attempt=number)

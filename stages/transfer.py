@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from pipeline import Artefact, Job, Settings, Stage, setting
+from pipeline import Artefact, Job, Settings, Stage, group, setting
+from stages.geometry.settings import ProxySettings
 from stages.scene.distributions import OPEN3D
 
 if TYPE_CHECKING:
@@ -78,6 +79,9 @@ class TransferSettings(Settings):
         gt=0,
         le=10,
     )
+    proxy: ProxySettings = group(
+        ProxySettings, "The smaller mesh in place of a large one, which rays are cast from and at."
+    )
 
 
 def run(job: Job[TransferSettings]) -> None:
@@ -94,7 +98,7 @@ def run(job: Job[TransferSettings]) -> None:
     settings = job.settings
     mesh = read_mesh(job.inputs["mesh"])
     longest = settings.longest_edge * _middle(mesh)[1]
-    short, proxy = short_edged_with_proxy(mesh, longest, settings.max_vertices)
+    short, proxy = short_edged_with_proxy(mesh, longest, settings.max_vertices, settings.proxy)
     normals = vertex_normals(proxy.vertices, proxy.faces)
     places = proxy.vertices + settings.lift * roughness_of(mesh, proxy, short.longest) * normals
     occluders = Occluders(proxy, job.threads)
@@ -106,7 +110,7 @@ def run(job: Job[TransferSettings]) -> None:
     radii = [np.inf, *(radius * distance for distance in settings.light_distances)]
     visible = _sky_seen(eyes, centre, radii, job)
     own_normals = vertex_normals(short.surface.vertices, short.surface.faces)
-    corners, weights = blend_of(short.surface, own_normals, proxy, job.threads)
+    corners, weights = blend_of(short.surface, own_normals, proxy, settings.proxy, job.threads)
     write_transfer(
         job.outputs["transfer"],
         StoredTransfer(

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Settings, Stage, UserError, setting
-from stages.formats.images.photo_settings import MOST_TIMES_BRIGHT
+from pipeline import Artefact, Job, Settings, Stage, UserError, group, setting
+from stages.formats.images.photo_settings import MOST_TIMES_BRIGHT, FireflySettings
 from stages.scene.distributions import PICTURES, PYCOLMAP
 from stages.scene.wording import listed
 
@@ -35,6 +35,7 @@ class UndistortSettings(Settings):
         le=1,
     )
     most_times_bright: float = MOST_TIMES_BRIGHT
+    fireflies: FireflySettings = group(FireflySettings, "What `most_times_bright` is a multiple of.")
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class View:
     camera: Camera
     as_stored: bool
     most_times_bright: float
+    fireflies: FireflySettings
     image: Path
     linear: Path
     kept: Path
@@ -73,6 +75,7 @@ def run(job: Job[UndistortSettings]) -> None:
             camera=camera,
             as_stored=image.name in as_stored,
             most_times_bright=job.settings.most_times_bright,
+            fireflies=job.settings.fireflies,
             image=workspace / "images" / f"{camera.name}.png",
             linear=job.outputs["linear"] / f"{camera.name}.exr",
             kept=job.outputs["kept"] / f"{camera.name}.png",
@@ -138,7 +141,7 @@ def undistort_view(view: View) -> Undistorted:
 
     size = view.lens["width"], view.lens["height"]
     linear, kept, impossible = read_masked_photo(
-        view.photo, view.mask, size, view.as_stored, view.most_times_bright
+        view.photo, view.mask, size, view.as_stored, view.most_times_bright, view.fireflies
     )
     linear, kept, touched = through_pinhole(linear, kept, view.lens, view.camera)
     write_exr(view.linear, linear)

@@ -78,7 +78,33 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
 }
 GROUND = {  # files beside the rooms that they may import; the others lead them
     "photometry": {"stack", "albedo_data", "chromaticity", "neighbourhoods", "statistics_by_class"},
-    "stereo": {"view_selection"},
+    "stereo": {"mvs_settings", "view_selection"},
+}
+LENT = {  # who may import a library whose objects are its own world; everyone else takes arrays
+    "pycolmap": {
+        "sfm.py",
+        "mvs.py",  # whether it has CUDA
+        "adopt_model.py",
+        "undistort.py",
+        "formats/colmap/assembly.py",
+        "formats/colmap/binary_files.py",
+        "formats/colmap/model.py",
+        "formats/colmap/plausible_cameras.py",
+        # The steps of `sfm`, each of which hands COLMAP a database or a model.
+        "motion/database.py",
+        "motion/features.py",
+        "motion/mapping.py",
+        "motion/matching.py",
+        "motion/photo_set.py",
+        "stereo/colmap_stereo.py",  # the engine `cuda` of `mvs`
+        "geometry/lenses.py",  # lenses are COLMAP's models; a second implementation of them would differ
+    },
+    "open3d": {
+        "geometry/occluders.py",
+        "geometry/rays.py",
+        "geometry/surface.py",  # the core of `mesh`: Poisson, smoothing, decimation
+        "formats/meshes/triangle_meshes.py",  # the crossing between our meshes and open3d's
+    },
 }
 CROWDED = 12  # files that a room holds at most; steps and tests are lists, not rooms
 DISTRIBUTIONS = {  # of what is imported by another name than it is installed by
@@ -179,6 +205,17 @@ def test_arrows_point_one_way_between_rooms(room):
                 continue
             allowed = ROOMS_BELOW[room] | {own} if parts[2] in rooms else GROUND.get(folder, set())
             assert parts[2] in allowed, f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("library", LENT)
+def test_pycolmap_and_open3d_are_imported_where_they_are_listed_and_nowhere_else(library):
+    """In functions and for type checkers as well; a file that needs it no longer leaves the list."""
+    found = {
+        path.relative_to(ROOT / "stages").as_posix()
+        for path in sources("stages")
+        if library in {name.split(".")[0] for name in imported(parsed(path))}
+    }
+    assert found == LENT[library]
 
 
 def test_every_room_is_walled_and_has_no_more_files_than_one_can_survey():

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.photo_settings import FireflySettings
 from stages.formats.images.photos import encode_srgb8, write_mask
 from stages.formats.images.resize import reduce_by_area
 from stages.full_resolution import View, write_view
@@ -142,6 +143,7 @@ def test_turned_photos_and_values_that_are_no_light_are_taken_as_undistort_takes
             white=1.0,
             most_contrast=4.0,
             most_times_bright=1000.0,
+            fireflies=FireflySettings(),
         )
         assert write_view(view) == "60x40"
     linear, photo = (read_exr(tmp_path / f"{name}.fine.exr") for name in ("a.exr", "a.png"))

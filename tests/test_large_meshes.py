@@ -8,6 +8,7 @@ import pytest
 
 from stages.formats.meshes.triangle_meshes import Surface, from_open3d
 from stages.geometry.proxy import faces_of_fewer_vertices, short_edged_with_proxy
+from stages.geometry.settings import ProxySettings
 from stages.transfer import TRANSFER, TransferSettings
 
 
@@ -42,7 +43,7 @@ def test_more_vertices_than_are_wanted_become_about_so_many(shape, vertices):
     """Of 2,100 vertices and 3,000 faces, 4,000 faces were once asked for: a traceback."""
     mesh = SHAPES[shape](sphere(vertices))
     for most in (500, 1_500, 2_000):
-        short, proxy = short_edged_with_proxy(mesh, 10.0, most)
+        short, proxy = short_edged_with_proxy(mesh, 10.0, most, ProxySettings())
         assert short.surface is mesh
         assert 0 < len(proxy.vertices) <= max(1.6 * most, 60)
         assert np.isfinite(proxy.vertices).all()

@@ -12,10 +12,12 @@ from stages.formats.colmap.model import pinhole_model
 from stages.formats.meshes.triangle_meshes import Surface, write_mesh
 from stages.geometry.mesh_fit import gaps_at_points
 from stages.geometry.rays import RayCaster
-from stages.raycast import APART, RAYCAST
+from stages.raycast import RAYCAST, FitCheckSettings
 from stages.scene.cameras import Camera, project
 from stages.stereo.workspace import open_workspace
 from tests.test_surface import SQUARE, camera
+
+GAP = FitCheckSettings().largest_gap
 
 
 def on_the_square(count: int) -> np.ndarray:
@@ -59,9 +61,9 @@ def model_of(folder, count: int) -> None:
     ("moved", "count", "said"),
     [
         (lambda v: v, 60, None),
-        (lambda v: v + [0, 0, 0.9 * APART * np.hypot(2, 2)], 60, None),
+        (lambda v: v + [0, 0, 0.9 * GAP * np.hypot(2, 2)], 60, None),
         (
-            lambda v: v + [0, 0, 1.1 * APART * np.hypot(2, 2)],
+            lambda v: v + [0, 0, 1.1 * GAP * np.hypot(2, 2)],
             60,
             "of 120 sightings .* 120 of the 120 on it lie more",
         ),

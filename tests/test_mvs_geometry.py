@@ -11,7 +11,6 @@ import pytest
 from stages.scene.cameras import back_project, normals_in_world, project
 from stages.solvers.kernels.threading_layer import use_threads
 from stages.stereo.depth.dense_stereo import Scene, fuse_views, padded, sources_of
-from stages.stereo.depth.fusion import Agreement
 from stages.stereo.depth.geometric_consistency import confirmed, consistent_views
 from stages.stereo.depth.inverse_depth import (
     depth_from_planes,
@@ -20,18 +19,19 @@ from stages.stereo.depth.inverse_depth import (
     normals_from_planes,
     resample_planes,
 )
-from stages.stereo.depth.patch_match import Refinement, refine
+from stages.stereo.depth.patch_match import refine
 from stages.stereo.depth.plane_sweep import (
     WORST,
     inverse_depth_planes,
     matching_costs,
     pixels_per_inverse_depth,
 )
-from stages.stereo.depth.semi_global import Penalties, aggregate, winner
+from stages.stereo.depth.semi_global import aggregate, winner
+from stages.stereo.mvs_settings import MvsSettings, PosePointsSettings, ViewSelectionSettings
 from stages.stereo.sparse_surface import oriented_normals
 from stages.stereo.view_selection import (
-    AngleWeight,
     SparsePoints,
+    angle_weight,
     depth_range,
     pair_scores,
     points_from_poses,
@@ -41,16 +41,18 @@ from tests import stereo_scene
 
 VIEWS = stereo_scene.cameras()
 TRACED = [stereo_scene.trace(camera) for camera in VIEWS]
-REFINEMENT = Refinement(
-    iterations=3,
-    radius=4,
-    best=2,
-    grey_sigma=0.1,
+REFINEMENT = MvsSettings(
+    photometric_iterations=3,
+    patch_radius_px=4,
+    best_sources=2,
+    patch_grey_sigma=0.1,
     noise=0.004,
     smoothness=0.02,
-    geometric=0.2,
+    geometric_weight=0.2,
     geometric_cap_px=3.0,
 )
+PLANES = MvsSettings(sweep_step_px=1.0, sweep_planes=160)
+QUARTILE = 0.75
 
 
 def true_planes(view: int) -> np.ndarray:
@@ -96,7 +98,7 @@ def test_slopes_are_exact_on_a_plane_and_stop_at_a_depth_edge():
     y, x = np.mgrid[:20, :30].astype(np.float32)
     inverse = 0.2 + 0.001 * x - 0.0005 * y
     inverse[:, 15:] += 0.1
-    planes = fit_planes(inverse.astype(np.float32), 0.002, 2)
+    planes = fit_planes(inverse.astype(np.float32), 0.002, 2, 0.5)
     np.testing.assert_allclose(planes[..., 1], 0.001, atol=1e-6)
     np.testing.assert_allclose(planes[..., 2], -0.0005, atol=1e-6)
 
@@ -115,7 +117,7 @@ def sweep(view: int, grey=None, sources=None, radius: int = 2):
     """Costs of a view's sweep over its plan's range, and the inverse depths."""
     chosen = stereo_scene.plans(VIEWS)[view].sources
     projections = np.stack([j_from_i(VIEWS[view], VIEWS[j]) for j in chosen])
-    depths = inverse_depth_planes(projections, VIEWS[view].shape, 2.5, 7.5, 1.0, 160)
+    depths = inverse_depth_planes(projections, VIEWS[view].shape, 2.5, 7.5, PLANES)
     images = padded([TRACED[j].grey for j in chosen]) if sources is None else sources
     sizes = np.array([VIEWS[j].shape for j in chosen], np.int32)
     grey = TRACED[view].grey if grey is None else grey
@@ -125,11 +127,12 @@ def sweep(view: int, grey=None, sources=None, radius: int = 2):
 
 def test_neighbouring_planes_are_a_pixel_apart():
     projections = np.stack([j_from_i(VIEWS[2], VIEWS[j]) for j in (1, 3, 4)])
-    depths = inverse_depth_planes(projections, VIEWS[2].shape, 2.5, 7.5, 1.0, 1000)
+    many = MvsSettings(sweep_step_px=1.0, sweep_planes=1000)
+    depths = inverse_depth_planes(projections, VIEWS[2].shape, 2.5, 7.5, many)
     centre = np.array([[59.5, 44.5, 1, depths[k]] for k in (len(depths) // 2, len(depths) // 2 + 1)])
     q = np.einsum("sij,kj->ski", projections, centre)
     moved = np.linalg.norm(np.diff(q[..., :2] / q[..., 2:], axis=1)[:, 0], axis=1)
-    assert np.quantile(moved, 0.75) == pytest.approx(1, rel=0.05)
+    assert np.quantile(moved, QUARTILE) == pytest.approx(1, rel=0.05)
     speed = pixels_per_inverse_depth(projections, VIEWS[2].shape, float(depths[len(depths) // 2]))
     np.testing.assert_allclose(speed * np.diff(depths).mean(), moved, rtol=0.05)
 
@@ -196,13 +199,15 @@ def test_aggregation_equals_the_recursion_done_by_hand(paths):
     guide = np.round(rng.random((5, 7)) * 8).astype(np.float32) / 8
     directions = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)][:paths]
     expected = sum(brute_force_path(costs, guide, r, 10, 60, 0.25) for r in directions)
-    np.testing.assert_array_equal(aggregate(costs, guide, Penalties(10, 60, 0.25), paths), expected)
+    penalties = MvsSettings(sgm_small=10, sgm_large=60, sgm_edge=0.25, sgm_paths=paths)
+    np.testing.assert_array_equal(aggregate(costs, guide, penalties), expected)
 
 
 def test_on_a_chain_the_two_directions_find_the_exact_optimum():
     costs = np.random.default_rng(2).integers(0, 255, (1, 6, 4)).astype(np.uint8)
     guide = np.zeros((1, 6), np.float32)
-    total = aggregate(costs, guide, Penalties(20, 70, 1.0), 4).astype(int)
+    penalties = MvsSettings(sgm_small=20, sgm_large=70, sgm_edge=1.0, sgm_paths=4)
+    total = aggregate(costs, guide, penalties).astype(int)
     # Up and down, each path is one pixel long and adds C; left + right − C is a chain's min-marginal.
     marginal = (total - 3 * costs.astype(int))[0]
 
@@ -220,13 +225,13 @@ def test_the_winner_sits_at_the_parabola_s_foot():
     assert winner(total)[0, 0] == pytest.approx(3.3, abs=0.01)
 
 
-def refined(view: int, threads: int = 2, refinement: Refinement = REFINEMENT):
+def refined(view: int, threads: int = 2, settings: MvsSettings = REFINEMENT):
     """Refinement from planes that are wrong by up to 1.5 pixels of disparity and know no slope."""
     use_threads(threads)
     scene = Scene(
         VIEWS, lambda j: np.repeat(np.rint(255 * TRACED[j].grey)[..., None], 3, 2), stereo_scene.plans(VIEWS)
     )
-    step = scene.step(view)
+    step = scene.step(view, QUARTILE)
     start = true_planes(view)
     start[..., 0] += np.random.default_rng(4).uniform(-1.5, 1.5, start.shape[:2]) * step
     start[..., 1:] = 0
@@ -234,7 +239,7 @@ def refined(view: int, threads: int = 2, refinement: Refinement = REFINEMENT):
         TRACED[view].grey,
         sources_of(scene, view, with_depth=False),
         start,
-        refinement,
+        settings,
         step,
         (1 / 7.5, 1 / 2.5),
     )
@@ -275,7 +280,9 @@ def test_true_depth_is_confirmed_and_false_depth_is_not(scene):
     seen = TRACED[2].depth > 0
     assert np.mean(count[seen] >= 2) > 0.8
     assert not count[~seen].any()
-    wrong = np.where(truth > 0, truth + 6 * np.float32(scene.step(2)), np.float32(0)).astype(np.float32)
+    wrong = np.where(truth > 0, truth + 6 * np.float32(scene.step(2, QUARTILE)), np.float32(0)).astype(
+        np.float32
+    )
     assert np.mean(consistent_views(wrong, sources, 1.0) > 0) < 0.03
 
 
@@ -286,9 +293,13 @@ def test_a_kept_pixel_matches_and_is_confirmed():
     np.testing.assert_array_equal(kept, [[True, False, False, False]])
 
 
+def agreeing(views: int) -> MvsSettings:
+    return MvsSettings(consistent_px=1.0, fusion_depth_share=0.02, fusion_normal_deg=20.0, fusion_views=views)
+
+
 def test_fused_points_lie_on_the_surface_once_each(scene):
     kept = {view: TRACED[view].depth > 0 for view in range(len(VIEWS))}
-    agreement = Agreement(reprojection_px=1.0, depth_share=0.02, normal_deg=20, fewest_views=3)
+    agreement = agreeing(3)
     cloud = fuse_views(scene, agreement, kept, lambda: None)
     on_ball = np.abs(np.linalg.norm(cloud.x_in_world - stereo_scene.CENTRE, axis=1) - stereo_scene.RADIUS)
     on_wall = np.abs(cloud.x_in_world @ stereo_scene.WALL_NORMAL - stereo_scene.WALL_OFFSET)
@@ -303,7 +314,7 @@ def test_fusion_leaves_out_what_a_single_view_says(scene):
     lying = Scene(scene.cameras, scene.colour_of, scene.plans, dict(scene.planes), scene.costs)
     lying.planes[2] = scene.planes[2] * np.float32(1.1)
     kept = {2: TRACED[2].depth > 0, 1: TRACED[1].depth > 0, 3: TRACED[3].depth > 0}
-    agreement = Agreement(reprojection_px=1.0, depth_share=0.02, normal_deg=20, fewest_views=2)
+    agreement = agreeing(2)
     cloud = fuse_views(lying, agreement, kept, lambda: None)
     on_ball = np.abs(np.linalg.norm(cloud.x_in_world - stereo_scene.CENTRE, axis=1) - stereo_scene.RADIUS)
     on_wall = np.abs(cloud.x_in_world @ stereo_scene.WALL_NORMAL - stereo_scene.WALL_OFFSET)
@@ -320,27 +331,32 @@ def surface_points() -> SparsePoints:
     return SparsePoints(x_in_world, np.stack(inside))
 
 
+def around(best_deg: float, below_deg: float, above_deg: float, sources: int = 5) -> MvsSettings:
+    spread = ViewSelectionSettings(angle_below=below_deg / best_deg, angle_above=above_deg / best_deg)
+    return MvsSettings(angle_deg=best_deg, sources=sources, views=spread)
+
+
 def test_the_angle_s_weight_by_hand():
-    weight = AngleWeight(10, 4, 15)
-    np.testing.assert_allclose(weight(np.array([10.0, 6.0, 25.0])), [1, np.exp(-0.5), np.exp(-0.5)])
+    weights = angle_weight(np.array([10.0, 6.0, 25.0]), around(10.0, 4.0, 15.0))
+    np.testing.assert_allclose(weights, [1, np.exp(-0.5), np.exp(-0.5)])
 
 
 def test_sources_are_those_of_the_wanted_angle():
-    weight = AngleWeight(8, 3, 4)  # views are 8° apart
-    assert set(select_sources(VIEWS, surface_points(), 2, 2, weight)) == {1, 3}
-    assert pair_scores(VIEWS, surface_points(), 2, weight)[2] == 0
+    settings = around(8.0, 3.0, 4.0, sources=2)  # views are 8° apart
+    assert set(select_sources(VIEWS, surface_points(), 2, settings)) == {1, 3}
+    assert pair_scores(VIEWS, surface_points(), 2, settings)[2] == 0
 
 
 def test_views_that_share_nothing_are_no_sources():
     points = surface_points()
     seen = points.seen.copy()
     seen[5] = False
-    assert 5 not in select_sources(VIEWS, SparsePoints(points.x_in_world, seen), 2, 5, AngleWeight(8, 3, 4))
+    assert 5 not in select_sources(VIEWS, SparsePoints(points.x_in_world, seen), 2, around(8.0, 3.0, 4.0))
 
 
 def test_the_depth_range_holds_the_scene_with_and_without_points():
     depth = TRACED[2].depth[TRACED[2].depth > 0]
-    for points in (surface_points(), points_from_poses(VIEWS)):
+    for points in (surface_points(), points_from_poses(VIEWS, PosePointsSettings())):
         near, far = depth_range(VIEWS[2], points.x_in_world[points.seen[2]], 0.01, 0.25)
         assert near < depth.min() < depth.max() < far
         assert far / near < 12
@@ -352,17 +368,18 @@ def test_parallel_cameras_have_a_range_too():
         type(c)(c.name, c.width, c.height, c.intrinsics, np.column_stack([np.eye(3), [-0.2 * i, 0, 0]]))
         for i, c in enumerate(views)
     ]
-    near, far = depth_range(same[0], points_from_poses(same).x_in_world, 0.01, 0.25)
+    points = points_from_poses(same, PosePointsSettings())
+    near, far = depth_range(same[0], points.x_in_world, 0.01, 0.25)
     assert 0.1 < near < 4 < far < 40
 
 
 def test_views_from_one_place_have_finite_stand_ins_and_no_sources():
     centre = VIEWS[0].centre_in_world
     turned = [replace(c, cam_from_world=np.column_stack([c.rotation, -c.rotation @ centre])) for c in VIEWS]
-    points = points_from_poses(turned)
+    points = points_from_poses(turned, PosePointsSettings())
     assert np.isfinite(points.x_in_world).all() and points.seen.any(axis=1).all()
     for view in range(len(turned)):
-        assert select_sources(turned, points, view, 5, AngleWeight(8, 3, 4)) == []
+        assert select_sources(turned, points, view, around(8.0, 3.0, 4.0)) == []
 
 
 def test_sparse_normals_look_at_their_cameras():

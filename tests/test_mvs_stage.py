@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import open3d
 import pycolmap
 import pytest
 
 from pipeline import UserError
 from stages.formats.artefacts.array_store import ArrayStore
 from stages.formats.colmap.depth_maps import read_map, write_map
+from stages.formats.meshes.point_clouds import read_cloud
 from stages.formats.meshes.triangle_meshes import read_points
 from stages.mvs import MVS, MvsSettings, engine_of
 from stages.scene.cameras import footprint, normals_in_world
@@ -195,7 +197,11 @@ def test_colmap_s_own_fusion_takes_our_maps(finished, workspace, tmp_path):
     options = pycolmap.StereoFusionOptions()
     options.min_num_pixels, options.num_threads = 3, 1
     pycolmap.stereo_fusion(tmp_path / "fused.ply", tmp_path / "w", options=options, output_type="PLY")
-    x_in_world, normals = read_points(tmp_path / "fused.ply")
+    x_in_world, normals, colours = read_cloud(tmp_path / "fused.ply")
+    theirs = open3d.io.read_point_cloud(tmp_path / "fused.ply")
+    np.testing.assert_array_equal(x_in_world, theirs.points)
+    np.testing.assert_array_equal(normals, np.array(theirs.normals, np.float32))
+    np.testing.assert_array_equal(colours, np.rint(np.asarray(theirs.colors) * 255))
     off_wall = np.abs(x_in_world @ stereo_scene.WALL_NORMAL - stereo_scene.WALL_OFFSET)
     assert (off_wall < 0.02).sum() > 500
     assert np.median(normals[off_wall < 0.02] @ stereo_scene.WALL_NORMAL) > 0.98

@@ -16,6 +16,7 @@ from pipeline import UserError
 from stages.adopt_model import ADOPT_MODEL, AdoptModelSettings
 from stages.formats.images.masked_photos import read_masked_photo
 from stages.formats.images.photo_remarks import remarks_on
+from stages.formats.images.photo_settings import FireflySettings
 from stages.formats.images.photo_turns import read_as_stored, write_as_stored
 from stages.formats.images.photos import encode_srgb8, photo_size, read_photo, upright
 from stages.undistort import UNDISTORT, UndistortSettings
@@ -177,7 +178,9 @@ def test_a_mask_is_turned_as_its_photo_is(make_job, tmp_path):
     tagged(tmp_path / "a.png", 3)
     Image.fromarray(mask).save(tmp_path / "m.png", exif=exif)
     for as_stored in (True, False):
-        linear, kept, _ = read_masked_photo(tmp_path / "a.png", tmp_path / "m.png", (40, 30), as_stored)
+        linear, kept, _ = read_masked_photo(
+            tmp_path / "a.png", tmp_path / "m.png", (40, 30), as_stored, float("inf"), FireflySettings()
+        )
         assert kept[:10].all() == as_stored and kept[20:].all() == (not as_stored)
         np.testing.assert_array_equal(
             encode_srgb8(linear[kept]), CODES[:10].reshape(-1, 3)[:: 1 if as_stored else -1]

@@ -7,6 +7,7 @@ import scipy.sparse as sp
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.proxy import blend_of, short_edged_with_proxy
 from stages.geometry.rays import vertex_normals
+from stages.geometry.settings import ProxySettings
 from stages.geometry.vertex_interpolation import blend_of_pixels
 from stages.photometry.paper.harmonics import shading_basis
 from stages.photometry.transport.pixel_transfer import (
@@ -46,7 +47,7 @@ def transfer() -> PixelTransfer:
 
 def proxy_of(surface: Surface, most_vertices: int) -> Surface:
     """Of a mesh whose edges are short."""
-    return short_edged_with_proxy(surface, np.inf, most_vertices)[1]
+    return short_edged_with_proxy(surface, np.inf, most_vertices, ProxySettings())[1]
 
 
 def test_the_direct_basis_is_the_open_skys_less_what_is_blocked(transfer):
@@ -109,7 +110,7 @@ def test_the_brightest_material_reflects_what_is_said():
 
 def test_pixels_are_blends_of_their_faces_corners():
     surface = bowl(0.5, rings=4, around=8)
-    corners, weights = blend_of(surface, np.zeros((0, 3)), surface)
+    corners, weights = blend_of(surface, np.zeros((0, 3)), surface, ProxySettings())
     rng = np.random.default_rng(2)
     faces = [rng.integers(0, len(surface.faces), 6), rng.integers(0, len(surface.faces), 3)]
     uv = [rng.dirichlet([1, 1, 1], len(one))[:, 1:] for one in faces]
@@ -127,7 +128,9 @@ def test_a_proxy_is_small_and_its_blend_lies_on_the_surface():
     assert proxy_of(surface, len(surface.vertices)) is surface
     proxy = proxy_of(surface, 300)
     assert 200 < len(proxy.vertices) < 450
-    corners, weights = blend_of(surface, vertex_normals(surface.vertices, surface.faces), proxy)
+    corners, weights = blend_of(
+        surface, vertex_normals(surface.vertices, surface.faces), proxy, ProxySettings()
+    )
     there = np.einsum("vc,vck->vk", weights, proxy.vertices[corners])
     assert np.abs(there - surface.vertices).max() < 0.06
     assert np.allclose(weights.sum(axis=1), 1, atol=1e-6) and weights.min() >= 0
@@ -153,7 +156,7 @@ def test_the_two_sides_of_a_thin_sheet_are_not_taken_for_one_another():
         np.concatenate([inner.faces, inner.faces[:, ::-1] + count]),
     )
     normals, proxy = vertex_normals(both.vertices, both.faces), proxy_of(both, 800)
-    corners, weights = blend_of(both, normals, proxy)
+    corners, weights = blend_of(both, normals, proxy, ProxySettings())
     there = np.einsum("vc,vck->vk", weights, vertex_normals(proxy.vertices, proxy.faces)[corners])
     opposed = np.einsum("vk,vk->v", there, normals) < 0
     assert opposed.mean() < 0.02

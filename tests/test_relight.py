@@ -82,7 +82,7 @@ def test_up_is_an_axis_where_one_is_near_and_the_cameras_own_otherwise(up):
         cameras.append(own)
     to_world = np.linalg.inv(_rotation_to(up))
     turned = [_turned(camera, to_world) for camera in cameras]
-    upright = upright_from_world(turned)
+    upright = upright_from_world(turned, 20.0)
     assert np.allclose(upright @ upright.T, np.eye(3))
     assert np.linalg.det(upright) == pytest.approx(1)
     assert np.allclose(upright @ up, [0, 0, 1], atol=1e-6)

@@ -24,7 +24,7 @@ from stages.motion.features import in_full_photo
 from stages.motion.mapping import attempts, free_principal_point
 from stages.motion.matching import all_pairs, in_batches, sequential_pairs
 from stages.motion.photo_set import Photo, camera_groups, exposure_for_matching, initial_cameras
-from stages.motion.sfm_settings import CAMERA_PARAMS, SfmSettings
+from stages.motion.sfm_settings import CAMERA_PARAMS, MappingSettings, SfmSettings
 from stages.sfm import SFM
 from tests import painted_corner
 
@@ -282,7 +282,7 @@ def test_pairs():
 
 
 def test_attempts_begin_with_colmaps_own_thresholds_and_loosen():
-    tries = attempts(6, seed=5)
+    tries = attempts(6, 5, MappingSettings())
     assert [a.seed for a in tries] == [5, 6, 7, 8, 9, 10]
     assert (tries[0].init_inliers, tries[0].init_angle_deg, tries[0].pose_inliers) == (100, 16, 30)
     assert all(a.init_inliers >= b.init_inliers for a, b in zip(tries, tries[1:], strict=False))

@@ -12,11 +12,13 @@ from stages import transfer
 from stages.formats.artefacts.transfer_file import read_transfer
 from stages.formats.meshes.triangle_meshes import Surface, read_mesh, write_mesh
 from stages.geometry.proxy import roughly_decimated, roughness_of, short_edged_with_proxy
+from stages.geometry.settings import ProxySettings
 from stages.geometry.short_edges import with_short_edges
 from stages.geometry.vertex_interpolation import pixels_on_proxy
 from stages.photometry.transport.directional_transport import even_directions
 from tests.bowls import bowl
 
+PROXY = ProxySettings()
 TETRAHEDRON = Surface(
     np.array([[0.0, 0, 0], [3, 0, 0], [0.5, 2, 0], [1, 0.3, 5]]),
     np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32),
@@ -124,15 +126,15 @@ def test_what_decimation_has_made_large_is_cut_again():
     away = np.linalg.norm(flat.vertices[:, :2], axis=1)
     bump = np.exp(-((away / 0.2) ** 2)) + 1e-4 * np.random.default_rng(2).normal(size=len(away))
     floor = Surface(flat.vertices + bump[:, None] * [0, 0, 0.3], flat.faces)
-    _, uncut = short_edged_with_proxy(floor, 10.0, 2000)
+    _, uncut = short_edged_with_proxy(floor, 10.0, 2000, PROXY)
     assert lengths(uncut).max() > 0.15
-    _, proxy = short_edged_with_proxy(floor, 0.1, 2000)
+    _, proxy = short_edged_with_proxy(floor, 0.1, 2000, PROXY)
     assert lengths(proxy).max() <= 0.1 and len(proxy.vertices) <= 3000
 
 
 def test_a_fine_flat_floor_is_decimated_to_faces_of_even_size():
     floor = with_short_edges(square(2.0, 0.0), 0.02).surface
-    small = roughly_decimated(floor, len(floor.faces) // 16)
+    small = roughly_decimated(floor, len(floor.faces) // 16, PROXY)
     assert len(small.faces) <= len(floor.faces) // 16
     assert lengths(small).max() < 12 * lengths(floor).mean()
     up = twice_areas(small)[:, 2]
@@ -142,8 +144,8 @@ def test_a_fine_flat_floor_is_decimated_to_faces_of_even_size():
 def test_decimation_knows_no_units():
     """A thousand times as large, as a mesh in millimetres is, it is the same mesh."""
     hollow = with_short_edges(bowl(0.7), 0.03).surface
-    small = roughly_decimated(hollow, 1000)
-    large = roughly_decimated(Surface(1024 * hollow.vertices, hollow.faces), 1000)
+    small = roughly_decimated(hollow, 1000, PROXY)
+    large = roughly_decimated(Surface(1024 * hollow.vertices, hollow.faces), 1000, PROXY)
     assert 900 < len(small.faces) <= 1000 and np.array_equal(large.faces, small.faces)
     assert np.allclose(large.vertices, 1024 * small.vertices, atol=0, rtol=1e-9)
     off, its_own = (np.abs(np.linalg.norm(one.vertices, axis=1) - 1).max() for one in (small, hollow))
@@ -154,7 +156,7 @@ def test_a_mesh_that_is_not_too_large_is_cut_and_not_decimated():
     """Though with the halves of the floor's faces it has more vertices than a mesh may have uncut."""
     both = together(bowl(0.5), square(4.0, -0.6))
     most = len(both.vertices) + 1
-    short, proxy = short_edged_with_proxy(both, 0.2, most)
+    short, proxy = short_edged_with_proxy(both, 0.2, most, PROXY)
     assert proxy is short.surface
     assert most < len(proxy.vertices) <= most + most // 2
     assert np.array_equal(proxy.vertices[: len(both.vertices)], both.vertices)
@@ -163,7 +165,7 @@ def test_a_mesh_that_is_not_too_large_is_cut_and_not_decimated():
 def test_rays_begin_no_nearer_to_halves_of_faces_than_to_whole_ones():
     """Facets of a coarse bowl hide as much of the sky from each other when they are cut."""
     coarse = bowl(0.5)
-    _, halves = short_edged_with_proxy(coarse, lengths(coarse).mean() / 4, 10**6)
+    _, halves = short_edged_with_proxy(coarse, lengths(coarse).mean() / 4, 10**6, PROXY)
     assert lengths(halves).mean() < lengths(coarse).mean() / 2
     assert roughness_of(coarse, halves, longest_edge=1.0) == roughness_of(coarse, coarse, longest_edge=1.0)
 
@@ -171,7 +173,7 @@ def test_rays_begin_no_nearer_to_halves_of_faces_than_to_whole_ones():
 def test_rays_begin_near_a_floor_of_two_triangles():
     """Mean edges of what is mostly floor tell nothing of how rough the rest is."""
     floor = square(4.0, 0.0)
-    _, halves = short_edged_with_proxy(floor, 0.1, 10**6)
+    _, halves = short_edged_with_proxy(floor, 0.1, 10**6, PROXY)
     assert roughness_of(floor, halves, longest_edge=0.1) == 0.1
 
 

@@ -86,9 +86,9 @@ def test_footprint_is_the_smallest_over_the_views_that_hold_the_point():
 
 def test_octree_depth_follows_extent_over_cell_and_is_bounded():
     points = s.OrientedPoints(np.array([[0, 0, 0], [8, 0, 0.0]]), np.zeros((2, 3)), np.array([0.01, 0.01]))
-    assert s.octree_depth(points, cell_footprints=1.0, deepest=12) == 10  # 800 cells
-    assert s.octree_depth(points, cell_footprints=2.0, deepest=12) == 9
-    assert s.octree_depth(points, cell_footprints=1.0, deepest=7) == 7
+    assert s.octree_depth(points, cell_footprints=1.0, shallowest=5, deepest=12) == 10  # 800 cells
+    assert s.octree_depth(points, cell_footprints=2.0, shallowest=5, deepest=12) == 9
+    assert s.octree_depth(points, cell_footprints=1.0, shallowest=5, deepest=7) == 7
 
 
 def test_a_few_stray_points_do_not_decide_the_extent():

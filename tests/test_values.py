@@ -17,6 +17,7 @@ from stages.cli import main
 from stages.deliver import DELIVER
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.masked_photos import read_masked_photo
+from stages.formats.images.photo_settings import FireflySettings
 from stages.formats.images.photos import write_png_srgb8
 from tests.raw_exr import write_raw_exr
 
@@ -122,7 +123,9 @@ def test_a_photo_is_read_finite_and_loses_only_what_is_no_light(tmp_path, expone
     image = (rng.uniform(0.1, 1, (20, 30, 3)) * 10**exponent).astype(np.float32)
     image[0, : len(spikes), 1] = spikes
     write_raw_exr(tmp_path / "a.exr", image)
-    linear, kept, impossible = read_masked_photo(tmp_path / "a.exr", None, (30, 20), False, MASKED)
+    linear, kept, impossible = read_masked_photo(
+        tmp_path / "a.exr", None, (30, 20), False, MASKED, FireflySettings()
+    )
     assert np.isfinite(linear).all()
     assert np.square(linear.astype(np.float64)).sum() < np.inf
     wild = ~(np.abs(np.float64(spikes)) <= 2 * MASKED * 10**exponent)  # where its bound is, 3 % say
@@ -136,7 +139,9 @@ def test_a_small_bright_thing_before_a_dark_wall_is_kept(tmp_path, side):
     image = np.full((40, 50, 3), 1e-4, np.float32)
     image[5 : 5 + side, 7 : 7 + side] = 1
     write_exr(tmp_path / "a.exr", image)
-    _, kept, impossible = read_masked_photo(tmp_path / "a.exr", None, (50, 40), False, MASKED)
+    _, kept, impossible = read_masked_photo(
+        tmp_path / "a.exr", None, (50, 40), False, MASKED, FireflySettings()
+    )
     assert kept.all() and impossible == 0
 
 
@@ -144,7 +149,9 @@ def test_photos_of_eight_bits_hold_nothing_absurd(tmp_path):
     image = np.full((40, 50, 3), 1e-4, np.float32)
     image[3, 4] = 1
     write_png_srgb8(tmp_path / "a.png", image)
-    _, kept, impossible = read_masked_photo(tmp_path / "a.png", None, (50, 40), False, MASKED)
+    _, kept, impossible = read_masked_photo(
+        tmp_path / "a.png", None, (50, 40), False, MASKED, FireflySettings()
+    )
     assert kept.all() and impossible == 0
 
 

@@ -59,3 +59,42 @@ def scene_of(surface: Surface, threads: int = 0) -> tuple[o3d.t.geometry.Raycast
         o3d.core.Tensor.from_numpy(surface.faces.astype(np.uint32)),
     )
     return scene, origin
+
+
+def nearest_faces(
+    scene: o3d.t.geometry.RaycastingScene, places: np.ndarray, normals: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Find the face of a surface that is nearest to each place.
+
+    Parameters
+    ----------
+    scene : RaycastingScene
+        Of the surface: `scene_of`.
+    places : ndarray, shape (n, 3), float32
+        Relative to the scene's origin.
+    normals : ndarray, shape (n, 3)
+
+    Returns
+    -------
+    faces : ndarray, shape (n,), uint32
+    weights : ndarray, shape (n, 3), float32
+        Of the face's corners at its point that is nearest; they sum to 1.
+    facing : ndarray, shape (n,), bool
+        Whether the face is turned the way of the normal.
+    """
+    nearest = scene.compute_closest_points(o3d.core.Tensor.from_numpy(places))
+    u, v = nearest["primitive_uvs"].numpy().T
+    weights = np.clip(np.stack([1 - u - v, u, v], axis=1), 0, 1)
+    facing = np.einsum("vk,vk->v", nearest["primitive_normals"].numpy(), normals) >= 0
+    return nearest["primitive_ids"].numpy().copy(), weights / weights.sum(axis=1, keepdims=True), facing
+
+
+def distances_to(surface: Surface, points: np.ndarray) -> np.ndarray:
+    """Measure the unsigned distance of points, (n, 3), to a surface: shape (n,), float32, model units."""
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(surface.vertices.astype(np.float32)),
+        o3d.core.Tensor.from_numpy(surface.faces.astype(np.uint32)),
+    )
+    places = o3d.core.Tensor.from_numpy(np.ascontiguousarray(points, np.float32))
+    return scene.compute_distance(places).numpy()

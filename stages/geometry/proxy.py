@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import fast_simplification
 import numpy as np
-import open3d as o3d
 
 from stages.formats.meshes.triangle_meshes import Surface, joined
-from stages.geometry.occluders import scene_of
+from stages.geometry.occluders import nearest_faces, scene_of
+from stages.geometry.settings import ProxySettings
 from stages.geometry.short_edges import ShortEdged, with_short_edges
 from stages.geometry.surface import decimated, mean_edge
 
-UNIT = 100  # mean edges: in such a length the bound of rough decimation begins at 1/60 of an edge
-AGGRESSIVENESS = 3  # and rises to three edges; with 7, the library's default, far too soon, and without end
-
 
 def short_edged_with_proxy(
-    mesh: Surface, longest_edge: float, most_vertices: int
+    mesh: Surface, longest_edge: float, most_vertices: int, settings: ProxySettings
 ) -> tuple[ShortEdged, Surface]:
-    """The mesh with short edges, and what stands for that: itself, or a decimation of it.
+    """Cut long edges of a mesh; return it, and its proxy: itself, or a decimation of it.
 
     A mesh is decimated if it had more than `most_vertices` before it was cut. Decimation leaves large faces
-    where all is flat: they are cut as well. Cutting adds half as many vertices at most.
+    where all is flat: they are cut as well. Cutting adds `extra_vertices` at most.
 
     Parameters
     ----------
@@ -29,13 +26,15 @@ def short_edged_with_proxy(
     longest_edge : float
         Model units.
     most_vertices : int
+    settings : ProxySettings
     """
-    short = with_short_edges(mesh, longest_edge, half_more(max(len(mesh.vertices), most_vertices)))
+    more = 1 + settings.extra_vertices
+    short = with_short_edges(mesh, longest_edge, int(more * max(len(mesh.vertices), most_vertices)))
     whole = welded(short.surface)
     if len(whole.vertices) <= most_vertices or (short.cuts and len(welded(mesh).vertices) <= most_vertices):
         return short, whole
-    small = roughly_decimated(whole, faces_of_fewer_vertices(whole, most_vertices))
-    return short, with_short_edges(small, short.longest, half_more(most_vertices)).surface
+    small = roughly_decimated(whole, faces_of_fewer_vertices(whole, most_vertices), settings)
+    return short, with_short_edges(small, short.longest, int(more * most_vertices)).surface
 
 
 def roughness_of(mesh: Surface, proxy: Surface, longest_edge: float) -> float:
@@ -48,17 +47,17 @@ def roughness_of(mesh: Surface, proxy: Surface, longest_edge: float) -> float:
     return min(max(mean_edge(mesh), mean_edge(proxy)), longest_edge)
 
 
-def roughly_decimated(surface: Surface, faces: int) -> Surface:
-    """Another of about so many faces, where the surface is, within a small part of its edges.
+def roughly_decimated(surface: Surface, faces: int, settings: ProxySettings) -> Surface:
+    """Decimate a surface to about so many faces, within a small part of its edges.
 
     Quadric decimation under a bound that rises: of all edges the next below it goes, not the cheapest one.
     That is six times as fast as `stages.geometry.surface.decimated` (fountain: 3 s), as near in the mean, and
     leaves flat floors faces of even size instead of slivers; open borders fray by some edges. Where too many
     are left below the highest bound, the other goes on.
     """
-    middle, unit = surface.vertices.mean(axis=0), UNIT * mean_edge(surface)
+    middle, unit = surface.vertices.mean(axis=0), settings.unit_edges * mean_edge(surface)
     vertices, corners = fast_simplification.simplify(
-        (surface.vertices - middle) / unit, surface.faces, target_count=faces, agg=AGGRESSIVENESS
+        (surface.vertices - middle) / unit, surface.faces, target_count=faces, agg=settings.aggressiveness
     )
     small = decimated(Surface(vertices, corners.astype(np.int32)), faces)
     return Surface(small.vertices * unit + middle, small.faces)
@@ -72,11 +71,6 @@ def faces_of_fewer_vertices(surface: Surface, vertices: int) -> int:
     return max(1, len(surface.faces) * vertices // max(len(surface.vertices), 1))
 
 
-def half_more(count: int) -> int:
-    """What cutting may make of so many vertices."""
-    return count + count // 2
-
-
 def welded(surface: Surface) -> Surface:
     """The same, `joined`, without faces that have become lines: otherwise nothing could be decimated."""
     whole, _ = joined(surface)
@@ -87,17 +81,19 @@ def welded(surface: Surface) -> Surface:
 
 
 def blend_of(
-    surface: Surface, normals: np.ndarray, proxy: Surface, threads: int = 0
+    surface: Surface, normals: np.ndarray, proxy: Surface, settings: ProxySettings, threads: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Every vertex of the surface as a blend of the corners of the proxy's nearest face.
+    """Blend every vertex of the surface from the corners of the proxy's nearest face.
 
     Parameters
     ----------
     surface : Surface
     normals : ndarray, shape (V, 3)
         Its vertices'. Of a thin sheet the nearest face may be that of the other side: there, the one
-        nearest to a point a little above the vertex is taken.
+        nearest to a point above the vertex is taken.
     proxy : Surface
+    settings : ProxySettings
+        `sheet_offset`, how far above.
     threads : int
         0: all.
 
@@ -112,19 +108,9 @@ def blend_of(
         return own, np.tile(np.array([1, 0, 0], np.float32), (count, 1))
     scene, origin = scene_of(proxy, threads)
     places = (surface.vertices - origin).astype(np.float32)
-    faces, weights, facing = _nearest(scene, places, normals)
+    faces, weights, facing = nearest_faces(scene, places, normals)
     if not facing.all():
-        above = places[~facing] + mean_edge(proxy) * normals[~facing].astype(np.float32)
-        faces[~facing], weights[~facing], _ = _nearest(scene, above, normals[~facing])
+        offset = settings.sheet_offset * mean_edge(proxy)
+        above = places[~facing] + offset * normals[~facing].astype(np.float32)
+        faces[~facing], weights[~facing], _ = nearest_faces(scene, above, normals[~facing])
     return proxy.faces[faces].astype(np.int32), weights
-
-
-def _nearest(
-    scene: o3d.t.geometry.RaycastingScene, places: np.ndarray, normals: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nearest face, weights of its corners, and whether it looks the way of the normal."""
-    nearest = scene.compute_closest_points(o3d.core.Tensor.from_numpy(places))
-    u, v = nearest["primitive_uvs"].numpy().T
-    weights = np.clip(np.stack([1 - u - v, u, v], axis=1), 0, 1)
-    facing = np.einsum("vk,vk->v", nearest["primitive_normals"].numpy(), normals) >= 0
-    return nearest["primitive_ids"].numpy().copy(), weights / weights.sum(axis=1, keepdims=True), facing

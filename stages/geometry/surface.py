@@ -58,11 +58,11 @@ def robust_crop(points: OrientedPoints, outliers: float, margin: float) -> Orien
     return points.chosen(inside)
 
 
-def octree_depth(points: OrientedPoints, cell_footprints: float, deepest: int) -> int:
-    """Depth at which an octree cell is about `cell_footprints` median pixel footprints wide."""
+def octree_depth(points: OrientedPoints, cell_footprints: float, shallowest: int, deepest: int) -> int:
+    """Choose the depth at which an octree cell is about `cell_footprints` median pixel footprints wide."""
     extent = float(np.ptp(points.x_in_world, axis=0).max())
     cell = cell_footprints * float(np.median(points.footprints))
-    return int(np.clip(np.ceil(np.log2(max(extent / cell, 1.0))), 5, deepest))
+    return int(np.clip(np.ceil(np.log2(max(extent / cell, 1.0))), shallowest, deepest))
 
 
 def poisson(points: OrientedPoints, depth: int) -> Surface:

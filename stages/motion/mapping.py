@@ -7,11 +7,16 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pycolmap
 
 from stages.formats.colmap.model import registered
+from stages.motion.sfm_settings import MappingSettings
+
+N = TypeVar("N", int, float)
+FEWEST_PHOTOS = 2  # of a model: with one there is no depth
 
 
 @contextmanager
@@ -27,7 +32,7 @@ def quiet_colmap() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Attempt:
-    """One way of asking the incremental mapper: where it may start and whom it lets in.
+    """Thresholds of one run of the incremental mapper.
 
     Attributes
     ----------
@@ -41,21 +46,38 @@ class Attempt:
     """
 
     seed: int
-    init_inliers: int = 100
-    init_angle_deg: float = 16.0
-    pose_inliers: int = 30
+    init_inliers: int
+    init_angle_deg: float
+    pose_inliers: int
 
 
-def attempts(count: int, seed: int) -> list[Attempt]:
-    """COLMAP's own thresholds first, then other seeds and, by turns, looser thresholds."""
-    loosening = [(100, 16.0, 30), (100, 16.0, 30), (50, 8.0, 20), (30, 4.0, 15), (20, 2.0, 12)]
-    return [Attempt(seed + i, *loosening[min(i, len(loosening) - 1)]) for i in range(count)]
+def attempts(count: int, seed: int, settings: MappingSettings) -> list[Attempt]:
+    """List attempts: COLMAP's own thresholds first, then other seeds and looser thresholds."""
+    return [
+        Attempt(
+            seed + number,
+            init_inliers=_of_attempt(settings.init_inliers, number),
+            init_angle_deg=_of_attempt(settings.init_angle_deg, number),
+            pose_inliers=_of_attempt(settings.pose_inliers, number),
+        )
+        for number in range(count)
+    ]
+
+
+def _of_attempt(values: Sequence[N], number: int) -> N:
+    """The value of an attempt, counted from 0; the last holds for those that follow."""
+    return values[min(number, len(values) - 1)]
 
 
 def map_incrementally(
-    database: Path, scratch: Path, attempt: Attempt, hold_cameras: bool, step: Callable[[], None]
+    database: Path,
+    scratch: Path,
+    attempt: Attempt,
+    settings: MappingSettings,
+    hold_cameras: bool,
+    step: Callable[[], None],
 ) -> list[pycolmap.Reconstruction]:
-    """COLMAP's incremental mapper; `step` is called for every photo that gets a pose.
+    """Run COLMAP's incremental mapper; `step` is called for every photo that gets a pose.
 
     One thread: with more, sums in the bundle adjustment change their order and the model its last bits. Their
     gain is small, the mapper is nearly sequential.
@@ -63,13 +85,12 @@ def map_incrementally(
     options = pycolmap.IncrementalPipelineOptions(
         num_threads=1,
         random_seed=attempt.seed,
-        min_model_size=2,
+        min_model_size=FEWEST_PHOTOS,
         extract_colors=False,  # ours come from the photos as decoded by us: `colour_points`
         ba_refine_focal_length=not hold_cameras,
         ba_refine_extra_params=not hold_cameras,
-        # Its default of 0 runs every adjustment to the last digit; `refine` does that once, at the end.
-        ba_local_function_tolerance=1e-5,
-        ba_global_function_tolerance=1e-6,
+        ba_local_function_tolerance=settings.local_tolerance,
+        ba_global_function_tolerance=settings.global_tolerance,
     )
     options.mapper.num_threads = 1
     options.mapper.random_seed = attempt.seed
@@ -103,7 +124,7 @@ def map_globally(
     pycolmap.set_random_seed(seed)
     if calibrate:
         pycolmap.calibrate_view_graph(database, pycolmap.ViewGraphCalibrationOptions(random_seed=seed))
-    options = pycolmap.GlobalPipelineOptions(num_threads=1, random_seed=seed, min_model_size=2)
+    options = pycolmap.GlobalPipelineOptions(num_threads=1, random_seed=seed, min_model_size=FEWEST_PHOTOS)
     mapper = options.mapper
     mapper.num_threads = 1
     for part in (mapper, mapper.rotation_averaging, mapper.global_positioning, mapper.retriangulation):
@@ -119,7 +140,7 @@ def map_globally(
 
 def by_size(models: Iterable[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
     """Models with at least two posed photos, the largest first (photos, then points)."""
-    useful = [model for model in models if model.num_reg_images() >= 2]
+    useful = [model for model in models if model.num_reg_images() >= FEWEST_PHOTOS]
     return sorted(useful, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 
 

@@ -10,6 +10,8 @@ import pycolmap
 
 from stages.motion.database import working_name
 
+BATCH, BLOCK = 256, 16  # pairs per call, and photos along a side of a block of pairs: change speed only
+
 
 def all_pairs(count: int) -> list[tuple[int, int]]:
     """All pairs i < j of `count` photos."""
@@ -25,9 +27,9 @@ def sequential_pairs(count: int, overlap: int) -> list[tuple[int, int]]:
     return [(i, i + step) for i in range(count) for step in steps if i + step < count]
 
 
-def in_batches(pairs: Sequence[tuple[int, int]], batch: int = 256) -> list[list[tuple[int, int]]]:
+def in_batches(pairs: Sequence[tuple[int, int]], batch: int = BATCH) -> list[list[tuple[int, int]]]:
     """Pairs in batches that each touch few photos: COLMAP indexes a photo's descriptors once per call."""
-    ordered = sorted(pairs, key=lambda pair: (pair[0] // 16, pair[1] // 16, pair))
+    ordered = sorted(pairs, key=lambda pair: (pair[0] // BLOCK, pair[1] // BLOCK, pair))
     return [ordered[start : start + batch] for start in range(0, len(ordered), batch)]
 
 

@@ -14,9 +14,6 @@ from stages.formats.images.photo_folder import LINEAR
 from stages.formats.images.photos import read_photo
 from stages.motion.features import write_reduced
 
-# Of every photo, so many values are enough for a percentile of the whole set.
-EXPOSURE_SAMPLES = 4096
-
 
 @dataclass(frozen=True)
 class Photo:
@@ -44,12 +41,12 @@ class Photo:
     linear_sample: np.ndarray | None = None
 
 
-def survey(folder: Path, name: str, copy: Path, max_size_px: int) -> Photo | str:
+def survey(folder: Path, name: str, copy: Path, max_size_px: int, samples: int) -> Photo | str:
     """Decode a photo, so as to know that it is whole, and write the reduced copy that features are sought in.
 
     Returns the sentence that says what is wrong if it cannot be read: it runs in a worker, and a sentence
-    travels better than an exception. A linear photo's copy has to wait for the exposure of the set:
-    `write_linear_copy`.
+    travels better than an exception. A linear photo's copy has to wait for the exposure of the set, which
+    about so many `samples` of each are enough for: `write_linear_copy`.
     """
     path = folder / name
     try:
@@ -61,7 +58,7 @@ def survey(folder: Path, name: str, copy: Path, max_size_px: int) -> Photo | str
         write_reduced(linear, copy, max_size_px)
         return Photo(name, width, height, copy, focal_prior(path))
     values = linear.ravel()
-    sample = values[:: max(1, len(values) // EXPOSURE_SAMPLES)].copy()
+    sample = values[:: max(1, len(values) // samples)].copy()
     return Photo(name, width, height, copy, None, sample)
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from pipeline import Settings, setting
+from pipeline import Settings, group, setting
 
 CAMERA_PARAMS = {  # by COLMAP's camera model, in its order
     "SIMPLE_PINHOLE": "f, cx, cy",
@@ -17,6 +17,38 @@ CAMERA_PARAMS = {  # by COLMAP's camera model, in its order
     "FULL_OPENCV": "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6",
     "OPENCV_FISHEYE": "fx, fy, cx, cy, k1, k2, k3, k4",
 }
+
+
+class MappingSettings(Settings):
+    """Settings of COLMAP's incremental mapper: `stages.motion.mapping`."""
+
+    init_inliers: tuple[int, ...] = setting(
+        (100, 100, 50, 30, 20),
+        "Matches that the first pair must share, attempt by attempt; the last holds for those that follow. "
+        "COLMAP's own first, then another seed, then looser: few photos share few features.",
+        unit="matches",
+        min_length=1,
+    )
+    init_angle_deg: tuple[float, ...] = setting(
+        (16.0, 16.0, 8.0, 4.0, 2.0),
+        "Median angle between the first pair's rays that it must have, attempt by attempt.",
+        unit="deg",
+        min_length=1,
+    )
+    pose_inliers: tuple[int, ...] = setting(
+        (30, 30, 20, 15, 12),
+        "Points that a further photo must see, attempt by attempt.",
+        unit="points",
+        min_length=1,
+    )
+    local_tolerance: float = setting(
+        1e-5,
+        "Bundle adjustments around a new photo end where the cost falls by a smaller share. COLMAP's 0 runs "
+        "each to the last digit; one adjustment at the end does that.",
+        ge=0,
+        lt=1,
+    )
+    global_tolerance: float = setting(1e-6, "And those of all photos.", ge=0, lt=1)
 
 
 class SfmSettings(Settings):
@@ -35,6 +67,9 @@ class SfmSettings(Settings):
         "Linear photos (EXR, HDR) are scaled so that this percentile of the set becomes white.",
         gt=50,
         le=100,
+    )
+    linear_white_samples: int = setting(
+        4096, "Values of each linear photo that this percentile is taken of.", unit="values", ge=16
     )
     cameras: Literal["shared", "per_folder", "per_image"] = setting(
         "shared",
@@ -83,6 +118,9 @@ class SfmSettings(Settings):
         6, "Cameras with fewer photos keep their principal point: it would trade against the poses.", ge=3
     )
     seed: int = setting(0, "Start of every random generator.", ge=0, le=2**31 - 100)
+    mapping: MappingSettings = group(
+        MappingSettings, "What the incremental mapper asks of photos, and how exactly it adjusts on its way."
+    )
 
     @field_validator("camera_params")
     @classmethod

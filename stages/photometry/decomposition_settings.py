@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from pipeline import Settings, UserError, setting
+from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
 
 Share = Annotated[float, Field(ge=0, le=4)]
 
@@ -223,6 +224,7 @@ class DecompositionSettings(Settings):
         unit="rounds",
         ge=1,
     )
+    upright_within_deg: float = UPRIGHT_WITHIN_DEG
 
     @property
     def kind_of_light(self) -> Literal["paper", "harmonics", "directions"]:

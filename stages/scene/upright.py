@@ -8,8 +8,6 @@ import numpy as np
 
 from stages.scene.cameras import Camera
 
-NEAR_AXIS_DEG = 20.0
-
 
 def mean_camera_up(cameras: Sequence[Camera]) -> np.ndarray:
     """World up as the photographers held it: unit mean of the cameras' up (−y) axes, shape (3,)."""
@@ -18,17 +16,17 @@ def mean_camera_up(cameras: Sequence[Camera]) -> np.ndarray:
     return up / length if length > 1e-6 else -cameras[0].rotation[1]
 
 
-def upright_from_world(cameras: Sequence[Camera]) -> np.ndarray:
-    """Rotation, (3, 3), from the world to a frame whose z is up.
+def upright_from_world(cameras: Sequence[Camera], within_deg: float) -> np.ndarray:
+    """Rotate from the world to a frame whose z is up, (3, 3).
 
-    Up is the world's axis nearest to the cameras' mean up (−y), if it is within 20° of it: frames made by
-    hand, and by most programs, have an axis upwards. Otherwise the cameras' mean up itself. The rotation is
-    the smallest that leads there, so a world whose z is up stays as it is.
+    Up is the world's axis nearest to the cameras' mean up (−y), if it is within `within_deg` of it: frames
+    made by hand, and by most programs, have an axis upwards. Otherwise the cameras' mean up itself. The
+    rotation is the smallest that leads there, so a world whose z is up stays as it is.
     """
     up = mean_camera_up(cameras)
     axis = np.zeros(3)
     axis[np.abs(up).argmax()] = np.sign(up[np.abs(up).argmax()])
-    if up @ axis > np.cos(np.deg2rad(NEAR_AXIS_DEG)):
+    if up @ axis > np.cos(np.deg2rad(within_deg)):
         up = axis
     return _smallest_rotation(up, np.array([0.0, 0, 1]))
 

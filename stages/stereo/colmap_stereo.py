@@ -10,6 +10,7 @@ import pycolmap
 
 from pipeline import Job, UserError
 from stages.formats.colmap.depth_maps import read_map
+from stages.formats.meshes.point_clouds import read_cloud
 from stages.scene.cameras import normals_in_world
 from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.mvs_settings import MvsSettings
@@ -40,7 +41,7 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
             job.scratch / "fused.ply", folder, options=fusion_options(job.settings), output_type="PLY"
         )
     job.note(coverage=_hand_over(job, workspace, folder / "stereo"))
-    return _read_fused(job.scratch / "fused.ply")
+    return FusedPoints(*read_cloud(job.scratch / "fused.ply"))
 
 
 def patch_match_options(settings: MvsSettings) -> pycolmap.PatchMatchOptions:
@@ -76,11 +77,3 @@ def _hand_over(job: Job[MvsSettings], workspace: Workspace, stereo: Path) -> dic
         coverage[name] = round(float((depth > 0).mean()), 4)
         write_depth_maps(job.outputs["depth_maps"], name, camera, depth, normals_in_world(camera, normals))
     return coverage
-
-
-def _read_fused(path: Path) -> FusedPoints:
-    import open3d as o3d
-
-    cloud = o3d.io.read_point_cloud(path)
-    colours = np.rint(np.asarray(cloud.colors) * 255).astype(np.uint8).reshape(-1, 3)
-    return FusedPoints(np.array(cloud.points), np.array(cloud.normals, np.float32), colours)

@@ -4,7 +4,149 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pipeline import Settings, setting
+from pipeline import Settings, group, setting
+
+
+class ViewSelectionSettings(Settings):
+    """Settings of the choice of source views and of depth ranges: `stages.stereo.view_selection`."""
+
+    angle_below: float = setting(
+        0.4,
+        "Standard deviation of a point's weight where its triangulation angle is below `angle_deg`. Depth "
+        "blurs quickly there.",
+        unit="of `angle_deg`",
+        gt=0,
+        le=10,
+    )
+    angle_above: float = setting(
+        1.5,
+        "And where it is above: views grow unlike only slowly.",
+        unit="of `angle_deg`",
+        gt=0,
+        le=10,
+    )
+    smallest_angle_deg: float = setting(
+        1e-4,
+        "Points seen under a smaller angle do not count: two views in one place tell no depth.",
+        unit="deg",
+        ge=0,
+        le=1,
+    )
+    range_fewest_points: int = setting(
+        10,
+        "A view that observes fewer sparse points takes its depth range from all points in front of it.",
+        unit="points",
+        ge=1,
+    )
+
+
+class PosePointsSettings(Settings):
+    """Settings of the stand-ins for sparse points: `stages.stereo.view_selection.points_from_poses`."""
+
+    rays_per_side: int = setting(8, "Rays per view along either side of its image.", ge=2, le=64)
+    depths_per_ray: int = setting(8, "Points on each ray, evenly spaced in inverse depth.", ge=2, le=64)
+    nearest: float = setting(
+        0.5, "The first of them, as a share of the view's middle depth.", unit="middle depths", gt=0, le=1
+    )
+    farthest: float = setting(2.0, "And the last.", unit="middle depths", ge=1, le=100)
+    converging_share: float = setting(
+        0.8,
+        "Optical axes meet if their common point lies in front of this share of the views, farther than the "
+        "nearest other view. The middle depth is the distance to it.",
+        gt=0,
+        le=1,
+    )
+    parallel_distance: float = setting(
+        20.0,
+        "The middle depth where they do not meet. Twenty baselines are a parallax of some 3°.",
+        unit="distances to the nearest other view",
+        gt=1,
+    )
+    rank_tolerance: float = setting(
+        1e-3,
+        "Directions along which the axes differ by less, as a relative singular value, do not place their "
+        "common point: axes that are almost parallel would meet anywhere.",
+        gt=0,
+        lt=1,
+    )
+
+
+class PlaneSweepSettings(Settings):
+    """Settings of the plane sweep: `stages.stereo.depth.plane_sweep` and the fit to its winner."""
+
+    parallax_quantile: float = setting(
+        0.75,
+        "Inverse depth is measured in pixels of disparity of the source at this quantile of the sources' "
+        "speeds: the fastest of all may be an oblique view.",
+        ge=0,
+        le=1,
+    )
+    fewest_planes: int = setting(
+        8, "At least so many planes, however small the disparities: a parabola needs neighbours.", ge=3, le=64
+    )
+    fit_radius_px: int = setting(
+        2, "Half size of the window that the first slopes are fitted in.", unit="px", ge=1, le=10
+    )
+    fit_tolerance: float = setting(
+        0.5,
+        "A neighbour r pixels away belongs to the same surface, and to the fit, while its disparity differs "
+        "by less than this plus r. Half a plane is the rounding of the sweep; r admits slopes of a plane per "
+        "pixel.",
+        unit="planes",
+        ge=0,
+        le=10,
+    )
+
+
+class PatchMatchSettings(Settings):
+    """Settings of the refinement's search: `stages.stereo.depth.patch_match`."""
+
+    patch_sigmas: float = setting(
+        1.5,
+        "Reach of the patch in standard deviations of its Gaussian weight by distance.",
+        unit="standard deviations",
+        gt=0,
+        le=10,
+    )
+    propagation_px: tuple[int, ...] = setting(
+        (1, 3, 7),
+        "Distances to the neighbours above, below, left and right whose planes are tried: on each side, of "
+        "the neighbour that matches best.",
+        unit="px",
+        min_length=1,
+        max_length=8,
+    )
+    first_change_px: float = setting(
+        1.0,
+        "Largest random change of disparity in the first round. The sweep is right to about a plane.",
+        unit="px",
+        gt=0,
+        le=100,
+    )
+    change_decay: float = setting(0.5, "And as a share of it from round to round.", gt=0, le=1)
+    slope_change: float = setting(
+        0.3,
+        "Largest random change of the slopes, as a share of that of disparity, per pixel.",
+        ge=0,
+        le=10,
+    )
+    same_disparity_px: float = setting(
+        0.02,
+        "Planes that differ by less, and by less than `same_slope`, are not compared: it saves time.",
+        unit="px",
+        ge=0,
+        le=1,
+    )
+    same_slope: float = setting(
+        0.005, "Difference of their slopes.", unit="px of disparity per px", ge=0, le=1
+    )
+    bending_cap: float = setting(
+        1.0,
+        "Square of the gap to a neighbour's plane at which the charge for bending stops growing, lest it "
+        "smooth depth edges.",
+        unit="px² of disparity",
+        gt=0,
+    )
 
 
 class MvsSettings(Settings):
@@ -118,3 +260,20 @@ class MvsSettings(Settings):
     sparse_neighbours: int = setting(
         12, "Neighbours that a sparse point's normal is estimated from.", ge=3, le=200
     )
+    views: ViewSelectionSettings = group(
+        ViewSelectionSettings, "Which views each view is matched with, and over which depths."
+    )
+    pose_points: PosePointsSettings = group(
+        PosePointsSettings,
+        "What stands for sparse points where a model has none: a grid of every view's rays over plausible "
+        "depths.",
+    )
+    sweep: PlaneSweepSettings = group(PlaneSweepSettings, "The plane sweep, where depth begins.")
+    patch_match: PatchMatchSettings = group(
+        PatchMatchSettings, "The refinement of depth and normal by planes of neighbours and random changes."
+    )
+
+    @property
+    def counted_sources(self) -> int:
+        """`best_sources`, but no more than there are."""
+        return min(self.best_sources, self.sources)

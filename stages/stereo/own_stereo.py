@@ -11,21 +11,11 @@ from pipeline import Job, UserError
 from stages.formats.artefacts.array_store import ArrayStore
 from stages.solvers.kernels.threading_layer import use_threads
 from stages.stereo.depth import dense_stereo as stereo
-from stages.stereo.depth.fusion import Agreement, FusedPoints
+from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.depth.inverse_depth import depth_from_planes
-from stages.stereo.depth.patch_match import Refinement
-from stages.stereo.depth.semi_global import Penalties
 from stages.stereo.mvs_settings import MvsSettings
-from stages.stereo.view_selection import (
-    AngleWeight,
-    SparsePoints,
-    depth_range,
-    points_from_poses,
-    select_sources,
-)
+from stages.stereo.view_selection import SparsePoints, depth_range, points_from_poses, select_sources
 from stages.stereo.workspace import Workspace, write_depth_maps
-
-FEWEST_POINTS = 10  # a view that sees fewer takes its depth range from all points in front of it
 
 
 def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
@@ -48,7 +38,7 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
         if job.settings.geometric_iterations:
             reconcile(job, scene, views, step)
         kept = confirm(job, scene, workspace, views, step)
-        cloud = stereo.fuse_views(scene, agreement_of(job.settings, len(workspace.cameras)), kept, step)
+        cloud = stereo.fuse_views(scene, job.settings, kept, step)
     job.note(
         coverage={workspace.image_names[view]: round(float(kept[view].mean()), 4) for view in views},
         cpu_seconds=round(time.process_time() - began, 1),
@@ -60,12 +50,11 @@ def plan_scene(job: Job[MvsSettings], workspace: Workspace) -> tuple[stereo.Scen
     """Choose sources and depth ranges; returns the scene and the views that have no sources."""
     settings, cameras, points = job.settings, workspace.cameras, workspace.points
     if not len(points.x_in_world):
-        points = points_from_poses(cameras)
+        points = points_from_poses(cameras, settings.pose_points)
         job.note(depth_ranges="from the poses: the model has no 3-D points")
-    weight = AngleWeight(settings.angle_deg, 0.4 * settings.angle_deg, 1.5 * settings.angle_deg)
     plans = []
     for view in range(len(cameras)):
-        sources = select_sources(cameras, points, view, settings.sources, weight)
+        sources = select_sources(cameras, points, view, settings)
         # A lonely view may look away from every point, and is never asked for a depth.
         near, far = _range_of(workspace, points, view, settings) if sources else (0.0, 0.0)
         plans.append(stereo.ViewPlan(sources, near, far))
@@ -84,7 +73,7 @@ def _range_of(
 ) -> tuple[float, float]:
     camera = workspace.cameras[view]
     seen = points.x_in_world[points.seen[view]]
-    x_in_world = seen if len(seen) >= FEWEST_POINTS else points.x_in_world
+    x_in_world = seen if len(seen) >= settings.views.range_fewest_points else points.x_in_world
     return depth_range(camera, x_in_world, settings.range_outliers, settings.range_margin)
 
 
@@ -92,19 +81,17 @@ def find_planes(job: Job[MvsSettings], scene: stereo.Scene, views: list[int], st
     """Sweep, then refine by matching alone; leaves planes and costs in the scene."""
     settings = job.settings
     for view in views:
-        scene.planes[view] = stereo.sweep_view(scene, view, sweep_of(settings))
+        scene.planes[view] = stereo.sweep_view(scene, view, settings)
         step()
-        refined = refinement_of(settings, settings.photometric_iterations)
-        scene.planes[view], scene.costs[view] = stereo.refine_view(scene, view, refined, geometric=False)
+        scene.planes[view], scene.costs[view] = stereo.refine_view(scene, view, settings, geometric=False)
         step()
 
 
 def reconcile(job: Job[MvsSettings], scene: stereo.Scene, views: list[int], step: Any) -> None:
     """Refine with the others' maps; puts new planes and costs into the scene."""
-    refined = refinement_of(job.settings, job.settings.geometric_iterations)
     after = ArrayStore(job.scratch / "planes_after")
     for view in views:  # all look at the maps of the round before, so that their order does not matter
-        after[view], scene.costs[view] = stereo.refine_view(scene, view, refined, geometric=True)
+        after[view], scene.costs[view] = stereo.refine_view(scene, view, job.settings, geometric=True)
         step()
     scene.planes = after
 
@@ -118,54 +105,9 @@ def confirm(
     for view, camera in enumerate(workspace.cameras):
         depth, normals = np.zeros(camera.shape, np.float32), np.zeros((*camera.shape, 3), np.float32)
         if view in views:
-            kept[view] = stereo.confirm_view(
-                scene,
-                view,
-                most_px=settings.consistent_px,
-                highest_cost=settings.highest_cost,
-                fewest=settings.consistent_views,
-            )
+            kept[view] = stereo.confirm_view(scene, view, settings)
             depth = np.where(kept[view], depth_from_planes(scene.planes[view]), depth)
             normals = np.where(kept[view][..., None], stereo.world_normals(scene, view), normals)
             step()
         write_depth_maps(folder, workspace.image_names[view], camera, depth, normals)
     return kept
-
-
-def sweep_of(settings: MvsSettings) -> stereo.Sweep:
-    """The sweep's part of the settings."""
-    return stereo.Sweep(
-        scale=settings.sweep_scale,
-        longest_px=settings.sweep_longest_px,
-        step_px=settings.sweep_step_px,
-        planes=settings.sweep_planes,
-        radius=settings.sweep_radius_px,
-        best=min(settings.best_sources, settings.sources),
-        noise=settings.noise,
-        penalties=Penalties(settings.sgm_small, settings.sgm_large, settings.sgm_edge),
-        paths=settings.sgm_paths,
-    )
-
-
-def refinement_of(settings: MvsSettings, iterations: int) -> Refinement:
-    """The refinement's part of the settings."""
-    return Refinement(
-        iterations=iterations,
-        radius=settings.patch_radius_px,
-        best=min(settings.best_sources, settings.sources),
-        grey_sigma=settings.patch_grey_sigma,
-        noise=settings.noise,
-        smoothness=settings.smoothness,
-        geometric=settings.geometric_weight,
-        geometric_cap_px=settings.geometric_cap_px,
-    )
-
-
-def agreement_of(settings: MvsSettings, views: int) -> Agreement:
-    """The fusion's part of the settings; never more views than there are."""
-    return Agreement(
-        reprojection_px=settings.consistent_px,
-        depth_share=settings.fusion_depth_share,
-        normal_deg=settings.fusion_normal_deg,
-        fewest_views=min(settings.fusion_views, views),
-    )

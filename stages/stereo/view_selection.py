@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.scene.cameras import Camera, project, rays_in_world
-
-LEAST_ANGLE_DEG = 1e-4  # below it two views stand in one place and tell no depth
+from stages.stereo.mvs_settings import MvsSettings, PosePointsSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,51 +25,48 @@ class SparsePoints:
     seen: np.ndarray
 
 
-@dataclass(frozen=True)
-class AngleWeight:
-    """How much a point speaks for a pair of views, by its triangulation angle.
+def angle_weight(angle_deg: np.ndarray, settings: MvsSettings) -> np.ndarray:
+    """Weigh a point for a pair of views by its triangulation angle: exp(−½ ((angle − best) / σ)²).
 
-    Attributes
-    ----------
-    best_deg : float
-        The angle of weight 1: enough parallax, little foreshortening.
-    below_deg, above_deg : float
-        Standard deviations of the weight on either side.
+    The angle of weight 1, `angle_deg`, has enough parallax and little foreshortening; σ is `angle_below` or
+    `angle_above` times that.
+
+    Returns
+    -------
+    ndarray, shape of `angle_deg`
+        In (0, 1].
     """
-
-    best_deg: float
-    below_deg: float
-    above_deg: float
-
-    def __call__(self, angle_deg: np.ndarray) -> np.ndarray:
-        """Weight in (0, 1], same shape as `angle_deg`."""
-        off = angle_deg - self.best_deg
-        return np.exp(-0.5 * (off / np.where(off < 0, self.below_deg, self.above_deg)) ** 2)
+    best, spread = settings.angle_deg, settings.views
+    off = angle_deg - best
+    sigma = np.where(off < 0, spread.angle_below * best, spread.angle_above * best)
+    return np.exp(-0.5 * (off / sigma) ** 2)
 
 
-def points_from_poses(cameras: list[Camera], per_view: int = 64, depths: int = 8) -> SparsePoints:
-    """Stand-ins for sparse points where a model has none: a grid of every view's rays over plausible depths.
+def points_from_poses(cameras: list[Camera], settings: PosePointsSettings) -> SparsePoints:
+    """Make stand-ins for sparse points where a model has none: every view's rays over plausible depths.
 
     The middle depth is where the optical axes meet best (least squares); where they do not meet in front of
-    most views, twenty times the distance to the nearest neighbour. A stand-in is "seen" by every view whose
-    image it falls into.
+    most views, `parallel_distance` times the distance to the nearest neighbour. A stand-in is "seen" by every
+    view whose image it falls into.
     """
     centres = np.stack([camera.centre_in_world for camera in cameras])
     axes = np.stack([camera.rotation[2] for camera in cameras])
     projectors = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    focus = np.linalg.lstsq(projectors.sum(0), (projectors @ centres[:, :, None]).sum(0)[:, 0], rcond=1e-3)[0]
+    at = (projectors @ centres[:, :, None]).sum(0)[:, 0]
+    focus = np.linalg.lstsq(projectors.sum(0), at, rcond=settings.rank_tolerance)[0]
     reach = np.sum((focus - centres) * axes, axis=1)
     gaps = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
     rounding = 1e-12 * np.abs(centres).max()
     nearest = np.where(gaps > rounding, gaps, np.inf).min(axis=1)
     nearest = np.where(np.isfinite(nearest), nearest, 1.0)  # all stand in one place: any length is as good
-    if np.mean(reach > nearest) < 0.8:
-        reach = 20.0 * nearest
-    side = int(np.sqrt(per_view))
+    if np.mean(reach > nearest) < settings.converging_share:
+        reach = settings.parallel_distance * nearest
+    side = settings.rays_per_side
+    inverse = np.linspace(1 / settings.nearest, 1 / settings.farthest, settings.depths_per_ray)
     points = []
     for camera, middle in zip(cameras, np.maximum(reach, nearest), strict=True):
         rays = rays_in_world(camera.scaled(side, side)).reshape(-1, 1, 3)
-        steps = middle / np.linspace(1 / 0.5, 1 / 2.0, depths)[None, :, None]
+        steps = middle / inverse[None, :, None]
         points.append((camera.centre_in_world + rays * steps).reshape(-1, 3))
     x_in_world = np.concatenate(points)
     return SparsePoints(x_in_world, np.stack([falls_inside(camera, x_in_world) for camera in cameras]))
@@ -82,11 +78,11 @@ def falls_inside(camera: Camera, x_in_world: np.ndarray) -> np.ndarray:
     return (depth > 0) & np.all((xy >= 0) & (xy < [camera.width, camera.height]), axis=-1)
 
 
-def pair_scores(cameras: list[Camera], points: SparsePoints, view: int, weight: AngleWeight) -> np.ndarray:
-    """How well every other view serves `view` as a source, shape (v,), 0 for itself.
+def pair_scores(cameras: list[Camera], points: SparsePoints, view: int, settings: MvsSettings) -> np.ndarray:
+    """Score every other view as a source of `view`, shape (v,), 0 for itself.
 
     The sum over shared points of the angle's weight times the smaller over the larger of the two footprints;
-    points that both see under the same angle do not count.
+    points that both see from one direction do not count.
     """
     scores = np.zeros(len(cameras))
     centre = cameras[view].centre_in_world
@@ -100,16 +96,17 @@ def pair_scores(cameras: list[Camera], points: SparsePoints, view: int, weight: 
         size_a, size_b = length_a / cameras[view].focal_px, length_b / camera.focal_px
         similar = np.minimum(size_a, size_b) / np.maximum(size_a, size_b)
         angle_deg = np.rad2deg(np.arccos(cosine))
-        scores[other] = np.sum((weight(angle_deg) * similar)[angle_deg > LEAST_ANGLE_DEG])
+        weights = angle_weight(angle_deg, settings) * similar
+        scores[other] = np.sum(weights[angle_deg > settings.views.smallest_angle_deg])
     return scores
 
 
 def select_sources(
-    cameras: list[Camera], points: SparsePoints, view: int, count: int, weight: AngleWeight
+    cameras: list[Camera], points: SparsePoints, view: int, settings: MvsSettings
 ) -> list[int]:
-    """The up to `count` best sources of `view`, best first; views sharing nothing with it are left out."""
-    scores = pair_scores(cameras, points, view, weight)
-    order = np.argsort(-scores, kind="stable")[:count]
+    """Select up to `sources` views for `view`, best first; views sharing nothing with it are left out."""
+    scores = pair_scores(cameras, points, view, settings)
+    order = np.argsort(-scores, kind="stable")[: settings.sources]
     return [int(other) for other in order if scores[other] > 0]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from pipeline import Settings, setting
+from stages.scene.albedo_floor import ALBEDO_FLOOR
 
 
 class RenderSettings(Settings):
@@ -103,4 +104,11 @@ class RenderSettings(Settings):
     )
     blur_px: float = setting(
         0.0, "Deviation of a Gaussian blur, a lens out of focus.", unit="px", ge=0, le=64
+    )
+    albedo_floor: float = setting(
+        ALBEDO_FLOOR,
+        "True shading is image over albedo only where the albedo is at least this: a darker surface reflects "
+        "less itself than others send on to it.",
+        gt=0,
+        le=1,
     )

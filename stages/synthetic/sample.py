@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
 
 from stages.formats.meshes.triangle_meshes import Surface, to_open3d
 from stages.scene.cameras import Camera
@@ -78,17 +77,6 @@ def compact_mesh(surface: Surface, faces: int) -> Surface:
     coarse = to_open3d(surface).simplify_quadric_decimation(faces)
     vertices = np.asarray(coarse.vertices).astype(np.float32)
     return Surface(vertices.astype(float), np.asarray(coarse.triangles, np.int32).copy())
-
-
-def distances_to(surface: Surface, points: np.ndarray) -> np.ndarray:
-    """Unsigned distance of points (n, 3) to a surface, model units, shape (n,)."""
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(surface.vertices.astype(np.float32)),
-        o3d.core.Tensor.from_numpy(surface.faces.astype(np.uint32)),
-    )
-    places = o3d.core.Tensor.from_numpy(np.ascontiguousarray(points, np.float32))
-    return scene.compute_distance(places).numpy()
 
 
 def rounded(values: np.ndarray, bits: int = 8) -> np.ndarray:

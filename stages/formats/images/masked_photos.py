@@ -8,20 +8,19 @@ import numpy as np
 
 from pipeline import UserError
 from stages.formats.images.photo_folder import LINEAR
+from stages.formats.images.photo_settings import FireflySettings
 from stages.formats.images.photos import read_mask, read_photo
 
-# Of a photo, what is brighter than this share of its pixels is a lamp or a glint rather than surface.
-BRIGHT_SHARE = 0.97
 LARGEST_LIGHT = 1e30  # beyond, sums over pixels are no numbers any more
-AROUND = 2  # pixels to each side
 
 
 def read_masked_photo(
     photo: Path,
     mask: Path | None,
     size: tuple[int, int],
-    as_stored: bool = False,
-    most_times_bright: float = float("inf"),
+    as_stored: bool,
+    most_times_bright: float,
+    fireflies: FireflySettings,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Read a photo and which of its pixels may be used.
 
@@ -36,6 +35,8 @@ def read_masked_photo(
         Whether the model means its pixels as they are stored, whatever the header says of its orientation.
     most_times_bright : float
         `photo_settings.MOST_TIMES_BRIGHT`.
+    fireflies : FireflySettings
+        Which level of the photo, and of a pixel's neighbourhood, that is a multiple of.
 
     Returns
     -------
@@ -63,14 +64,15 @@ def read_masked_photo(
             f"The mask {mask} is {kept.shape[1]} × {kept.shape[0]} pixels, its photo {width} × {height}; "
             "masks must have their photo's size."
         )
-    possible = _possible(linear, most_times_bright if photo.suffix.lower() in LINEAR else float("inf"))
+    most_times_bright = most_times_bright if photo.suffix.lower() in LINEAR else float("inf")
+    possible = _possible(linear, most_times_bright, fireflies)
     if possible.all():
         return linear, kept, 0
     impossible = int(np.count_nonzero(~possible))
     return np.where(possible[..., None], linear, np.float32(0)), kept & possible, impossible
 
 
-def _possible(linear: np.ndarray, most_times_bright: float) -> np.ndarray:
+def _possible(linear: np.ndarray, most_times_bright: float, fireflies: FireflySettings) -> np.ndarray:
     """Which pixels may be light from a surface, (h, w), bool; NaN and infinity are beyond any bound.
 
     Beyond the bound of the whole photo, and of what is around as well: a small thing before a dark wall is
@@ -81,17 +83,20 @@ def _possible(linear: np.ndarray, most_times_bright: float) -> np.ndarray:
     lit = largest[(largest > 0) & possible]
     if not len(lit):
         return possible
-    bright = float(np.quantile(lit, BRIGHT_SHARE)) * most_times_bright
+    bright = float(np.quantile(lit, fireflies.photo_quantile)) * most_times_bright
     rows, columns = np.nonzero(possible & (largest > bright))
-    around = _brighter_neighbours(np.where(possible, largest, 0), rows, columns)
+    around = _level_around(np.where(possible, largest, 0), rows, columns, fireflies)
     possible[rows, columns] = largest[rows, columns] <= np.maximum(around * most_times_bright, 0)
     return possible
 
 
-def _brighter_neighbours(values: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """What a fifth of the pixels around, 5 × 5, is brighter than: more than come out wrong together."""
-    padded = np.pad(values, AROUND)
-    side = 2 * AROUND + 1
+def _level_around(
+    values: np.ndarray, rows: np.ndarray, columns: np.ndarray, fireflies: FireflySettings
+) -> np.ndarray:
+    """Level of the square around each pixel: the value that `brighter_neighbours` of it reach, (n,)."""
+    padded = np.pad(values, fireflies.neighbourhood_px)
+    side = 2 * fireflies.neighbourhood_px + 1
     offsets = np.arange(side)
     around = padded[rows[:, None, None] + offsets[:, None], columns[:, None, None] + offsets]
-    return np.partition(around.reshape(-1, side * side), -side, axis=1)[:, -side]
+    rank = max(1, round(fireflies.brighter_neighbours * side * side))
+    return np.partition(around.reshape(-1, side * side), -rank, axis=1)[:, -rank]

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stages.formats.meshes.ply import write_ply
+from pipeline import UserError
+from stages.formats.meshes.ply import read_ply, write_ply
 
 COLUMNS = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue")
 
@@ -23,3 +24,24 @@ def write_points(path: Path, x_in_world: np.ndarray, normals: np.ndarray, colour
     """
     values = [*x_in_world.T.astype("f4"), *normals.T.astype("f4"), *colours.T.astype("u1")]
     write_ply(path, dict(zip(COLUMNS, values, strict=True)))
+
+
+def read_cloud(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Read a cloud with normals and colours.
+
+    Returns
+    -------
+    x_in_world : ndarray, shape (n, 3), float64
+    normals : ndarray, shape (n, 3), float32
+    colours : ndarray, shape (n, 3), uint8
+
+    Raises
+    ------
+    UserError
+        It was cut off, or has no normals or colours.
+    """
+    cloud = read_ply(path)
+    normals, colours = cloud.columns("nx", "ny", "nz"), cloud.columns("red", "green", "blue")
+    if normals is None or colours is None:
+        raise UserError(f"{path} has points without normals or colours; expected both. Fuse them again.")
+    return cloud.places, normals.astype(np.float32), colours.astype(np.uint8)

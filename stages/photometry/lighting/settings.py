@@ -8,6 +8,7 @@ from pydantic import ValidationInfo, field_validator, model_validator
 
 from pipeline import Settings, UserError, group, setting
 from stages.photometry.light_search.settings import LightSearchSettings
+from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
 
 STILL = 2 / 3  # of `moving_light`: `still_light` by default
 
@@ -194,6 +195,7 @@ class LightingSettings(LightSearchSettings):
     known_light: KnownLightSettings = group(
         KnownLightSettings, "`--known-light`: the search for the turn of its picture about the vertical."
     )
+    upright_within_deg: float = UPRIGHT_WITHIN_DEG
 
     @field_validator("still_light")
     @classmethod

@@ -13,15 +13,16 @@ import cv2
 import numpy as np
 
 from stages.scene.cameras import Camera, intrinsics_for_integer_centres, normals_in_world
-from stages.stereo.depth.fusion import Agreement, DepthViews, FusedPoints, fuse_view
+from stages.stereo.depth.fusion import DepthViews, FusedPoints, fuse_view
 from stages.stereo.depth.geometric_consistency import confirmed, consistent_views
 from stages.stereo.depth.inverse_depth import fit_planes, j_from_i, normals_from_planes, resample_planes
-from stages.stereo.depth.patch_match import Refinement, Sources, refine
+from stages.stereo.depth.patch_match import Sources, refine
 from stages.stereo.depth.plane_sweep import inverse_depth_planes, matching_costs, pixels_per_inverse_depth
-from stages.stereo.depth.semi_global import Penalties, aggregate, winner
+from stages.stereo.depth.semi_global import aggregate, winner
+from stages.stereo.mvs_settings import MvsSettings
 
 NO_MAPS = np.zeros((0, 1, 1), np.float32)
-GREY = np.array([0.299, 0.587, 0.114], np.float32)
+GREY = np.array([0.299, 0.587, 0.114], np.float32)  # luma of Rec. 601
 
 
 @dataclass(frozen=True)
@@ -31,36 +32,6 @@ class ViewPlan:
     sources: list[int]
     near: float
     far: float
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """The plane sweep and its aggregation; see `plane_sweep` and `semi_global`.
-
-    Attributes
-    ----------
-    scale : float
-        Size of the swept images, relative.
-    longest_px : int
-        And at most so many pixels along the longer side.
-    step_px : float
-    planes : int
-        At most so many.
-    radius, best, noise
-        As `plane_sweep.matching_costs` takes them.
-    penalties : Penalties
-    paths : int
-    """
-
-    scale: float
-    longest_px: int
-    step_px: float
-    planes: int
-    radius: int
-    best: int
-    noise: float
-    penalties: Penalties
-    paths: int
 
 
 @dataclass
@@ -93,13 +64,15 @@ class Scene:
         """`j_from_i` of the view's sources, shape (S, 3, 4)."""
         return np.stack([j_from_i(self.cameras[view], self.cameras[j]) for j in self.plans[view].sources])
 
-    def step(self, view: int) -> float:
-        """Inverse depth per pixel of disparity (upper-quartile source) at the middle of the view's range."""
+    def step(self, view: int, parallax_quantile: float) -> float:
+        """Inverse depth per pixel of disparity at the middle of the view's range.
+
+        The disparity is that of the source at the `parallax_quantile` of speeds.
+        """
         plan, projections = self.plans[view], self.projections(view)
         middle = (1 / plan.near + 1 / plan.far) / 2
-        return float(
-            1 / np.quantile(pixels_per_inverse_depth(projections, self.cameras[view].shape, middle), 0.75)
-        )
+        speeds = pixels_per_inverse_depth(projections, self.cameras[view].shape, middle)
+        return float(1 / np.quantile(speeds, parallax_quantile))
 
 
 def padded(arrays: list[np.ndarray]) -> np.ndarray:
@@ -116,30 +89,29 @@ def sizes_of(arrays: list[np.ndarray]) -> np.ndarray:
     return np.array([array.shape[:2] for array in arrays], np.int32)
 
 
-def sweep_view(scene: Scene, view: int, sweep: Sweep) -> np.ndarray:
-    """First planes of a view, full size, (h, w, 3), float32: sweep at reduced size, winner, local fit."""
-    plan = scene.plans[view]
-    scale = min(sweep.scale, sweep.longest_px / max(scene.cameras[view].shape))
+def sweep_view(scene: Scene, view: int, settings: MvsSettings) -> np.ndarray:
+    """Sweep a view at reduced size: its first planes, full size, (h, w, 3), float32, by winner and fit."""
+    plan, sweep = scene.plans[view], settings.sweep
+    scale = min(settings.sweep_scale, settings.sweep_longest_px / max(scene.cameras[view].shape))
     small = {j: _resized(scene.cameras[j], scale) for j in (view, *plan.sources)}
     grey = {j: _shrunk(scene.grey(j), camera) for j, camera in small.items()}
     projections = np.stack([j_from_i(small[view], small[j]) for j in plan.sources])
     images = [grey[j] for j in plan.sources]
-    inverse_depths = inverse_depth_planes(
-        projections, small[view].shape, plan.near, plan.far, sweep.step_px, sweep.planes
-    )
+    inverse_depths = inverse_depth_planes(projections, small[view].shape, plan.near, plan.far, settings)
     costs = matching_costs(
         grey[view],
         padded(images),
         sizes_of(images),
         projections,
         inverse_depths,
-        radius=sweep.radius,
-        best=sweep.best,
-        noise=sweep.noise,
+        radius=settings.sweep_radius_px,
+        best=settings.counted_sources,
+        noise=settings.noise,
     )
-    index = winner(aggregate(costs, grey[view], sweep.penalties, sweep.paths))
+    index = winner(aggregate(costs, grey[view], settings))
     spacing = (inverse_depths[-1] - inverse_depths[0]) / np.float32(len(inverse_depths) - 1)
-    planes = fit_planes(inverse_depths[0] + index * spacing, float(spacing), 2)
+    inverse = inverse_depths[0] + index * spacing
+    planes = fit_planes(inverse, float(spacing), sweep.fit_radius_px, sweep.fit_tolerance)
     return resample_planes(planes, scene.cameras[view].shape)
 
 
@@ -158,33 +130,41 @@ def sources_of(scene: Scene, view: int, *, with_depth: bool) -> Sources:
 
 
 def refine_view(
-    scene: Scene, view: int, refinement: Refinement, *, geometric: bool
+    scene: Scene, view: int, settings: MvsSettings, *, geometric: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """One pass over a view: planes (h, w, 3), costs (h, w); `geometric` looks at the sources' depths too."""
+    """Refine a view: planes (h, w, 3), costs (h, w); `geometric` takes the sources' depths into account."""
     plan = scene.plans[view]
     sources = sources_of(scene, view, with_depth=geometric)
     limits = (1 / plan.far, 1 / plan.near)
-    return refine(scene.grey(view), sources, scene.planes[view], refinement, scene.step(view), limits)
+    step = scene.step(view, settings.sweep.parallax_quantile)
+    return refine(scene.grey(view), sources, scene.planes[view], settings, step, limits)
 
 
-def confirm_view(scene: Scene, view: int, *, most_px: float, highest_cost: float, fewest: int) -> np.ndarray:
-    """Pixels of a view to keep, (h, w), bool; `fewest` falls to the number of sources where that is less."""
+def confirm_view(scene: Scene, view: int, settings: MvsSettings) -> np.ndarray:
+    """Choose the pixels of a view to keep, (h, w), bool.
+
+    They match, and `consistent_views` confirm them, or all sources where there are fewer.
+    """
     inverse = np.ascontiguousarray(scene.planes[view][..., 0])
-    count = consistent_views(inverse, sources_of(scene, view, with_depth=True), most_px)
-    needed = min(fewest, len(scene.plans[view].sources))
-    return confirmed(inverse, scene.costs[view], count, highest_cost=highest_cost, fewest=needed)
+    count = consistent_views(inverse, sources_of(scene, view, with_depth=True), settings.consistent_px)
+    needed = min(settings.consistent_views, len(scene.plans[view].sources))
+    return confirmed(inverse, scene.costs[view], count, highest_cost=settings.highest_cost, fewest=needed)
 
 
 def fuse_views(
-    scene: Scene, agreement: Agreement, kept: MutableMapping[int, np.ndarray], step: Callable[[], None]
+    scene: Scene, settings: MvsSettings, kept: MutableMapping[int, np.ndarray], step: Callable[[], None]
 ) -> FusedPoints:
-    """Fuse all views in order; `kept` holds the pixels to use, (h, w), bool; `step` is called per view."""
+    """Fuse all views in order; `kept` holds the pixels to use, (h, w), bool; `step` is called per view.
+
+    `fusion_views` must agree, or all where there are fewer.
+    """
+    fewest = min(settings.fusion_views, len(scene.cameras))
     used = {view: ~kept[view] for view in kept}
     parts = []
     for view in sorted(kept):
         chosen = [view, *(j for j in scene.plans[view].sources if j in kept)]
         views = _depth_views(scene, chosen, kept, used)
-        parts.append(fuse_view(views, agreement))
+        parts.append(fuse_view(views, settings, fewest))
         for slot, j in zip(views.used, chosen, strict=True):
             used[j] = slot[: used[j].shape[0], : used[j].shape[1]].copy()
         step()

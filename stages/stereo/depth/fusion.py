@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from stages.stereo.mvs_settings import MvsSettings
+
 F = np.float32
 
 
@@ -36,28 +38,6 @@ class FusedPoints:
             np.concatenate([part.normals for part in parts]).reshape(-1, 3),
             np.concatenate([part.colours for part in parts]).reshape(-1, 3),
         )
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """When a pixel of another view is the same surface element, and how many must say so.
-
-    Attributes
-    ----------
-    reprojection_px : float
-        The other pixel's point must fall this near to the first pixel, pixels.
-    depth_share : float
-        Its depth may differ by this share.
-    normal_deg : float
-        And its normal by this angle.
-    fewest_views : int
-        Views that must agree, the first included.
-    """
-
-    reprojection_px: float
-    depth_share: float
-    normal_deg: float
-    fewest_views: int
 
 
 class DepthViews(NamedTuple):
@@ -161,8 +141,8 @@ def _fuse(views, reprojection_px, depth_share, cosine, fewest):
     return rows[:found].copy()
 
 
-def fuse_view(views: DepthViews, agreement: Agreement) -> FusedPoints:
-    """Points of one view's pixels that are not in the cloud yet and that enough views agree on.
+def fuse_view(views: DepthViews, settings: MvsSettings, fewest_views: int) -> FusedPoints:
+    """Fuse those pixels of a view that are not in the cloud yet and that enough views agree on.
 
     Positions, normals and colours are means over the agreeing pixels, weighted by 1/z². Pixels that have
     gone into a point are marked in ``views.used``, and are not averaged a second time.
@@ -170,10 +150,15 @@ def fuse_view(views: DepthViews, agreement: Agreement) -> FusedPoints:
     Parameters
     ----------
     views : DepthViews
-    agreement : Agreement
+    settings : MvsSettings
+        When a pixel of another view is the same surface element: its point falls within `consistent_px` of
+        the first pixel, its depth differs by at most `fusion_depth_share` and its normal by at most
+        `fusion_normal_deg`.
+    fewest_views : int
+        Views that must agree, the first included.
     """
-    cosine = float(np.cos(np.deg2rad(agreement.normal_deg)))
-    rows = _fuse(views, agreement.reprojection_px, agreement.depth_share, cosine, agreement.fewest_views)
+    cosine = float(np.cos(np.deg2rad(settings.fusion_normal_deg)))
+    rows = _fuse(views, settings.consistent_px, settings.fusion_depth_share, cosine, fewest_views)
     normals = rows[:, 3:6] / np.maximum(np.linalg.norm(rows[:, 3:6], axis=1, keepdims=True), 1e-12)
     colours = np.clip(np.rint(rows[:, 6:]), 0, 255).astype(np.uint8)
     return FusedPoints(rows[:, :3], normals.astype(np.float32), colours)

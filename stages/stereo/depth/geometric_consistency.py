@@ -16,7 +16,7 @@ F = np.float32
 def _count(inverse, sizes, projections, back, inverse_depths, most_px):
     height, width = inverse.shape
     count = np.zeros((height, width), np.uint8)
-    beyond = F(2) * most_px + F(1)
+    beyond = F(2) * most_px + F(1)  # where an error is cut off: above the bound, so without effect
     for y in prange(height):
         for x in range(width):
             w = inverse[y, x]

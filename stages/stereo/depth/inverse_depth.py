@@ -76,17 +76,18 @@ def depth_from_planes(planes: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def fit_planes(inverse: np.ndarray, step: float, radius: int) -> np.ndarray:
-    """Slopes of an inverse-depth map by local least squares over the neighbours on the same surface.
+def fit_planes(inverse: np.ndarray, step: float, radius: int, tolerance: float) -> np.ndarray:
+    """Fit slopes to an inverse-depth map by local least squares over neighbours on the same surface.
 
     Parameters
     ----------
     inverse : ndarray, shape (h, w), float32
     step : float
         Inverse depth per pixel of disparity; a neighbour at distance r counts while it differs by less than
-        (0.5 + r) steps, which keeps the other side of a depth edge out.
+        (`tolerance` + r) steps, which keeps the other side of a depth edge out.
     radius : int
         Half size of the window, pixels.
+    tolerance : float
 
     Returns
     -------
@@ -101,7 +102,7 @@ def fit_planes(inverse: np.ndarray, step: float, radius: int) -> np.ndarray:
             for dy in range(-min(radius, y), min(radius, height - 1 - y) + 1):
                 for dx in range(-min(radius, x), min(radius, width - 1 - x) + 1):
                     dw = inverse[y + dy, x + dx] - inverse[y, x]
-                    if abs(dw) < (0.5 + max(abs(dx), abs(dy))) * step:
+                    if abs(dw) < (tolerance + max(abs(dx), abs(dy))) * step:
                         sxx += dx * dx
                         sxy += dx * dy
                         syy += dy * dy

@@ -52,7 +52,7 @@ def weigh_patch(image, y, x, spatial, grey_sigma, patch):
     total, mean = F(0), F(0)
     for k in range(SAMPLES):
         off = (patch[VALUE, k] - grey) / grey_sigma
-        # A rational bell instead of exp(−off²/2): the same shape near 0, and no call per sample.
+        # (1 + off²/4)⁻² instead of exp(−off²/2): the same value and curvature at 0, and no call per sample.
         bell = F(1) / (F(1) + F(0.25) * off * off)
         patch[WEIGHT, k] = spatial[k] * bell * bell
         total += patch[WEIGHT, k]

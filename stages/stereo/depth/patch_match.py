@@ -11,7 +11,6 @@ for bending away from its four neighbours, which settles what photographs leave 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -30,8 +29,10 @@ from stages.stereo.depth.patch_cost import (
     weigh_patch,
 )
 from stages.stereo.depth.plane_candidates import CANDIDATES, bending, candidate, nearly_same
+from stages.stereo.mvs_settings import MvsSettings
 
 F = np.float32
+GEOMETRIC = 1000  # added to the number of a geometric round's turn: other random numbers, more than rounds
 UNMATCHABLE = F(1.0)  # cost of a flat patch: it correlates with nothing, so nothing is tried
 
 
@@ -57,40 +58,8 @@ class Sources(NamedTuple):
     inverse_depths: np.ndarray
 
 
-@dataclass(frozen=True)
-class Refinement:
-    """How one pass refines.
-
-    Attributes
-    ----------
-    iterations : int
-        Each visits all pixels, red then black.
-    radius : int
-        Reach of the patch, pixels.
-    best : int
-        How many sources count per pixel.
-    grey_sigma : float
-        Grey-value difference (of 1) at which a patch pixel's weight has fallen to exp(−½).
-    noise : float
-        Standard deviation of grey values that is not worth matching.
-    smoothness : float
-        Charge for bending away from all four neighbours by a pixel of disparity or more.
-    geometric, geometric_cap_px : float
-        Charge per pixel of reprojection error, and the error at which it stops growing.
-    """
-
-    iterations: int
-    radius: int
-    best: int
-    grey_sigma: float
-    noise: float
-    smoothness: float
-    geometric: float
-    geometric_cap_px: float
-
-
 class Rules(NamedTuple):
-    """`Refinement` and the view's scale, as the compiled loops want them."""
+    """The settings of the refinement and the view's scale, as the compiled loops want them."""
 
     spatial: np.ndarray
     best: int
@@ -102,6 +71,11 @@ class Rules(NamedTuple):
     step: np.float32
     lowest: np.float32
     highest: np.float32
+    propagation: np.ndarray
+    slope_change: np.float32
+    same_disparity: np.float32
+    same_slope: np.float32
+    bending_cap: np.float32
 
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
@@ -177,7 +151,7 @@ def _refine_pixel(
     lowest = total * share + bending(planes, y, x, plane, rules)
     for draw in range(CANDIDATES):
         trial = candidate(planes, costs, y, x, turn, draw, rules, amplitude)
-        if not (rules.lowest <= trial[0] <= rules.highest) or nearly_same(trial, plane, rules.step):
+        if not (rules.lowest <= trial[0] <= rules.highest) or nearly_same(trial, plane, rules):
             continue
         cost = bending(planes, y, x, trial, rules)
         for k in range(used):
@@ -222,7 +196,7 @@ def refine(
     image: np.ndarray,
     sources: Sources,
     planes: np.ndarray,
-    refinement: Refinement,
+    settings: MvsSettings,
     step: float,
     limits: tuple[float, float],
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -233,9 +207,10 @@ def refine(
     image : ndarray, shape (h, w), float32
         Grey values of the view, in [0, 1].
     sources : Sources
+        With inverse depths: the geometric rounds, else the photometric ones.
     planes : ndarray, shape (h, w, 3), float32
         Where to start; not changed.
-    refinement : Refinement
+    settings : MvsSettings
     step : float
         Inverse depth per pixel of disparity, the yardstick of random changes and of bending.
     limits : tuple of float
@@ -247,25 +222,31 @@ def refine(
     costs : ndarray, shape (h, w), float32
         Cost of each pixel's plane when it was last visited.
     """
-    offsets = patch_offsets(refinement.radius)
+    offsets, search = patch_offsets(settings.patch_radius_px), settings.patch_match
     rules = Rules(
-        spatial=spatial_weights(offsets, refinement.radius / 1.5),
-        best=refinement.best,
-        grey_sigma=F(refinement.grey_sigma),
-        noise=F(refinement.noise),
-        smoothness=F(refinement.smoothness),
-        geometric=F(refinement.geometric),
-        cap=F(refinement.geometric_cap_px),
+        spatial=spatial_weights(offsets, settings.patch_radius_px / search.patch_sigmas),
+        best=settings.counted_sources,
+        grey_sigma=F(settings.patch_grey_sigma),
+        noise=F(settings.noise),
+        smoothness=F(settings.smoothness),
+        geometric=F(settings.geometric_weight),
+        cap=F(settings.geometric_cap_px),
         step=F(step),
         lowest=F(limits[0]),
         highest=F(limits[1]),
+        propagation=np.array(search.propagation_px),
+        slope_change=F(search.slope_change),
+        same_disparity=F(search.same_disparity_px),
+        same_slope=F(search.same_slope),
+        bending_cap=F(search.bending_cap),
     )
+    geometric = len(sources.inverse_depths) > 0
+    rounds = settings.geometric_iterations if geometric else settings.photometric_iterations
     planes, flat = planes.copy(), sources.images.reshape(-1)
     costs = np.full(image.shape, OUTSIDE, np.float32)
-    for iteration in range(refinement.iterations):
+    for iteration in range(rounds):
+        amplitude = F(search.first_change_px * search.change_decay**iteration)
         for colour in range(2):
-            turn = 2 * iteration + colour + (1000 if sources.inverse_depths.shape[0] else 0)
-            _refine_colour(
-                image, sources, flat, planes, costs, colour, turn, F(0.5**iteration), rules, offsets
-            )
+            turn = 2 * iteration + colour + (GEOMETRIC if geometric else 0)
+            _refine_colour(image, sources, flat, planes, costs, colour, turn, amplitude, rules, offsets)
     return planes, costs

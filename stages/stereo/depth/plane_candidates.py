@@ -11,7 +11,7 @@ from numba import njit
 
 F = np.float32
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
-CANDIDATES = 8
+CANDIDATES = 8  # per pixel and round: the draws that `candidate` knows
 
 
 @njit(cache=True, nogil=True)
@@ -27,7 +27,7 @@ def _random(y, x, turn, draw):
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
 def bending(planes, y, x, plane, rules):
-    """Smoothness charge: mean over the neighbours of the truncated squared gap, pixels of disparity²."""
+    """Charge a plane for bending: the neighbours' mean of the truncated squared gap, px² of disparity."""
     height, width, _ = planes.shape
     total = F(0)
     for dy, dx in NEIGHBOURS:
@@ -41,29 +41,29 @@ def bending(planes, y, x, plane, rules):
                 - plane[0]
             )
             off = (abs(ahead) + abs(behind)) * F(0.5) / rules.step
-            total += min(off * off, F(1))
+            total += min(off * off, rules.bending_cap)
     return rules.smoothness * F(0.25) * total
 
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
-def nearly_same(a, b, step):
-    """Whether two planes differ by too little to be worth a comparison: a fiftieth of a pixel."""
+def nearly_same(a, b, rules):
+    """Tell whether two planes differ by too little to be worth a comparison."""
     return (
-        abs(a[0] - b[0]) < F(0.02) * step
-        and abs(a[1] - b[1]) < F(0.005) * step
-        and abs(a[2] - b[2]) < F(0.005) * step
+        abs(a[0] - b[0]) < rules.same_disparity * rules.step
+        and abs(a[1] - b[1]) < rules.same_slope * rules.step
+        and abs(a[2] - b[2]) < rules.same_slope * rules.step
     )
 
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
 def candidate(planes, costs, y, x, turn, draw, rules, amplitude):
-    """An alternative plane: 0–3 the best neighbour of an arm, 4 the local slope, 5–7 random."""
+    """Propose an alternative plane: 0–3 the best neighbour of an arm, 4 the local slope, 5–7 random."""
     height, width, _ = planes.shape
     w, slope_x, slope_y = planes[y, x, 0], planes[y, x, 1], planes[y, x, 2]
     if draw < 4:
         dy, dx = NEIGHBOURS[draw]
         lowest, reach = F(1e9), 0
-        for distance in (1, 3, 7):
+        for distance in rules.propagation:
             row, column = y + dy * distance, x + dx * distance
             if 0 <= row < height and 0 <= column < width and costs[row, column] < lowest:
                 lowest, reach = costs[row, column], distance
@@ -77,6 +77,6 @@ def candidate(planes, costs, y, x, turn, draw, rules, amplitude):
     if draw != 6:
         w += rules.step * amplitude * _random(y, x, turn, 3 * draw)
     if draw != 5:
-        slope_x += rules.step * amplitude * F(0.3) * _random(y, x, turn, 3 * draw + 1)
-        slope_y += rules.step * amplitude * F(0.3) * _random(y, x, turn, 3 * draw + 2)
+        slope_x += rules.step * amplitude * rules.slope_change * _random(y, x, turn, 3 * draw + 1)
+        slope_y += rules.step * amplitude * rules.slope_change * _random(y, x, turn, 3 * draw + 2)
     return w, slope_x, slope_y

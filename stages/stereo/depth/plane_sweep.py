@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit, prange
 
 import stages.solvers.kernels.threading_layer  # noqa: F401 -- chooses the threads below
+from stages.stereo.mvs_settings import MvsSettings
 
 F = np.float32
 INVALID = np.uint8(255)  # a score: the pixel falls outside of the source
@@ -40,17 +41,24 @@ def pixels_per_inverse_depth(projections: np.ndarray, shape: tuple[int, int], in
 
 
 def inverse_depth_planes(
-    projections: np.ndarray, shape: tuple[int, int], near: float, far: float, step_px: float, most: int
+    projections: np.ndarray, shape: tuple[int, int], near: float, far: float, settings: MvsSettings
 ) -> np.ndarray:
-    """Inverse depths from 1/far to 1/near, evenly spaced by about `step_px` of disparity, ascending, float32.
+    """Space inverse depths evenly from 1/far to 1/near, by about `sweep_step_px` of disparity.
 
-    The disparity is that of the upper-quartile source at the middle of the range; at least 8 planes, never
-    more than `most`.
+    The disparity is that of the source at the `parallax_quantile` of speeds, at the middle of the range; at
+    least `fewest_planes`, never more than `sweep_planes`.
+
+    Returns
+    -------
+    ndarray, shape (D,), float32
+        Ascending.
     """
     first, last = 1.0 / far, 1.0 / near
-    speed = np.quantile(pixels_per_inverse_depth(projections, shape, (first + last) / 2), 0.75)
-    count = int(np.ceil((last - first) * speed / step_px)) + 1
-    return np.linspace(first, last, int(np.clip(count, 8, most))).astype(np.float32)
+    speeds = pixels_per_inverse_depth(projections, shape, (first + last) / 2)
+    speed = np.quantile(speeds, settings.sweep.parallax_quantile)
+    count = int(np.ceil((last - first) * speed / settings.sweep_step_px)) + 1
+    most = int(np.clip(count, settings.sweep.fewest_planes, settings.sweep_planes))
+    return np.linspace(first, last, most).astype(np.float32)
 
 
 @njit(cache=True, nogil=True, fastmath=True)

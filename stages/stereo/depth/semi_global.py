@@ -14,34 +14,14 @@ Memory: two bytes per pixel and plane for the sum.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit, prange
 
 import stages.solvers.kernels.threading_layer  # noqa: F401 -- chooses the threads below
+from stages.stereo.mvs_settings import MvsSettings
 
 F = np.float32
-FAR = F(1 << 20)
-
-
-@dataclass(frozen=True)
-class Penalties:
-    """What a path pays for changing planes, in units of the cost (254: no correlation at all).
-
-    Attributes
-    ----------
-    small : int
-        P1, for one plane.
-    large : int
-        P2, for a jump on an even image.
-    edge : float
-        Grey-value difference (of 1) at which P2 has fallen to one half.
-    """
-
-    small: int
-    large: int
-    edge: float
+FAR = F(1 << 20)  # above any sum along a path, and far below 2²⁴
 
 
 def _line_starts(height: int, width: int, dy: int, dx: int) -> np.ndarray:
@@ -85,21 +65,26 @@ def _aggregate_direction(costs, guide, starts, dy, dx, small, large, edge, total
             x += dx
 
 
-def aggregate(costs: np.ndarray, guide: np.ndarray, penalties: Penalties, paths: int) -> np.ndarray:
-    """Σ_r L_r, shape (h, w, D), uint16.
+def aggregate(costs: np.ndarray, guide: np.ndarray, settings: MvsSettings) -> np.ndarray:
+    """Sum matching costs along paths, Σ_r L_r.
 
     Parameters
     ----------
     costs : ndarray, shape (h, w, D), uint8
     guide : ndarray, shape (h, w), float32
         Grey values whose edges lower P2.
-    penalties : Penalties
-    paths : int
-        4 (along the axes) or 8 (diagonals too).
+    settings : MvsSettings
+        `sgm_paths`: 4 (along the axes) or 8 (diagonals too). `sgm_small` and `sgm_large`, P1 and P2 on an
+        even image, in units of the cost (254: no correlation at all). `sgm_edge`, the grey-value difference
+        (of 1) at which P2 has fallen to one half.
+
+    Returns
+    -------
+    ndarray, shape (h, w, D), uint16
     """
     height, width, _ = costs.shape
     total = np.zeros(costs.shape, np.uint16)
-    directions = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)][:paths]
+    directions = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)][: settings.sgm_paths]
     for dy, dx in directions:
         starts = _line_starts(height, width, dy, dx)
         _aggregate_direction(
@@ -108,9 +93,9 @@ def aggregate(costs: np.ndarray, guide: np.ndarray, penalties: Penalties, paths:
             starts,
             dy,
             dx,
-            F(penalties.small),
-            F(penalties.large),
-            F(penalties.edge),
+            F(settings.sgm_small),
+            F(settings.sgm_large),
+            F(settings.sgm_edge),
             total,
         )
     return total
