@@ -10,7 +10,7 @@ import numpy as np
 from stages.photometry.albedo.albedo_given_light import AlbedoSolution, decompose_under_light
 from stages.photometry.albedo.paint_edges import PaintEdges
 from stages.photometry.decomposition_settings import DecompositionSettings
-from stages.photometry.joint.fast_alternation import FastSettings
+from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.light_search.light_estimate import LightSearchSettings
 from stages.photometry.lighting.illumination import Illumination, IlluminationSettings, find_illumination
 from stages.photometry.lighting.observations import Viewing
@@ -28,7 +28,7 @@ class BySky:
     lighting: LightSharing
     sheen: bool
     edges: PaintEdges
-    descent: FastSettings
+    descent: FastSolver
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ def decompose_by_sky(
     """Find the light, then the albedo under it."""
     of_light = IlluminationSettings(how.light, how.lighting, how.sheen)
     found = find_illumination(views, images, scenes, looks, of_light, threads, lambda: None)
-    asked = as_sky(DecompositionSettings(), how.descent.weights, views.side)
-    asked = replace(asked, edges=how.edges, descent=how.descent)  # detail as by default
+    asked = as_sky(DecompositionSettings(), how.descent, views.side)
+    asked = replace(asked, edges=how.edges)  # detail as by default
     under = (views, found.light.shading, found.observations, asked)
     return FoundBySky(found, decompose_under_light(*under, threads, lambda: None))

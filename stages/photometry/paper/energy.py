@@ -22,13 +22,10 @@ class EnergyWeights:
         λ.
     consistency : float
         μ.
-    delta : float
-        δ of ``|·|_δ``, in units of the scaled image.
     """
 
     smoothness: float
     consistency: float
-    delta: float
 
 
 @dataclass(frozen=True)
@@ -107,13 +104,17 @@ def channel_terms(
 
 
 def smoothed_energy(
-    views: StackedViews, image: np.ndarray, albedo: np.ndarray, light: np.ndarray, weights: EnergyWeights
+    views: StackedViews,
+    image: np.ndarray,
+    albedo: np.ndarray,
+    light: np.ndarray,
+    weights: EnergyWeights,
+    delta: float,
 ) -> float:
     """Eq. 2 with h_δ in place of ``|·|``: what each step at fixed δ can only lower.
 
     Differences that do not exist (mask borders, pixels without a link) add nothing, not even h_δ(0).
     """
-    delta = weights.delta
     photo = smoothed_absolute(photometric_residual(image, albedo, views.shading(light)), delta).sum()
     smooth = (
         smoothed_absolute(views.d_x @ albedo, delta).sum()

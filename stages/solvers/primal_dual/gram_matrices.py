@@ -8,7 +8,7 @@ import numpy as np
 import stages.solvers.kernels.threading_layer  # noqa: F401
 from stages.solvers.kernels.simd import lane_sum, load, spread, store, widened
 from stages.solvers.kernels.sliced_ellpack import EIGHT, THREE, Blocks
-from stages.solvers.primal_dual.loops import strides
+from stages.solvers.primal_dual.iteration_kernels import strides
 
 CHUNK = np.uint64(32)  # slices whose columns stay in the nearest cache
 

@@ -178,8 +178,8 @@ def _move_pixels(begin, stop, albedos, anchors, givens, made, multiplier, steps,
     albedo, ahead, ahead_next = albedos
     data_dual, image, total_weight, share = givens
     pull, shadings = made
-    scale, data_share, relaxation, part = steps
-    gain, kappa = spread(np.float32(0.5) * data_share / scale), spread(data_share)
+    scale, data_step_ratio, relaxation, part = steps
+    gain, kappa = spread(np.float32(0.5) * data_step_ratio / scale), spread(data_step_ratio)
     r, theta = spread(scale), spread(relaxation)
     one, two = spread(np.float32(1)), spread(np.float32(2))
     for s in range(begin, stop):
