@@ -236,5 +236,5 @@ def check_mode(settings: DecompositionSettings, transfer_degree: int) -> None:
 
 
 def given_or(given: float | None, default: float) -> float:
-    """What was set, or the default for none."""
+    """Give what was set, or the default for none."""
     return default if given is None else given

@@ -122,7 +122,7 @@ def from_coarse_to_fine(
 
 
 def start(level: Level, how: FastSettings) -> PrimalDual:
-    """The paper's start: the image is all albedo, and the shading as near to 1 as the basis allows."""
+    """Begin as the paper does: the image is all albedo, and the shading as near to 1 as the basis allows."""
     problem = problem_of(level)
     albedo = level.image / level.share[:, None]
     light = np.zeros((level.starts.size - 1, 3, level.basis.shape[1]))

@@ -1,4 +1,4 @@
-"""`mode: transfer`: the energy of Eq. 2 under light that knows what it can see, bounces included."""
+"""`light: harmonics`: the energy of Eq. 2 under light that knows what it can see, bounces included."""
 
 from __future__ import annotations
 

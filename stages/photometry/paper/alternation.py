@@ -204,5 +204,5 @@ def decompose_channels(
 
 
 def _relative_change(before: float, after: float) -> float:
-    """|after − before| / before; 0 between equals, so that a black channel converges at once."""
+    """Compute |after − before| / before; 0 between equals, so that a black channel converges at once."""
     return 0.0 if after == before else abs(after - before) / max(before, 1e-300)

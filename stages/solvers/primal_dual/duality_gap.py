@@ -101,7 +101,7 @@ def bounds(
 
 
 def _widened(of_albedo: np.ndarray, of_quotients: np.ndarray, widths: tuple[float, ...]) -> np.ndarray:
-    """The ranges to try, (R, 3, 2), float32."""
+    """List the ranges to try, (R, 3, 2), float32."""
     # Not finite: no pixels, a channel without light, or with hardly any.
     found, quotients = (
         np.where(np.isfinite(ends).all(axis=-1, keepdims=True), ends, np.float32(0))
@@ -153,7 +153,7 @@ def _bounds(blocks, graph, dual, albedo, givens, multiplier, ranges, sums):
 
 @numba.njit(nogil=True)
 def _look_along_edges(s, first, neighbour, weight, dual, albedo, made):
-    """Of a slice: albedo, half of ``Σ w |ρ_p − ρ_q|``, and ``Kᵀy``, three channels each."""
+    """Sum along a slice's edges: albedo, half of ``Σ w |ρ_p − ρ_q|``, and ``Kᵀy``, three channels each."""
     unit = spread(UNIT)
     red, green, blue = load_channels(albedo, s * QUADS)
     vary_red, vary_green, vary_blue = spread(np.float32(0)), spread(np.float32(0)), spread(np.float32(0))
@@ -187,7 +187,7 @@ def _three(made, at):
 
 @numba.njit(inline="always")
 def _least(value, light, pull, gain, ends):
-    """What the pixels of a slice cost at least, as the Notes above say."""
+    """Bound what the pixels of a slice cost, as the Notes above say."""
     zero, one = spread(np.float32(0)), spread(np.float32(1))
     low, high, size = spread(ends[0]), spread(ends[1]), magnitude(light)
     fit = value / where_above(size, zero, light, one)

@@ -120,7 +120,7 @@ class PrimalDual:
         )
 
     def legacy(self) -> CoarseState:
-        """What a finer level takes over; whoever does not keep the rest makes room for it."""
+        """Give what a finer level takes over; whoever does not keep the rest makes room for it."""
         return CoarseState(
             slices=self.problem.slices,
             graph=self.problem.graph,
@@ -172,7 +172,7 @@ class PrimalDual:
         )
 
     def shading(self) -> np.ndarray:
-        """S, (S, 3, 8), float32."""
+        """Compute S, (S, 3, 8), float32."""
         blocks, basis = self.problem.slices.blocks, self.problem.basis
         shading = np.empty_like(self.albedo)
         light = self.light.astype(np.float32)
@@ -180,7 +180,7 @@ class PrimalDual:
         return shading
 
     def _interleaved(self) -> np.ndarray:
-        """The albedo, four numbers per pixel; lies where the next albedo ahead will."""
+        """Interleave the albedo, four numbers per pixel; lies where the next albedo ahead will."""
         interleave(self.albedo.ravel(), self._ahead_next.ravel())
         return self._ahead_next
 

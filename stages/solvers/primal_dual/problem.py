@@ -70,7 +70,7 @@ class Problem:
     wanted: np.ndarray
 
     def by_gauge(self, of_views: np.ndarray) -> np.ndarray:
-        """Values of every view, (n, …), added up for every gauge, (G, …)."""
+        """Add values of every view, (n, …), up for every gauge, (G, …)."""
         sums = np.zeros((len(self.wanted), *of_views.shape[1:]))
         np.add.at(sums, self.gauge_of_view, of_views)
         return sums
