@@ -3,7 +3,7 @@
 from pipeline.errors import UserError
 from pipeline.job import Job, Progress, Silence
 from pipeline.json_text import finite_or_null, json_text
-from pipeline.settings import Settings, group, setting
+from pipeline.settings import Settings, group, setting, settings_that_matter
 from pipeline.stage import AnyStage, Artefact, Flow, Source, Stage, settings_of
 
 __all__ = [
@@ -22,4 +22,5 @@ __all__ = [
     "json_text",
     "setting",
     "settings_of",
+    "settings_that_matter",
 ]

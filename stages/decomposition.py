@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Stage, json_text
-from stages.photometry.decomposition_settings import DecompositionSettings, given_or
-from stages.photometry.solver_settings import as_alternation, as_fast, as_sky, as_transfer, weights_at
+from pipeline import Artefact, Job, Stage, json_text, settings_that_matter
+from stages.photometry.decomposition_settings import HARMONICS_BRIGHTEST, DecompositionSettings, given_or
+from stages.photometry.lighting.settings import LightingSettings
+from stages.photometry.solver_settings import as_sky, weights_at
 from stages.scene.distributions import OPEN3D, PICTURES
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     import scipy.sparse as sp
 
     from stages.formats.artefacts.transfer_file import StoredTransfer
+    from stages.photometry.joint.fast_alternation import FastSolver
     from stages.photometry.paper.energy import EnergyWeights
     from stages.photometry.solutions import Solved, SolvedWithLight
     from stages.photometry.stack import StackedViews
@@ -38,7 +40,7 @@ def run(job: Job[DecompositionSettings]) -> None:
 
 
 def _under_light(job: Job[DecompositionSettings]) -> None:
-    """`mode: transfer`: the albedo, under the light that the stage before has found."""
+    """Find the albedo under the light that the stage before has found (`light: directions`)."""
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
@@ -60,9 +62,9 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
         **read_arrays(job.inputs["observations"], cameras, kinds, job.executor.map), glossy=light.glossy
     )
     settings = job.settings
-    how = as_sky(settings, _weights(job, views), views.side)
-    with job.progress("rounds", 2 * settings.stopping.rounds) as step:
-        solved = transfer_solutions.under_light(views, shading, observed, how, job.threads, step)
+    how = as_sky(settings, _solver(job, views), views.side)
+    with job.progress("rounds", 2 * settings.stopping.max_rounds) as step:
+        solved = transfer_solutions.solve_under_light(views, shading, observed, how, job.threads, step)
     job.note(doubt=solved.detail.doubt.as_json())
     trusted = observed.trusted & light.trusted  # where none was, all had to do: their albedo is a guess
     solved = solved.judged(trusted)
@@ -71,7 +73,7 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
 
 
 def _with_its_light(job: Job[DecompositionSettings]) -> None:
-    """Light that is found together with the albedo: the paper's, or harmonics with transfer vectors."""
+    """Find light and albedo together: the paper's light, or harmonics with transfer vectors."""
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
@@ -110,16 +112,16 @@ def _with_its_light(job: Job[DecompositionSettings]) -> None:
 def _as_the_paper(
     job: Job[DecompositionSettings], views: StackedViews, images: list[np.ndarray]
 ) -> SolvedWithLight:
-    """`mode: paper`, by the solver that was asked for."""
+    """Solve `mode: paper` by the solver that was asked for."""
     from stages.photometry import solutions
 
     settings = job.settings
-    weights = _weights(job, views)
     if settings.solver == "fast":
-        with job.progress("rounds", settings.stopping.rounds) as step:
-            return solutions.fast(views, images, as_fast(settings, weights), job.threads, step)
-    with job.progress("alternations", 3 * settings.max_alternations) as step:
-        return solutions.as_the_paper(views, images, as_alternation(settings, weights), job.executor, step)
+        with job.progress("rounds", settings.stopping.max_rounds) as step:
+            return solutions.solve_jointly(views, images, _solver(job, views), job.threads, step)
+    how = settings.paper
+    with job.progress("alternations", 3 * how.max_alternations) as step:
+        return solutions.solve_by_alternation(views, images, _weights(job, views), how, job.executor, step)
 
 
 def _by_transfer(
@@ -130,7 +132,7 @@ def _by_transfer(
     images: list[np.ndarray],
     normals: np.ndarray,
 ) -> SolvedWithLight:
-    """`light: harmonics`: Eq. 2 as it stands, with transfer vectors for ν; all data count."""
+    """Solve Eq. 2 as it stands, with transfer vectors for ν (`light: harmonics`); all data count."""
     import numpy as np
 
     from stages.formats.artefacts.transfer_file import read_transfer
@@ -138,6 +140,7 @@ def _by_transfer(
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.vertex_interpolation import pixels_on_proxy
     from stages.photometry import transfer_solutions
+    from stages.photometry.transport.pixel_transfer import Bounces
 
     settings = job.settings
     stored = read_transfer(job.inputs["transfer"])
@@ -145,15 +148,27 @@ def _by_transfer(
     transfer = _pixel_transfer(
         job, stored, pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points), normals
     )
-    how = as_transfer(settings, _weights(job, views))
-    with job.progress("rounds", settings.stopping.rounds) as step:
-        solved = transfer_solutions.by_transfer(views, images, transfer, how, job.threads, step)
+    bounces = Bounces(
+        int(given_or(settings.bounces, LightingSettings().bounces)),
+        given_or(settings.brightest, HARMONICS_BRIGHTEST),
+    )
+    with job.progress("rounds", settings.stopping.max_rounds) as step:
+        solved = transfer_solutions.solve_by_transfer(
+            views, images, transfer, _solver(job, views), bounces, settings.harmonics, job.threads, step
+        )
     incidence = np.einsum("nk,nk->n", normals, ways_to_cameras(cameras, masks))
     return solved.judged(views, np.stack(images, axis=1), incidence, np.ones(len(normals), bool))
 
 
+def _solver(job: Job[DecompositionSettings], views: StackedViews) -> FastSolver:
+    """Set up `solver: fast`."""
+    from stages.photometry.joint.fast_alternation import FastSolver
+
+    return FastSolver(_weights(job, views), job.settings.stopping, job.settings.fast)
+
+
 def _weights(job: Job[DecompositionSettings], views: StackedViews) -> EnergyWeights:
-    """λ and μ at the size of the views, noted."""
+    """Scale λ and μ to the size of the views, and note them."""
     weights = weights_at(job.settings, views.side, views.links_per_pixel)
     job.note(weights={"lambda": weights.smoothness, "mu": weights.consistency})
     return weights
@@ -162,7 +177,7 @@ def _weights(job: Job[DecompositionSettings], views: StackedViews) -> EnergyWeig
 def _pixel_transfer(
     job: Job[DecompositionSettings], stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray
 ) -> PixelTransfer:
-    """What the masked pixels see, in harmonics."""
+    """Find what the masked pixels see, in harmonics."""
     from stages.photometry.transport.lit_scenes import proxy_in
     from stages.photometry.transport.pixel_transfer import PixelTransfer
     from stages.scene.wording import tell_seen_from_behind
@@ -180,7 +195,7 @@ def _write_albedo(
     solved: Solved,
     scale: float | np.ndarray,
 ) -> None:
-    """Albedo in the images' own units, Eq. 2's own and the confidence where they are known.
+    """Write the albedo in the images' own units, Eq. 2's own and the confidence where they are known.
 
     `scale`: that unit, over the shading's where this is not a mean of 1; of all channels or of each.
     """
@@ -200,12 +215,12 @@ def _write_albedo(
 
 
 def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solved: SolvedWithLight) -> None:
-    """Harmonic light as pictures of all directions."""
+    """Write harmonic light as pictures of all directions."""
     from stages.formats.artefacts.view_files import write_pictures_of_light
     from stages.photometry.transport.environment import picture_of_light
     from stages.scene.upright import upright_from_world
 
-    directions, lights = solved.sampled_light()
+    directions, lights = solved.sampled_light(job.settings.harmonics.picture_directions)
     upright = directions @ upright_from_world(cameras, job.settings.upright_within_deg).T
     names = [camera.name for camera in cameras]
     pictures = {name: picture_of_light(upright, one) for name, one in zip(names, lights, strict=True)}
@@ -213,14 +228,14 @@ def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solv
 
 
 def _write_history(job: Job[DecompositionSettings], solved: Solved) -> None:
-    """`energy.json`; what did not converge is said."""
+    """Write `energy.json`, and warn of what did not converge."""
     from stages.photometry.energy_history import LEGEND, UNDER_LIGHT
     from stages.photometry.paper.alternation import Outcome
     from stages.photometry.solutions import SolvedUnderLight
 
     content = {
         "legend": UNDER_LIGHT if isinstance(solved, SolvedUnderLight) else LEGEND,
-        "settings": job.settings.model_dump(by_alias=True),
+        "settings": settings_that_matter(job.settings, VARIANTS[job.settings.kind_of_light].ignores),
         "channels": dict(zip(CHANNELS, solved.histories, strict=True)),
     }
     job.outputs["energy"].write_text(json_text(content, indent=1) + "\n", encoding="utf-8")
@@ -242,6 +257,21 @@ def _write_history(job: Job[DecompositionSettings], solved: Solved) -> None:
             job.warn(f"{which}: {outcome.value}.")
 
 
+# Settings, or groups of them, that are read with one kind of light only.
+OF_HARMONICS = ("degree", "bounces", "brightest", "harmonics")
+OF_DIRECTIONS = (
+    "coarse_lambda",
+    "fine_lambda",
+    "shading_step",
+    "chroma_step",
+    "shading_doubt",
+    "most_shading_doubt",
+    "chroma_doubt",
+    "level_doubt",
+    "doubt_window",
+    "fast.start_shading",
+)
+
 ALBEDO = Artefact("albedo", "albedo per view, EXR, linear, 0 outside the mask", output="albedo")
 ENERGY = Artefact("energy", "energy per alternation", file="energy.json", output="energy.json")
 OF_TRANSFER = (
@@ -255,6 +285,7 @@ DECOMPOSITION = Stage(
     about="Albedo, shading and light of each view, from all views together.",
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),
+    ignores=("light", *OF_HARMONICS, *OF_DIRECTIONS),
     gives=(
         ALBEDO,
         Artefact("shading", "shading per view, EXR, linear: image = albedo × shading", output="shading"),
@@ -270,6 +301,7 @@ DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
     version=DECOMPOSITION.version + 20,  # ahead of it by what only this mode has learned
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
+    ignores=("solver", "paper", *OF_DIRECTIONS),
     gives=(
         *DECOMPOSITION.gives,
         *OF_TRANSFER,
@@ -281,6 +313,13 @@ DECOMPOSITION_UNDER_LIGHT = replace(
     DECOMPOSITION,
     version=DECOMPOSITION.version + 24,
     about="Albedo of each view under the light that was found, from all views together.",
-    takes=("normal", "mask", "cameras", "correspondences", "found_light", "shading", "observations"),
+    takes=("mask", "cameras", "correspondences", "found_light", "shading", "observations"),
     gives=(ALBEDO, ENERGY, *OF_TRANSFER),
+    ignores=("solver", "paper", *OF_HARMONICS),
 )
+
+VARIANTS = {
+    "paper": DECOMPOSITION,
+    "harmonics": DECOMPOSITION_BY_TRANSFER,
+    "directions": DECOMPOSITION_UNDER_LIGHT,
+}

@@ -11,7 +11,7 @@ import numpy as np
 from stages.photometry.albedo.albedo_given_light import AlbedoSolution, decompose_under_light
 from stages.photometry.albedo.paint_edges import PaintEdges
 from stages.photometry.decomposition_settings import DecompositionSettings
-from stages.photometry.joint.fast_alternation import FastSettings
+from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.lighting.estimate_illumination import find_illumination
 from stages.photometry.lighting.illumination import Illumination
 from stages.photometry.lighting.settings import LightingSettings
@@ -27,7 +27,7 @@ class BySky:
 
     light: LightingSettings
     edges: PaintEdges
-    descent: FastSettings
+    descent: FastSolver
 
     def with_light(self, **changes: Any) -> BySky:
         """The same, but for some settings of the light, which are not checked."""
@@ -57,7 +57,7 @@ def decompose_by_sky(
 ) -> FoundBySky:
     """Find the light, then the albedo under it."""
     found = find_illumination(views, images, scenes, looks, how.light, threads, lambda: None)
-    asked = as_sky(DecompositionSettings(), how.descent.weights, views.side)
-    asked = replace(asked, edges=how.edges, descent=how.descent)  # detail as by default
+    asked = as_sky(DecompositionSettings(), how.descent, views.side)
+    asked = replace(asked, edges=how.edges)  # detail as by default
     under = (views, found.light.shading, found.observations, asked)
     return FoundBySky(found, decompose_under_light(*under, threads, lambda: None))

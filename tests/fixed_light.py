@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from stages.photometry.joint.fast_alternation import steps_of
+from stages.photometry.joint.settings import FastSettings
 from stages.solvers.primal_dual.graph import PrimalDual
 from stages.solvers.primal_dual.half_edges import HalfEdges
 from stages.solvers.primal_dual.problem import Problem, Steps
 from stages.solvers.primal_dual.sliced_graph import sliced_graph, slices_of
 
-STEPS = Steps(scale=0.1)
+STEPS = replace(steps_of(FastSettings()), scale=0.1)
 
 
 def fixed_light(graph: HalfEdges, image: np.ndarray, shading: np.ndarray, steps: Steps = STEPS) -> PrimalDual:

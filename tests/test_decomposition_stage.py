@@ -87,7 +87,7 @@ def linked(scene, tmp_path_factory) -> tuple[dict[str, Path], Job]:
     return inputs | {"correspondences": job.outputs["correspondences"]}, job
 
 
-SHORT = {"mode": "paper", "max_alternations": 4, "lambda": 1.5, "mu": 1.0}
+SHORT = {"mode": "paper", "paper": {"max_alternations": 4}, "lambda": 1.5, "mu": 1.0}
 
 
 @pytest.fixture(scope="module")

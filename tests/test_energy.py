@@ -16,7 +16,8 @@ from stages.photometry.paper.energy import (
 )
 from stages.photometry.stack import stack_pixels, stack_views, unstack_pixels
 
-WEIGHTS = EnergyWeights(smoothness=0.5, consistency=3.0, delta=0.5)
+WEIGHTS = EnergyWeights(smoothness=0.5, consistency=3.0)
+DELTA = 0.5
 BALANCED = np.array([np.sqrt(4 * np.pi)] + 8 * [0.0])  # S = 1 for every normal
 
 
@@ -58,7 +59,7 @@ def test_eq_2_energy_by_hand():
 def test_the_smoothed_energy_by_hand():
     """h(r) with δ = ½: residuals 6 × ¼ → 5/16 each; one difference is 0 → ¼; the others exceed δ."""
     light = np.stack([BALANCED, BALANCED])
-    smoothed = smoothed_energy(two_views(), RHO + 0.25, RHO, light, WEIGHTS)
+    smoothed = smoothed_energy(two_views(), RHO + 0.25, RHO, light, WEIGHTS, DELTA)
     assert smoothed == pytest.approx(6 * 0.3125 + 0.5 * (8.0 + 0.25) + 3 * 2.0)
 
 
@@ -66,10 +67,10 @@ def test_the_smoothed_energy_lies_within_half_a_delta_per_term_above_the_energy(
     rng = np.random.default_rng(3)
     views, light = two_views(), rng.standard_normal((2, 9))
     for delta in (1e-4, 1e-2, 1.0):
-        weights = EnergyWeights(0.5, 3.0, delta)
+        weights = EnergyWeights(0.5, 3.0)
         image, albedo = rng.random(6), rng.random(6)
         exact = energy_terms(views, image, albedo, light).total(weights)
-        smoothed = smoothed_energy(views, image, albedo, light, weights)
+        smoothed = smoothed_energy(views, image, albedo, light, weights, delta)
         assert exact <= smoothed <= exact + delta / 2 * (6 + 0.5 * 6 + 3 * 1)
 
 

@@ -14,23 +14,35 @@ from stages.correspondence import CORRESPONDENCE
 from stages.decomposition import DECOMPOSITION, DecompositionSettings
 from stages.formats.images.exr import read_exr
 from stages.photometry.joint import fast_alternation
-from stages.photometry.joint.fast_alternation import FastDescent, FastSettings, solve
+from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, solve
 from stages.photometry.joint.problem_assembly import graph_of
+from stages.photometry.joint.settings import FastSettings, StepSettings, Stopping
 from stages.photometry.joint.stopping_rule import left_to_gain
-from stages.photometry.paper.alternation import AlternationSettings, Outcome, decompose_channels
+from stages.photometry.paper.alternation import Outcome, decompose_channels
 from stages.photometry.paper.energy import EnergyTerms, EnergyWeights, energy_terms
+from stages.photometry.paper.settings import PaperSettings
 from stages.photometry.stack import StackedViews
 from tests.linked_graphs import exact_energy
 from tests.sphere_scene import SphereScene, sphere_scene
 from tests.test_decomposition_stage import write_scene
 
-WEIGHTS = EnergyWeights(smoothness=2.0, consistency=1.5, delta=1e-4)
-FAST = FastSettings(WEIGHTS, tolerance=1e-3, gap_tolerance=1e-3, fewest_pixels=30)
+WEIGHTS = EnergyWeights(smoothness=2.0, consistency=1.5)
+STOPPING = Stopping(tolerance=1e-3, gap=1e-3, max_rounds=100)
 ONE_THREAD = 1
 
 
-def solution(views: StackedViews, images: list[np.ndarray], how: FastSettings = FAST) -> FastDescent:
-    return solve(views, images, how, ONE_THREAD, lambda: None)
+HOW = FastSettings(coarsest_pixels=30)
+
+
+def fast(how: FastSettings = HOW, **stopping: float) -> FastSolver:
+    return FastSolver(WEIGHTS, replace(STOPPING, **stopping), how)
+
+
+FAST = fast()
+
+
+def solution(views: StackedViews, images: list[np.ndarray], solver: FastSolver = FAST) -> FastDescent:
+    return solve(views, images, solver, ONE_THREAD, lambda: None)
 
 
 def terms_of(views: StackedViews, images: list[np.ndarray], descent: FastDescent) -> list[EnergyTerms]:
@@ -63,9 +75,9 @@ def on_sphere(sphere) -> tuple[StackedViews, list[np.ndarray], FastDescent]:
 def test_eq_2_ends_no_higher_than_the_paper_s_scheme_and_in_the_gauge(on_sphere):
     """Eq. 2, summed over the channels; the paper's scheme as `mode: paper` has it."""
     views, images, descent = on_sphere
-    how = AlternationSettings(WEIGHTS, 50, 1e-3, 1e-6, 1000)
+    how = PaperSettings()
     with ThreadPoolExecutor(1) as executor:
-        theirs = decompose_channels(views, images, how, executor)
+        theirs = decompose_channels(views, images, WEIGHTS, how, executor)
     assert descent.outcome is Outcome.CONVERGED
     assert total(terms_of(views, images, descent)) <= total(one.state.terms for one in theirs)
     assert_in_the_gauge(images, descent)
@@ -86,7 +98,7 @@ def test_the_albedo_it_ends_with_is_optimal_for_the_light_it_ends_with(on_sphere
 def test_rounds_hold_the_energy_and_the_last_one_that_of_the_solution(on_sphere, rounds, tolerance):
     """However it ended; no round lies below the solution, by more than the tolerance where that ended it."""
     views, images, _ = on_sphere
-    found = solution(views, images, replace(FAST, max_rounds=rounds, tolerance=tolerance))
+    found = solution(views, images, fast(max_rounds=rounds, tolerance=tolerance))
     assert tuple(terms_of(views, images, found)) == found.terms
     assert sum(found.rounds[-1].energy) == pytest.approx(total(found.terms), rel=1e-5)
     least = min(sum(one.energy) for one in found.rounds)
@@ -96,27 +108,25 @@ def test_rounds_hold_the_energy_and_the_last_one_that_of_the_solution(on_sphere,
 
 def test_the_outcome_says_whether_the_rounds_sufficed(on_sphere):
     views, images, descent = on_sphere
-    few = solution(views, images, replace(FAST, max_rounds=2, tolerance=1e-9))
+    few = solution(views, images, fast(max_rounds=2, tolerance=1e-9))
     assert few.outcome is Outcome.LIMIT_REACHED
     assert [one.iterations for one in few.rounds] == [0, 80, 160]
-    assert (
-        solution(views, images, replace(FAST, tolerance=0.9, gap_tolerance=9.0)).outcome is Outcome.CONVERGED
-    )
+    assert solution(views, images, fast(tolerance=0.9, gap=9.0)).outcome is Outcome.CONVERGED
     assert descent.outcome is Outcome.CONVERGED
     assert (
         left_to_gain(descent.rounds[: -1 if descent.rounds[-1] in descent.rounds[:-1] else None])
-        <= FAST.tolerance
-        and descent.rounds[-1].gap <= FAST.gap_tolerance
+        <= STOPPING.tolerance
+        and descent.rounds[-1].gap <= STOPPING.gap
     )
 
 
 @pytest.mark.parametrize("scale", [0.25, 3.0])
 def test_scaling_the_images_scales_the_fast_albedo(on_sphere, scale):
-    """I → s I gives ρ → s ρ and the same light, when δ and the steps, which are in I's unit, go along."""
+    """I → s I gives ρ → s ρ and the same light, when the steps, which are in I's unit, go along."""
     views, images, _ = on_sphere
-    few = replace(FAST, max_rounds=3, tolerance=0.0)
-    weights = replace(WEIGHTS, delta=scale * WEIGHTS.delta)
-    there = replace(few, weights=weights, steps=replace(few.steps, scale=scale * few.steps.scale))
+    few = fast(max_rounds=3, tolerance=0.0)
+    steps = StepSettings(scale=scale * few.how.steps.scale)
+    there = replace(few, how=FastSettings(coarsest_pixels=30, steps=steps))
     one, other = solution(views, images, few), solution(views, [scale * each for each in images], there)
     rms = np.sqrt(np.mean((other.albedo / scale - one.albedo) ** 2) / np.mean(one.albedo**2))
     assert rms < (1e-12 if scale == 0.25 else 1e-2)  # rounding, which three rounds amplify
@@ -126,7 +136,7 @@ def test_scaling_the_images_scales_the_fast_albedo(on_sphere, scale):
 def test_the_number_of_threads_does_not_change_the_solution(on_sphere, monkeypatch):
     views, images, _ = on_sphere
     monkeypatch.setattr(fast_alternation, "PIXELS_PER_THREAD", 10)
-    few = replace(FAST, max_rounds=1, coarse_iterations=20)
+    few = fast(FastSettings(coarsest_pixels=30, coarse_iterations=20), max_rounds=1)
     one, two = (solve(views, images, few, threads, lambda: None) for threads in (1, 2))
     assert np.array_equal(one.albedo, two.albedo)
     assert np.array_equal(one.light, two.light)
@@ -182,7 +192,7 @@ def test_odd_problems_end_in_numbers_and_in_the_gauge(change):
     pixels = np.concatenate([one[mask] for one, mask in zip(scene.images, scene.masks, strict=True)])
     images = [np.ascontiguousarray(channel) / max(pixels.max(), 1e-9) for channel in pixels.T]
     views = scene.stacked()
-    descent = solution(views, images, replace(FAST, max_rounds=10))
+    descent = solution(views, images, fast(max_rounds=10))
     assert np.isfinite(descent.albedo).all()
     assert np.isfinite(descent.light).all()
     assert_in_the_gauge(images, descent)
@@ -201,7 +211,8 @@ def test_where_the_energy_rises_again_the_best_round_is_kept_and_comes_last():
     scene = sphere_scene(3, 24, 20)
     constant(scene)
     views, images = scene.stacked(), scene.channels()
-    descent = solution(views, images, replace(FAST, max_rounds=2, round_iterations=20, tolerance=0.0))
+    how = FastSettings(coarsest_pixels=30, round_iterations=20)
+    descent = solution(views, images, fast(how, max_rounds=2, tolerance=0.0))
     energies = [sum(one.energy) for one in descent.rounds]
     assert energies[0] < energies[1] and energies[0] < energies[2]
     assert descent.rounds[3:] == descent.rounds[:1]
@@ -213,7 +224,7 @@ def test_a_constant_image_is_all_albedo_or_all_shading():
     scene = sphere_scene(3, 24, 20)
     constant(scene)
     views, images = scene.stacked(), scene.channels()
-    descent = solution(views, images, replace(FAST, max_rounds=20))
+    descent = solution(views, images, fast(max_rounds=20))
     assert total(terms_of(views, images, descent)) < 1e-3 * sum(image.sum() for image in images)
     assert np.allclose(descent.albedo, np.stack(images, axis=1), rtol=1e-2)
 
@@ -232,7 +243,7 @@ def two_runs(sphere, make_job, tmp_path_factory) -> list:
     takes = {name: inputs[name] for name in ("linear", "normal", "mask", "cameras")}
     takes["correspondences"] = linking.outputs["correspondences"]
     how = DecompositionSettings(
-        **{"mode": "paper", "solver": "fast", "fast_max_rounds": 30, "lambda": 1.5, "mu": 0.5}
+        **{"mode": "paper", "solver": "fast", "fast": {"max_rounds": 30}, "lambda": 1.5, "mu": 0.5}
     )
     jobs = []
     for threads in (1, 2):

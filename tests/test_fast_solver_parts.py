@@ -10,8 +10,10 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stages.photometry.joint.fast_alternation import steps_of
 from stages.photometry.joint.problem_assembly import EdgeWeights, graph_of, problem_of
 from stages.photometry.joint.pyramid import Level, coarser, pyramid
+from stages.photometry.joint.settings import FastSettings
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.stack import StackedViews, stack_views
 from stages.solvers.kernels.sliced_ellpack import BLOCK, Slices
@@ -27,7 +29,7 @@ from tests.sphere_scene import sphere_scene
 
 SEEDS = st.integers(0, 2**32 - 1)
 FEW = settings(deadline=None, max_examples=20, derandomize=True)
-WEIGHTS = EnergyWeights(smoothness=2.0, consistency=1.5, delta=1e-4)
+WEIGHTS = EnergyWeights(smoothness=2.0, consistency=1.5)
 ONE_THREAD = 1
 
 
@@ -160,6 +162,7 @@ def random_shading(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarr
 
 
 # Duals of 16 bits then resolve 1e-6, and the second half of the iterations is not drawn back.
+DEFAULT = steps_of(FastSettings())
 FINE = replace(STEPS, scale=0.01, epoch=3000)
 
 
@@ -176,7 +179,7 @@ def test_eq_10_at_fixed_light_the_optimum_is_that_of_a_linear_program(seed, smoo
     """Eq. 10 to 0.1 %, on grids linked across views, S of both signs and 0."""
     rng = np.random.default_rng(seed)
     views = random_views(rng, side=4)
-    graph = graph_of(views, EnergyWeights(smoothness, consistency, 1e-4))
+    graph = graph_of(views, EnergyWeights(smoothness, consistency))
     image = rng.random((graph.size, 3)).astype(np.float32)
     shading = random_shading(rng, image.shape)
     albedo = solved(graph, image, shading).astype(float)
@@ -189,7 +192,7 @@ def test_eq_10_at_fixed_light_the_optimum_is_that_of_a_linear_program(seed, smoo
 def test_without_lambda_and_mu_the_fast_albedo_is_image_over_shading():
     """Wherever S ≠ 0; where S = 0 the albedo stays as it was."""
     rng = np.random.default_rng(1)
-    graph = graph_of(random_views(rng), EnergyWeights(0.0, 0.0, 1e-4))
+    graph = graph_of(random_views(rng), EnergyWeights(0.0, 0.0))
     image = rng.random((graph.size, 3)).astype(np.float32)
     shading = random_shading(rng, image.shape)
     albedo, lit = solved(graph, image, shading), shading != 0
@@ -294,7 +297,7 @@ def unlinked() -> tuple[StackedViews, np.ndarray, np.ndarray, np.ndarray]:
     return views, image, albedo, light
 
 
-def descent(unlinked, steps: Steps = Steps()) -> PrimalDual:  # noqa: B008 (frozen)
+def descent(unlinked, steps: Steps = DEFAULT) -> PrimalDual:
     views, image, albedo, light = unlinked
     problem = problem_of(level_of(views, image))
     return PrimalDual(problem, problem.slices.spread(albedo), light, steps)
@@ -362,7 +365,7 @@ def test_iterations_keep_the_gauge_and_give_the_same_bits_on_one_thread_and_on_t
 def test_a_light_that_is_held_stays(unlinked):
     views, image, albedo, light = unlinked
     problem = problem_of(level_of(views, image))
-    solver = PrimalDual(problem, problem.slices.spread(albedo), light, Steps(), free_light=False)
+    solver = PrimalDual(problem, problem.slices.spread(albedo), light, DEFAULT, free_light=False)
     solver.iterate(20)
     assert np.array_equal(solver.light, light)
 
@@ -403,7 +406,7 @@ def test_a_finer_level_pulls_no_group_apart():
     light = np.full((3, 3, 9), 0.3)
     light[:, :, 0] = 3.5
     problem = problem_of(coarse)
-    one = PrimalDual(problem, problem.slices.spread(coarse.image / coarse.share[:, None]), light, Steps())
+    one = PrimalDual(problem, problem.slices.spread(coarse.image / coarse.share[:, None]), light, DEFAULT)
     one.iterate(30)
     two = PrimalDual.inheriting(one.legacy(), problem_of(fine), coarse.group)
     two.fill_in(coarse.group)
@@ -435,7 +438,7 @@ def test_filling_in_leaves_duals_that_are_opposite_at_both_ends(seed):
     coarse = coarser(fine)
     light = np.full((3, 3, 9), 0.3)
     problem = problem_of(coarse)
-    one = PrimalDual(problem, problem.slices.spread(coarse.image / coarse.share[:, None]), light, Steps())
+    one = PrimalDual(problem, problem.slices.spread(coarse.image / coarse.share[:, None]), light, DEFAULT)
     one.iterate(40)
     two = PrimalDual.inheriting(one.legacy(), problem_of(fine), coarse.group)
     before = two.edge_dual.copy()
@@ -477,7 +480,7 @@ def _own_slices(solver: PrimalDual) -> np.ndarray:
 
 def _held(level: Level, albedo: np.ndarray, light: np.ndarray) -> PrimalDual:
     problem = problem_of(level)
-    return PrimalDual(problem, problem.slices.spread(albedo), light, Steps(), free_light=False)
+    return PrimalDual(problem, problem.slices.spread(albedo), light, DEFAULT, free_light=False)
 
 
 def _pulls(solver: PrimalDual) -> np.ndarray:

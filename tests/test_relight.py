@@ -133,7 +133,7 @@ def test_under_the_light_that_it_was_taken_in_a_view_looks_like_its_photo(config
 def test_the_paper_s_albedo_can_be_relit_too(config, capsys):
     light = config.parent / "dome.exr"
     write_exr(light, dome_picture(SKY_DOME.dome).radiance)
-    paper = ["--set", "decomposition.mode=paper", "--set", "decomposition.max_alternations=2"]
+    paper = ["--set", "decomposition.mode=paper", "--set", "decomposition.paper.max_alternations=2"]
     code, _, said = unshade(capsys, "relight", config, "--light", light, *paper)
     assert code == 0, said
 

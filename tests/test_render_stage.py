@@ -45,7 +45,7 @@ def config(tmp_path_factory) -> Path:
     path = write_config(
         tmp_path_factory.mktemp("rendered") / "tiny.yaml",
         render=RENDERED,
-        decomposition={"max_alternations": 2},
+        decomposition={"paper": {"max_alternations": 2}},
     )
     assert main(["run", str(path)]) == 0
     return path

@@ -16,8 +16,9 @@ from stages.photometry.albedo.paint_edges import PaintEdges, agreement_of_links,
 from stages.photometry.albedo.smooth_albedo import albedo_under_light
 from stages.photometry.albedo.soft_paint import soft_paint
 from stages.photometry.chromaticity import DARK, colour_change, in_white_light
-from stages.photometry.joint.fast_alternation import FastSettings
+from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights, graph_of
+from stages.photometry.joint.settings import USUAL, FastSettings, Stopping
 from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.light_from_pairs import (
     PairObjective,
@@ -47,7 +48,7 @@ FEW = LightingSettings(samples=3000, bounces=0, still_light=MOVING[0], moving_li
 HOW = BySky(
     light=FEW,
     edges=PaintEdges(coarse=2.0),
-    descent=FastSettings(EnergyWeights(0.7, 0.3, 1e-4), max_rounds=20),
+    descent=FastSolver(EnergyWeights(0.7, 0.3), replace(USUAL["paper"], max_rounds=20)),
 )
 
 
@@ -492,7 +493,8 @@ def test_views_without_links_have_no_gains():
 
 
 def solved(views: StackedViews, image, shading, trusted, weights, edges=ALIKE) -> np.ndarray:
-    how = FastSettings(weights, tolerance=1e-4, gap_tolerance=1e-2, max_rounds=60, fewest_pixels=30)
+    stopping = Stopping(tolerance=1e-4, gap=1e-2, max_rounds=60)
+    how = FastSolver(weights, stopping, FastSettings(coarsest_pixels=30))
     images = [np.ascontiguousarray(image[:, c], np.float32) for c in range(3)]
     return albedo_under_light(views, images, shading, trusted, edges, how, 1, lambda: None).albedo
 
@@ -501,7 +503,7 @@ def test_under_the_true_light_the_true_albedo_comes_back(lit):
     """Eq. 10 under a light that stays."""
     views, _, albedo, shading, _ = lit
     everywhere = np.ones(len(albedo), bool)
-    weights = EnergyWeights(0.02, 0.0, 1e-4)
+    weights = EnergyWeights(0.02, 0.0)
     assert error(solved(views, albedo * shading, shading, everywhere, weights), albedo) < 0.01
 
 
@@ -510,7 +512,7 @@ def test_pixels_that_are_not_trusted_take_their_albedo_from_their_neighbours(lit
     image, trusted = albedo * shading, np.ones(len(albedo), bool)
     trusted[::7] = False
     image[~trusted] = 5.0
-    found = solved(views, image, shading, trusted, EnergyWeights(0.1, 0.1, 1e-4))
+    found = solved(views, image, shading, trusted, EnergyWeights(0.1, 0.1))
     assert error(found, albedo) < 0.1
 
 
@@ -631,7 +633,7 @@ def test_fine_paint_that_views_misplace_is_texture_unless_it_may_be_gloss():
 def test_disputed_pixels_believe_the_other_views(lit):
     """Each link has its own μ: uniform weights change nothing, and more of them outvote a view's photo."""
     views, _, albedo, shading, _ = lit
-    weights, everywhere = EnergyWeights(0.02, 0.1, 1e-4), np.ones(len(albedo), bool)
+    weights, everywhere = EnergyWeights(0.02, 0.1), np.ones(len(albedo), bool)
     plain = agreement_of_links(views, 0.1, np.zeros(len(albedo)))
     firm = agreement_of_links(views, 0.1, np.ones(len(albedo)))
     assert np.allclose(plain, 0.1)
@@ -654,7 +656,8 @@ def test_disputed_pixels_believe_the_other_views(lit):
 def test_where_nothing_is_trusted_everything_is(lit):
     views, sky, albedo, shading, _ = lit
     image = photo_of(albedo, shading)
-    how = replace(HOW.with_light(lights="shared"), descent=replace(HOW.descent, max_rounds=5))
+    descent = replace(HOW.descent, stopping=replace(HOW.descent.stopping, max_rounds=5))
+    how = replace(HOW.with_light(lights="shared"), descent=descent)
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
     found = decompose_by_sky(views, images, [sky], looks(np.zeros(len(albedo), bool)), how)
     assert found.light.observations.trusted.any()

@@ -124,6 +124,18 @@ def test_light_that_sees_the_mouth_leaves_less_of_it_in_the_albedo(config, outpu
     assert np.array_equal(errors(output, capsys), by_transfer)
 
 
+def test_a_setting_of_one_kind_of_light_runs_nothing_under_another(config, capsys):
+    paper = ["--set", "decomposition.mode=paper", "--set", "decomposition.solver=fast"]
+    code, _, said = unshade(capsys, "run", config, *paper)
+    assert code == 0, said
+    for setting in ("coarse_lambda=5", "harmonics.refreshes=1", "bounces=2"):
+        changed = ["--set", f"decomposition.{setting}"]
+        code, told, said = unshade(capsys, "plan", config, *paper, *changed, "--json")
+        assert code == 0, said
+        assert {row["action"] for row in json.loads(told)} == {"reuse"}, setting
+    assert main(["run", str(config)]) == 0
+
+
 def test_only_mode_transfer_knows_the_stage(config, capsys):
     _, told, _ = unshade(capsys, "plan", config)
     assert "\ntransfer " in told

@@ -19,14 +19,14 @@ from benchmarks.mit_berkeley.sources import write_sources
 from benchmarks.paper.judging import maps_in
 from benchmarks.paper.laboratory import results_of
 from pipeline.run import Listener
-from stages.decomposition import DecompositionSettings
 from stages.evaluation.judged_views import judge_view
 from stages.evaluation.scaled_error import lmse, si_rmse
-from stages.photometry.paper.alternation import AlternationSettings, Descent, advance, start
+from stages.photometry.paper.alternation import Descent, advance, start
 from stages.photometry.paper.energy import EnergyWeights
+from stages.photometry.paper.settings import PaperSettings
 from stages.photometry.stack import StackedViews, stack_pixels, stack_views, unstack_pixels
 
-PAPER = DecompositionSettings()  # δ, conjugate gradients and the stopping rule; λ and μ are chosen here
+PAPER = PaperSettings()  # δ, conjugate gradients and the stopping rule; λ and μ are chosen here
 # The article's steps and limit, and steps that suit values in [0, 255] better, with a longer breath.
 SCHEMES = {
     "cartoon-texture": {},
@@ -71,12 +71,11 @@ class Problem:
         tolerance: float = PAPER.energy_tolerance,
     ) -> Descent:
         """`mode: paper` from its start to its end, with its own stopping rule unless told otherwise."""
-        settings = AlternationSettings(
-            EnergyWeights(lambda_, mu, PAPER.delta), limit, tolerance, PAPER.cg_tolerance, PAPER.cg_max_steps
-        )
-        descent = start(self.views, self.image, settings.weights)
+        weights = EnergyWeights(lambda_, mu)
+        how = PaperSettings(max_alternations=limit, energy_tolerance=tolerance)
+        descent = start(self.views, self.image, weights)
         while descent.outcome is None:
-            descent = advance(self.views, self.image, descent, settings)
+            descent = advance(self.views, self.image, descent, weights, how)
         return descent
 
     def score(self, method: str, estimates: Iterable[np.ndarray], **notes: object) -> Row:

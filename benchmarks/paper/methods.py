@@ -18,7 +18,7 @@ from benchmarks.paper.rows import Row
 from stages.evaluation.scores import Scores
 
 # The same energy by the other solver, far beyond the paper's stopping rule.
-SOLVED_WELL = {"solver": "fast", "fast_tolerance": 3e-4, "fast_gap": 0.02, "fast_max_rounds": 40}
+SOLVED_WELL = {"solver": "fast", "fast": {"tolerance": 3e-4, "gap": 0.02, "max_rounds": 40}}
 
 
 @dataclass(frozen=True, eq=False)

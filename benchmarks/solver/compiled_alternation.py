@@ -13,10 +13,12 @@ from stages.photometry.joint.fast_alternation import threads_for
 from stages.photometry.joint.problem_assembly import graph_of
 from stages.photometry.paper.energy import channel_terms, gauge_scale
 from stages.photometry.paper.light_step import light_step
+from stages.photometry.paper.settings import PaperSettings
 from stages.solvers.kernels.threading_layer import use_threads
 
 NAME = "compiled PCG"
 STEPS = 20
+PAPER = PaperSettings()  # δ
 
 
 def race(problem: RaceProblem, budget_s: float, threads: int) -> Trace:
@@ -36,7 +38,7 @@ def race(problem: RaceProblem, budget_s: float, threads: int) -> Trace:
                 return Trace(NAME, tuple(looks))
             light = _light(problem, albedo, light, executor)
             shading = views.shadings(light).astype(np.float32)
-            albedo = reweighted_descent(graph, image, shading, albedo, weights.delta, STEPS)
+            albedo = reweighted_descent(graph, image, shading, albedo, PAPER.delta, STEPS)
             scales = np.array([gauge_scale(image[:, c], albedo[:, c]) for c in range(3)])
             albedo, light = albedo * scales.astype(np.float32), light / scales[:, None]
 
@@ -45,7 +47,7 @@ def _light(problem: RaceProblem, albedo: np.ndarray, light: np.ndarray, executor
     def of_channel(c: int) -> np.ndarray:
         now = np.ascontiguousarray(light[:, c])
         own = albedo[:, c].astype(np.float64)
-        return light_step(problem.views, problem.images[c], own, now, problem.weights.delta)
+        return light_step(problem.views, problem.images[c], own, now, PAPER)
 
     return np.stack(list(executor.map(of_channel, range(3))), axis=1)
 

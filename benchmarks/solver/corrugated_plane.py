@@ -7,8 +7,9 @@ from itertools import combinations
 import numpy as np
 import scipy.sparse as sp
 
-from benchmarks.solver.problems import RaceProblem, weights_of
+from benchmarks.solver.problems import RaceProblem
 from stages.formats.artefacts.view_files import scaled_channels
+from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.paper.harmonics import shading_basis
 from stages.photometry.stack import stack_views
 
@@ -40,7 +41,7 @@ def corrugated_plane(pixels: int, smoothness: float = 3.0, agreement: float = 1.
         about=f"corrugated plane, {VIEWS} views of {width}×{height}",
         views=views,
         images=scaled_channels(np.concatenate(values))[0],
-        weights=weights_of(smoothness, agreement),
+        weights=EnergyWeights(smoothness, agreement),
     )
 
 

@@ -11,7 +11,7 @@ import resource
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in another order
@@ -78,7 +78,8 @@ def measure(pixels: int, threads: int, most_rounds: int) -> Grown:
     """Measure one size, in this process."""
     from benchmarks.solver.corrugated_plane import corrugated_plane
     from benchmarks.solver.ours import endless, timed
-    from stages.photometry.joint.fast_alternation import FastSettings
+    from stages.photometry.joint.fast_alternation import FastSolver
+    from stages.photometry.joint.settings import USUAL
     from stages.solvers.kernels.free_memory import give_back_free_memory
 
     tiny = corrugated_plane(2000)
@@ -87,7 +88,8 @@ def measure(pixels: int, threads: int, most_rounds: int) -> Grown:
     problem = corrugated_plane(pixels)
     give_back_free_memory()  # what making the problem took is not the solver's
     given = peak_bytes() - before
-    solved = timed(problem, threads, FastSettings(problem.weights, max_rounds=most_rounds))
+    stopping = replace(USUAL["paper"], max_rounds=most_rounds)
+    solved = timed(problem, threads, FastSolver(problem.weights, stopping))
     trace = solved.trace()
     return Grown(
         pixels=problem.pixels,

@@ -13,7 +13,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, cg
 
-TOLERANCE, MAX_STEPS = 1e-6, 1000  # the defaults of the `decomposition` stage
+from stages.photometry.paper.settings import PaperSettings
+
+PAPER = PaperSettings()  # tolerance and steps of conjugate gradients
 
 Preconditioner = Callable[[sp.csr_matrix], object]
 Check = Callable[..., None]
@@ -49,7 +51,15 @@ class InnerSolver:
             matrix = sp.csr_matrix(matrix + sp.diags_array(free.astype(np.float64)))
         given = self.precondition(matrix) if self.precondition else None
         check()
-        x, _ = cg(matrix, rhs, x0=start, rtol=TOLERANCE, maxiter=MAX_STEPS, M=given, callback=check)
+        x, _ = cg(
+            matrix,
+            rhs,
+            x0=start,
+            rtol=PAPER.cg_tolerance,
+            maxiter=PAPER.cg_max_steps,
+            M=given,
+            callback=check,
+        )
         return x
 
 

@@ -10,8 +10,9 @@ import numba
 import numpy as np
 
 from benchmarks.solver.problems import RaceProblem
-from stages.photometry.joint.fast_alternation import FastSettings, start
+from stages.photometry.joint.fast_alternation import start
 from stages.photometry.joint.problem_assembly import finest_level
+from stages.photometry.joint.settings import FastSettings
 from stages.solvers.kernels.threading_layer import use_threads
 from stages.solvers.primal_dual.graph import PrimalDual
 
@@ -54,13 +55,13 @@ class KernelSpeed:
 
 def kernel_speed(problem: RaceProblem, threads: int, seconds: float) -> KernelSpeed:
     """Time iterations for about so many seconds; the best of a few tries, for both sides."""
-    settings = FastSettings(problem.weights)
-    descent = start(finest_level(problem.views, problem.images, problem.weights), settings)
+    how = FastSettings()
+    descent = start(finest_level(problem.views, problem.images, problem.weights), how)
     use_threads(threads)
     return KernelSpeed(
         threads=threads,
         pixels=problem.pixels,
-        iteration_s=_iteration_s(descent, 2 * settings.steps.epoch, seconds / REPEATS),
+        iteration_s=_iteration_s(descent, 2 * how.steps.epoch, seconds / REPEATS),
         iteration_bytes=compulsory_bytes(descent),
         copied_bytes_per_s=_copied_bytes_per_s(),
     )

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from benchmarks.solver.clock import Look, Trace
 from benchmarks.solver.problems import RaceProblem
-from stages.photometry.joint.fast_alternation import FastDescent, FastSettings, solve
+from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, solve
+from stages.photometry.joint.settings import USUAL, Stopping
 
 NAME = "ours"
 NEVER = -1.0  # a tolerance that nothing meets
@@ -60,12 +61,12 @@ def race(problem: RaceProblem, budget_s: float, threads: int, most_rounds: int) 
     return timed(problem, threads, endless(problem, min(max(rounds, 2), most_rounds))).trace()
 
 
-def endless(problem: RaceProblem, rounds: int) -> FastSettings:
+def endless(problem: RaceProblem, rounds: int) -> FastSolver:
     """The default settings, but that only the number of rounds ends it."""
-    return FastSettings(problem.weights, tolerance=NEVER, max_rounds=rounds)
+    return FastSolver(problem.weights, Stopping(NEVER, USUAL["paper"].gap, rounds))
 
 
-def timed(problem: RaceProblem, threads: int, settings: FastSettings) -> TimedDescent:
+def timed(problem: RaceProblem, threads: int, solver: FastSolver) -> TimedDescent:
     """Solve, and keep the time."""
     seconds: list[float] = []
     began = time.perf_counter()
@@ -73,5 +74,5 @@ def timed(problem: RaceProblem, threads: int, settings: FastSettings) -> TimedDe
     def note() -> None:
         seconds.append(time.perf_counter() - began)
 
-    descent = solve(problem.views, problem.images, settings, threads, note)
+    descent = solve(problem.views, problem.images, solver, threads, note)
     return TimedDescent(descent, tuple(seconds), time.perf_counter() - began)

@@ -14,8 +14,6 @@ from stages.formats.artefacts.view_files import read_views, scaled_channels
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.stack import StackedViews, stack_views
 
-DELTA = 1e-4  # the paper's δ
-
 
 @dataclass(frozen=True, eq=False)
 class RaceProblem:
@@ -47,11 +45,6 @@ class RaceProblem:
     def fresh_views(self) -> StackedViews:
         """The views without what an earlier method has found out about them: everyone pays for it anew."""
         return replace(self.views)
-
-
-def weights_of(smoothness: float, agreement: float) -> EnergyWeights:
-    """λ and μ, with the paper's δ."""
-    return EnergyWeights(smoothness, agreement, DELTA)
 
 
 def views_and_images(paths: Mapping[str, Path]) -> tuple[StackedViews, list[np.ndarray]]:

@@ -14,7 +14,10 @@ from benchmarks.solver.problems import RaceProblem
 from stages.photometry.paper.albedo_step import albedo_system
 from stages.photometry.paper.energy import EnergyWeights, energy_terms, gauge_scale
 from stages.photometry.paper.light_step import light_step
+from stages.photometry.paper.settings import PaperSettings
 from stages.photometry.stack import StackedViews
+
+PAPER = PaperSettings()  # δ
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +93,8 @@ def _alternate(
     clock: Clock,
 ) -> ChannelState:
     clock.check()
-    light = light_step(views, image, state.albedo, state.light, weights.delta)
-    matrix, rhs = albedo_system(views, image, state.albedo, light, weights)
+    light = light_step(views, image, state.albedo, state.light, PAPER)
+    matrix, rhs = albedo_system(views, image, state.albedo, light, weights, PAPER.delta)
     albedo = inner.solve(matrix, rhs, state.albedo, clock.check)
     scale = gauge_scale(image, albedo)
     return _looked_at(views, image, albedo * scale, light / scale, weights, clock)

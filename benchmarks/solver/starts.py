@@ -20,16 +20,17 @@ from pipeline.terminal import Terminal  # noqa: E402
 from stages.evaluation.scaled_error import least_squares_scale  # noqa: E402
 from stages.photometry.joint.fast_alternation import (  # noqa: E402
     FastDescent,
-    FastSettings,
+    FastSolver,
     finish,
     solve,
     start,
+    steps_of,
     threads_for,
 )
 from stages.photometry.joint.problem_assembly import finest_level  # noqa: E402
+from stages.photometry.joint.settings import USUAL, FastSettings  # noqa: E402
 from stages.solvers.kernels.threading_layer import use_threads  # noqa: E402
 from stages.solvers.primal_dual.graph import PrimalDual  # noqa: E402
-from stages.solvers.primal_dual.problem import Steps  # noqa: E402
 
 STARTS = ("coarse to fine", "ρ = I", "constant")
 
@@ -57,21 +58,21 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def solve_from(name: str, problem: RaceProblem, threads: int) -> FastDescent:
     """By the default settings; only the first start knows coarser levels."""
-    settings, views, images = FastSettings(problem.weights), problem.fresh_views(), problem.images
+    solver, views, images = FastSolver(problem.weights, USUAL["paper"]), problem.fresh_views(), problem.images
     if name == "coarse to fine":
-        return solve(views, images, settings, threads, lambda: None)
-    descent = start(finest_level(views, images, problem.weights), settings)
+        return solve(views, images, solver, threads, lambda: None)
+    descent = start(finest_level(views, images, problem.weights), solver.how)
     if name == "constant":
         descent = constant(descent)
     use_threads(threads_for(problem.pixels, threads))
-    return finish(views, images, descent, settings, lambda: None)
+    return finish(views, images, descent, solver, lambda: None)
 
 
 def constant(descent: PrimalDual) -> PrimalDual:
     """The same problem from an albedo that is everywhere the mean of the image."""
     problem = descent.problem
     albedo = np.broadcast_to(problem.image.mean(axis=(0, 2), keepdims=True), problem.image.shape).copy()
-    return PrimalDual(problem, albedo, descent.light, Steps())
+    return PrimalDual(problem, albedo, descent.light, steps_of(FastSettings()))
 
 
 def rows(problem: RaceProblem, found: dict[str, FastDescent]) -> Iterator[str]:

@@ -11,12 +11,13 @@ import numpy as np
 import stages
 from benchmarks.paper.laboratory import FULL, QUARTER, Laboratory, Size, Weights
 from benchmarks.paper.rows import ROWS
-from benchmarks.solver.problems import RaceProblem, views_and_images, weights_of
+from benchmarks.solver.problems import RaceProblem, views_and_images
 from pipeline import UserError
 from pipeline.record import Record
 from pipeline.run import Listener
 from pipeline.store import Store
 from stages.photometry.decomposition_settings import DecompositionSettings
+from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.solver_settings import weights_at
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -34,7 +35,7 @@ def bust(full: bool, listener: Listener) -> Iterator[RaceProblem]:
     views, images = views_and_images(laboratory.prepare(ROWS[0]).paths)
     for balance in BALANCES:
         given = balance.at(size)
-        weights = weights_of(given["lambda"], given["mu"])
+        weights = EnergyWeights(given["lambda"], given["mu"])
         name = f"bust-{size.name}-lambda-{weights.smoothness:g}"
         yield RaceProblem(name, f"the bust, 13 views of {size.name}", views, images, weights)
 

@@ -10,13 +10,13 @@ NO_SHADING = 1e-3
 
 
 def chroma_of(image: np.ndarray) -> np.ndarray:
-    """Logarithms of red and blue over green, (N, 2); of what is dark, next to nothing."""
+    """Take the logarithms of red and blue over green, (N, 2); of what is dark, next to nothing."""
     logs = np.log(np.maximum(image, 0) + DARK)
     return logs[:, [0, 2]] - logs[:, [1]]
 
 
 def colour_change(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Square of the change of chromaticity between pixels (n, 3) and their neighbours, (n,).
+    """Compute the square of the change of chromaticity between pixels (n, 3) and their neighbours, (n,).
 
     Notes
     -----

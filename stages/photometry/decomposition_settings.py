@@ -8,26 +8,29 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipeline import Settings, UserError, setting
+from pipeline import Settings, UserError, group, setting
+from stages.photometry.joint.settings import FastSettings, HarmonicsSettings, KindOfLight, Stopping
+from stages.photometry.paper.settings import PaperSettings
 from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
 
 Share = Annotated[float, Field(ge=0, le=4)]
 
+HARMONICS_BRIGHTEST = 0.9  # `brightest` of `light: harmonics`, which does not find it
+
 
 @dataclass(frozen=True)
-class Stopping:
-    """When `solver: fast` is done."""
+class Weights:
+    """λ and μ of Eq. 2."""
 
-    tolerance: float
-    gap: float
-    rounds: int
+    smoothness: float
+    consistency: float
 
 
-USUAL = {
-    "paper": Stopping(1e-3, 0.03, 100),
-    "harmonics": Stopping(1e-3, 0.08, 100),
-    "directions": Stopping(1e-2, 0.15, 30),
-}
+# Where nothing else is set: in `mode: paper` by solver, the best on Fig. 3 (docs/paper); in `mode: transfer`.
+USUAL_WEIGHTS = MappingProxyType(
+    {"paper": Weights(40.0, 1.0), "fast": Weights(12.0, 0.2), "transfer": Weights(3.0, 1.0)}
+)
+_PAPER, _FAST, _TRANSFER = USUAL_WEIGHTS["paper"], USUAL_WEIGHTS["fast"], USUAL_WEIGHTS["transfer"]
 
 
 class DecompositionSettings(Settings):
@@ -41,6 +44,14 @@ class DecompositionSettings(Settings):
             "samples": "lighting.samples",
             "neutrality": "lighting.neutrality",
             "evenness": "lighting.evenness",
+            "delta": "decomposition.paper.delta",
+            "cg_tolerance": "decomposition.paper.cg_tolerance",
+            "cg_max_steps": "decomposition.paper.cg_max_steps",
+            "max_alternations": "decomposition.paper.max_alternations",
+            "energy_tolerance": "decomposition.paper.energy_tolerance",
+            "fast_tolerance": "decomposition.fast.tolerance",
+            "fast_gap": "decomposition.fast.gap",
+            "fast_max_rounds": "decomposition.fast.max_rounds",
         }
     )
 
@@ -75,26 +86,29 @@ class DecompositionSettings(Settings):
     )
     brightest: float | None = setting(
         None,
-        "`light: harmonics`: what the brightest material is taken to reflect; none: 0.9.",
+        "`light: harmonics`: what the brightest material is taken to reflect; none: "
+        f"{HARMONICS_BRIGHTEST:g}.",
         ge=0.01,
         le=0.95,
     )
     lambda_: float | None = setting(
         None,
         "Weight of the albedo's smoothness (λ of Eq. 2). More takes shading out of the albedo, then paint. "
-        "none, in `mode: paper`: the best of a grid on the bust of Fig. 3 (docs/paper), 40 for views of "
-        "540 × 960 pixels, 12 with `solver: fast`, and in proportion to the side at other sizes. In "
-        "`mode: transfer` λ is always stated for views of 180 × 180 pixels, none is 3, and under `light: "
-        "directions` it makes `albedo_tv` only.",
+        "none, in `mode: paper`: the best of a grid on the bust of Fig. 3 (docs/paper), "
+        f"{_PAPER.smoothness:g} for views of 540 × 960 pixels, {_FAST.smoothness:g} with `solver: fast`, and "
+        "in proportion to the side at other sizes. In `mode: transfer` λ is always stated for views of "
+        f"180 × 180 pixels, none is {_TRANSFER.smoothness:g}, and under `light: directions` it makes "
+        "`albedo_tv` only.",
         name="lambda",
         ge=0,
         le=1e6,
     )
     mu: float | None = setting(
         None,
-        "Weight of the agreement between views (μ of Eq. 2). none, in `mode: paper`: 1, or 0.2 with `solver: "
-        "fast`, chosen as `lambda` is. In `mode: transfer` μ is shared among the links of a pixel; none: 1; "
-        "under `light: directions`, in `albedo`, up to five times as much where views contradict each other.",
+        "Weight of the agreement between views (μ of Eq. 2). none, in `mode: paper`: "
+        f"{_PAPER.consistency:g}, or {_FAST.consistency:g} with `solver: fast`, chosen as `lambda` is. In "
+        f"`mode: transfer` μ is shared among the links of a pixel; none: {_TRANSFER.consistency:g}; under "
+        "`light: directions`, in `albedo`, up to five times as much where views contradict each other.",
         ge=0,
         le=1e6,
     )
@@ -168,78 +182,32 @@ class DecompositionSettings(Settings):
         ge=1,
         le=8,
     )
-    delta: float = setting(
-        1e-4,
-        "`solver: paper`: residuals below this count as fitted (δ of Eq. 12, the paper's value).",
-        unit="of the images' 99th percentile",
-        gt=0,
-        le=1,
+    paper: PaperSettings = group(
+        PaperSettings, "`solver: paper`: light and albedo by turns, each by reweighted least squares."
     )
-    cg_tolerance: float = setting(
-        1e-6,
-        "`solver: paper`: relative residual at which the albedo's linear system counts as solved. The paper "
-        "names none; at 1e-2 the energy stands still far too high and passes for converged.",
-        gt=0,
-        lt=1,
+    fast: FastSettings = group(
+        FastSettings,
+        "`solver: fast`: light and albedo together, by a primal-dual descent from coarse to fine.",
     )
-    cg_max_steps: int = setting(
-        1000,
-        "`solver: paper`: steps of conjugate gradients at most; some hundreds are usual.",
-        unit="steps",
-        ge=1,
-    )
-    max_alternations: int = setting(
-        50,
-        "`solver: paper`: alternations of light and albedo at most, as in the paper.",
-        unit="alternations",
-        ge=1,
-    )
-    energy_tolerance: float = setting(
-        1e-3,
-        "`solver: paper`: relative change of the energy to stop at, as in the paper.",
-        ge=0,
-        lt=1,
-    )
-    fast_tolerance: float | None = setting(
-        None,
-        "Relative energy that `solver: fast` may still gain to be done, estimated from what the last two "
-        "doublings of its iterations have gained. none: 0.001, or 0.01 under `light: directions`, where the "
-        "light is found already and the albedo's last digits change nothing that one sees.",
-        ge=0,
-        lt=1,
-    )
-    fast_gap: float | None = setting(
-        None,
-        "And how far, relative to the energy, the albedo may then be from the best one of its range under "
-        "its light: a bound from the dual problem, several times what is really missing. none: 0.03, or in "
-        "`mode: transfer`, whose light leaves more pixels nearly dark and the bound looser, 0.08 (harmonics) "
-        "and 0.15 (directions).",
-        gt=0,
-        le=1,
-    )
-    fast_max_rounds: int | None = setting(
-        None,
-        "Rounds of `solver: fast` at most; some ten to twenty are usual. none: 100, or 30 under `light: "
-        "directions`.",
-        unit="rounds",
-        ge=1,
+    harmonics: HarmonicsSettings = group(
+        HarmonicsSettings, "`light: harmonics`: when interreflection is found anew, and how light is shown."
     )
     upright_within_deg: float = UPRIGHT_WITHIN_DEG
 
     @property
-    def kind_of_light(self) -> Literal["paper", "harmonics", "directions"]:
+    def kind_of_light(self) -> KindOfLight:
         """The paper's, or that of `mode: transfer`."""
         return "paper" if self.mode == "paper" else self.light
 
     @property
     def stopping(self) -> Stopping:
         """When `solver: fast` is done: what was set, or what suits the mode and its light."""
-        usual = USUAL[self.kind_of_light]
-        return Stopping(
-            tolerance=given_or(self.fast_tolerance, usual.tolerance),
-            gap=given_or(self.fast_gap, usual.gap),
-            rounds=int(given_or(self.fast_max_rounds, usual.rounds)),
-        )
+        return self.fast.stopping(self.kind_of_light)
+
+    @property
+    def usual_weights(self) -> Weights:
+        """λ and μ where they are not set."""
+        return USUAL_WEIGHTS["transfer" if self.mode == "transfer" else self.solver or "paper"]
 
 
 def check_mode(settings: DecompositionSettings, transfer_degree: int) -> None:
@@ -270,5 +238,5 @@ def check_mode(settings: DecompositionSettings, transfer_degree: int) -> None:
 
 
 def given_or(given: float | None, default: float) -> float:
-    """What was set, or the default for none."""
+    """Give what was set, or the default for none."""
     return default if given is None else given

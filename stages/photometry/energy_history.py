@@ -31,7 +31,7 @@ LEGEND = {
 
 
 def descent_as_json(descent: Descent) -> dict[str, Any]:
-    """One channel's history as JSON values, without timings: the same run gives the same text."""
+    """Write one channel's history as JSON values, without timings: the same run gives the same text."""
     return {
         "outcome": descent.outcome.name.lower() if descent.outcome else "unfinished",
         "outcome_text": descent.outcome.value if descent.outcome else "",
@@ -41,7 +41,7 @@ def descent_as_json(descent: Descent) -> dict[str, Any]:
 
 
 def rounds_as_json(descent: FastDescent, weights: EnergyWeights) -> list[dict[str, Any]]:
-    """The history of `solver: fast` for every channel: an entry per look at the energy."""
+    """Write the history of `solver: fast` for every channel: an entry per look at the energy."""
     return [
         {
             "outcome": descent.outcome.name.lower(),
@@ -60,7 +60,7 @@ def rounds_as_json(descent: FastDescent, weights: EnergyWeights) -> list[dict[st
 
 
 def rounds_under_light_as_json(descent: FastDescent, outcome: Outcome) -> list[dict[str, Any]]:
-    """The same of an albedo under a light that stays: no gauge, so energies are Eq. 2 as it stands.
+    """Write the same of an albedo under a light that stays: no gauge, so energies are Eq. 2 as it stands.
 
     The outcome is that of all that was sought under the light.
     """

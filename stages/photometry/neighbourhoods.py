@@ -11,17 +11,17 @@ PATCHES = 15  # along the side of a view: what is textured, or glossy, is a matt
 
 
 def patch_means(views: StackedViews, values: np.ndarray) -> np.ndarray:
-    """Mean of the values, (N,), in a patch around every pixel, (N,)."""
+    """Average the values, (N,), in a patch around every pixel, (N,)."""
     return means_around(views, values, patch_side(views))
 
 
 def patch_side(views: StackedViews) -> int:
-    """Of such a patch, px: odd, at least 3."""
+    """Find the side of such a patch, px: odd, at least 3."""
     return max(3, 2 * round(views.side / PATCHES / 2) + 1)
 
 
 def means_around(views: StackedViews, values: np.ndarray, size_px: int) -> np.ndarray:
-    """Mean of the values, (N,), in a square around every pixel, inside its mask, (N,), float32."""
+    """Average the values, (N,), in a square around every pixel, inside its mask, (N,), float32."""
     return np.concatenate(
         [_means(mask, values[views.view(number)], size_px) for number, mask in enumerate(views.masks)]
     )

@@ -12,13 +12,13 @@ import numpy as np
 from stages.photometry.albedo.confidence import confidence, confidence_of
 from stages.photometry.detail.albedo_detail import Detail
 from stages.photometry.energy_history import descent_as_json, rounds_as_json
-from stages.photometry.joint.fast_alternation import FastDescent, FastSettings, solve
-from stages.photometry.paper.alternation import AlternationSettings, Outcome, decompose_channels
+from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, solve
+from stages.photometry.paper.alternation import Outcome, decompose_channels
+from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.paper.harmonics import real_harmonics
+from stages.photometry.paper.settings import PaperSettings
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.directional_transport import even_directions
-
-SAMPLED = 512  # directions that harmonic light is shown at
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class SolvedUnderLight(Solved):
     detail: Detail = field(kw_only=True)
 
     def judged(self, trusted: np.ndarray) -> SolvedUnderLight:
-        """The same with the confidence of every pixel, by its expected error."""
+        """Add the confidence of every pixel, by its expected error."""
         return replace(self, confidence=confidence_of(self.detail.variance, trusted))
 
 
@@ -83,28 +83,29 @@ class SolvedWithLight(Solved):
     def judged(
         self, views: StackedViews, image: np.ndarray, incidence: np.ndarray, trusted: np.ndarray
     ) -> SolvedWithLight:
-        """The same with the confidence of every pixel, by its circumstances."""
+        """Add the confidence of every pixel, by its circumstances."""
         return replace(
             self, confidence=confidence(views, image, self.shading, self.albedo, incidence, trusted)
         )
 
-    def sampled_light(self) -> tuple[np.ndarray, np.ndarray]:
-        """Directions (M, 3), and the harmonic light from there, (n, M, 3)."""
-        directions = even_directions(SAMPLED)
+    def sampled_light(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Sample the harmonic light in M = `count` directions: these, (M, 3), and the light, (n, M, 3)."""
+        directions = even_directions(count)
         degree = int(self.light.shape[2] ** 0.5) - 1
         return directions, np.einsum("mk,nck->nmc", real_harmonics(directions, degree), self.light)
 
 
-def as_the_paper(
+def solve_by_alternation(
     views: StackedViews,
     images: list[np.ndarray],
-    settings: AlternationSettings,
+    weights: EnergyWeights,
+    how: PaperSettings,
     executor: Executor,
     step: Callable[[], None],
 ) -> SolvedWithLight:
-    """`solver: paper`, channels apart."""
+    """Solve `mode: paper` by `solver: paper`, channels apart."""
     exact = [image.astype(np.float64) for image in images]
-    descents = decompose_channels(views, exact, settings, executor, step)
+    descents = decompose_channels(views, exact, weights, how, executor, step)
     light = np.stack([descent.state.light for descent in descents], axis=1)
     return SolvedWithLight(
         views=views,
@@ -116,19 +117,19 @@ def as_the_paper(
     )
 
 
-def fast(
+def solve_jointly(
     views: StackedViews,
     images: list[np.ndarray],
-    settings: FastSettings,
+    solver: FastSolver,
     threads: int,
     step: Callable[[], None],
 ) -> SolvedWithLight:
-    """`solver: fast` under the paper's light."""
-    return solution_of(solve(views, images, settings, threads, step), views, settings)
+    """Solve `mode: paper` by `solver: fast`."""
+    return solution_of(solve(views, images, solver, threads, step), views, solver.weights)
 
 
-def solution_of(descent: FastDescent, views: StackedViews, settings: FastSettings) -> SolvedWithLight:
-    """What the fast solver found, in all channels together."""
-    histories = rounds_as_json(descent, settings.weights)
+def solution_of(descent: FastDescent, views: StackedViews, weights: EnergyWeights) -> SolvedWithLight:
+    """Present what the fast solver found, in all channels together."""
+    histories = rounds_as_json(descent, weights)
     outcomes = [descent.outcome] * len(histories)
     return SolvedWithLight(views, descent.albedo, descent.shading, histories, outcomes, light=descent.light)

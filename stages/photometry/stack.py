@@ -73,30 +73,30 @@ class StackedViews:
         return slice(int(self.starts[i]), int(self.starts[i + 1]))
 
     def of_channel(self, channel: int) -> StackedViews:
-        """The same with the basis of one channel, shape (N, K)."""
+        """Take the basis of one channel, shape (N, K)."""
         return self if self.basis.ndim == 2 else replace(self, basis=self.basis[:, :, channel])
 
     def positions(self) -> np.ndarray:
-        """Row and column of every pixel in its own view, shape (N, 2), int32."""
+        """List row and column of every pixel in its own view, shape (N, 2), int32."""
         return np.concatenate([np.argwhere(mask).astype(np.int32) for mask in self.masks])
 
     def neighbours(self) -> Iterator[Pixels]:
-        """Pairs of pixels that touch: those of D_x, then those of D_y, view by view."""
+        """Go through the pairs of pixels that touch: those of D_x, then those of D_y, view by view."""
         for mask, first in zip(self.masks, self.starts[:-1].tolist(), strict=True):
             yield from neighbours(mask, first)
 
     def linked_pixels(self) -> Iterator[Pixels]:
-        """Pairs of pixels that show the same surface point, one pair of views after the other."""
+        """Go through the pairs of pixels that show the same surface point, pair of views by pair of views."""
         return linked_pixels(self.links, self.starts)
 
     def shading(self, light: np.ndarray) -> np.ndarray:
-        """``S = σ^i·ν^i(p)`` of Eq. 1, all pixels, shape (N,), under one light per view, shape (n, K)."""
+        """Evaluate ``S = σ^i·ν^i(p)`` of Eq. 1, all pixels, (N,), under one light per view, (n, K)."""
         # einsum rather than a BLAS product: the same bits whatever the number of threads.
         parts = [np.einsum("pk,k->p", self.basis[self.view(i)], light[i]) for i in range(self.view_count)]
         return np.concatenate(parts)
 
     def shadings(self, lights: np.ndarray) -> np.ndarray:
-        """S of every channel, shape (N, c), under lights of shape (n, c, K)."""
+        """Evaluate S of every channel, shape (N, c), under lights of shape (n, c, K)."""
         channels = range(lights.shape[1])
         return np.stack([self.of_channel(c).shading(lights[:, c]) for c in channels], axis=-1)
 
@@ -164,10 +164,10 @@ def stack_views(
 
 
 def stack_pixels(masks: Sequence[np.ndarray], images: Sequence[np.ndarray]) -> np.ndarray:
-    """Values of all masked pixels, shape (N, …), float64, from one image (h_i, w_i, …) per view."""
+    """Stack the values of all masked pixels, shape (N, …), float64, from one image (h_i, w_i, …) per view."""
     return np.concatenate([image[mask] for image, mask in zip(images, masks, strict=True)]).astype(np.float64)
 
 
 def unstack_pixels(masks: Sequence[np.ndarray], stacked: np.ndarray) -> list[np.ndarray]:
-    """All images at once; see `images_of`."""
+    """Unstack all images at once; see `images_of`."""
     return list(images_of(masks, stacked))

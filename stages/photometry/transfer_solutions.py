@@ -10,28 +10,32 @@ import numpy as np
 from stages.photometry.albedo.albedo_given_light import AlbedoSettings, decompose_under_light
 from stages.photometry.albedo_data import AlbedoData
 from stages.photometry.energy_history import rounds_under_light_as_json
-from stages.photometry.joint.transfer_alternation import TransferAlternation, solve_with_transfer
+from stages.photometry.joint.fast_alternation import FastSolver
+from stages.photometry.joint.settings import HarmonicsSettings
+from stages.photometry.joint.transfer_alternation import solve_with_transfer
 from stages.photometry.paper.alternation import Outcome
 from stages.photometry.solutions import SolvedUnderLight, SolvedWithLight, solution_of
 from stages.photometry.stack import StackedViews
-from stages.photometry.transport.pixel_transfer import PixelTransfer
+from stages.photometry.transport.pixel_transfer import Bounces, PixelTransfer
 
 
-def by_transfer(
+def solve_by_transfer(
     views: StackedViews,
     images: list[np.ndarray],
     transfer: PixelTransfer,
-    settings: TransferAlternation,
+    solver: FastSolver,
+    bounces: Bounces,
+    how: HarmonicsSettings,
     threads: int,
     step: Callable[[], None],
 ) -> SolvedWithLight:
-    """With `light: harmonics`."""
-    descent, views = solve_with_transfer(views, images, transfer, settings, threads, step)
-    solved = solution_of(descent, views, settings.descent)
+    """Find light and albedo together, with `light: harmonics`."""
+    descent, views = solve_with_transfer(views, images, transfer, solver, bounces, how, threads, step)
+    solved = solution_of(descent, views, solver.weights)
     return replace(solved, albedo_tv=solved.albedo)
 
 
-def under_light(
+def solve_under_light(
     views: StackedViews,
     shading: np.ndarray,
     observed: AlbedoData,
@@ -39,7 +43,7 @@ def under_light(
     threads: int,
     step: Callable[[], None],
 ) -> SolvedUnderLight:
-    """With `light: directions`, which is known."""
+    """Find the albedo under `light: directions`, which is known."""
     found = decompose_under_light(views, shading, observed, settings, threads, step)
     outcome = worse(found.smooth.outcome, found.detailed.outcome)
     return SolvedUnderLight(
@@ -54,5 +58,5 @@ def under_light(
 
 
 def worse(one: Outcome, other: Outcome) -> Outcome:
-    """That of two which did not converge, if there is one."""
+    """Choose of two the one that did not converge, if there is one."""
     return other if one is Outcome.CONVERGED else one

@@ -15,7 +15,7 @@ from stages.photometry.albedo_data import AlbedoData
 from stages.photometry.chromaticity import in_white_light
 from stages.photometry.detail.albedo_detail import Detail, with_detail
 from stages.photometry.detail.detail_octaves import DetailSettings
-from stages.photometry.joint.fast_alternation import FastDescent, FastSettings
+from stages.photometry.joint.fast_alternation import FastDescent, FastSolver
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights
 from stages.photometry.stack import StackedViews
 from stages.solvers.kernels.threading_layer import use_threads
@@ -30,13 +30,13 @@ class AlbedoSettings:
     edges : PaintEdges
         Of the smooth albedo that `albedo` begins with.
     detail : DetailSettings
-    descent : FastSettings
+    descent : FastSolver
         Of the albedo; λ and μ are those of `albedo_tv`, μ is the least that links have in `albedo`.
     """
 
     edges: PaintEdges
     detail: DetailSettings
-    descent: FastSettings
+    descent: FastSolver
 
 
 @dataclass(frozen=True, eq=False)

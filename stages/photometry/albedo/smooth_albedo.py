@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.photometry.joint.fast_alternation import FastDescent, FastSettings, finish, from_coarse_to_fine
+from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, finish, from_coarse_to_fine
 from stages.photometry.joint.problem_assembly import EdgeWeights, finest_level
 from stages.photometry.stack import StackedViews
 
@@ -18,7 +18,7 @@ def albedo_under_light(
     shading: np.ndarray,
     trusted: np.ndarray,
     edges: EdgeWeights,
-    settings: FastSettings,
+    solver: FastSolver,
     threads: int,
     step: Callable[[], None],
 ) -> FastDescent:
@@ -35,8 +35,8 @@ def albedo_under_light(
     trusted : ndarray, shape (N,), bool
         Pixels whose data count. The others take their albedo from their neighbours, here and in other views.
     edges : EdgeWeights
-        λ_pq and μ_pq, where they are not the settings' own for all.
-    settings : FastSettings
+        λ_pq and μ_pq, where they are not the solver's own for all.
+    solver : FastSolver
     threads : int
         Never changes the result.
     step : callable
@@ -56,8 +56,8 @@ def albedo_under_light(
     found = finish(  # a level or a descent that has a name takes room
         views,
         images,
-        from_coarse_to_fine(finest_level(views, images, settings.weights, edges), settings, threads, light),
-        settings,
+        from_coarse_to_fine(finest_level(views, images, solver.weights, edges), solver.how, threads, light),
+        solver,
         step,
     )
     return replace(found, shading=shading)

@@ -9,6 +9,7 @@ import numpy as np
 
 from stages.photometry.joint.problem_assembly import finest_level, problem_of
 from stages.photometry.joint.pyramid import Level, pyramid
+from stages.photometry.joint.settings import FastSettings, Stopping
 from stages.photometry.joint.stopping_rule import Round, verdict
 from stages.photometry.paper.alternation import Outcome
 from stages.photometry.paper.energy import EnergyTerms, EnergyWeights, channel_terms
@@ -18,42 +19,25 @@ from stages.solvers.kernels.threading_layer import use_threads
 from stages.solvers.primal_dual.graph import PrimalDual
 from stages.solvers.primal_dual.problem import Steps
 
-PIXELS_PER_THREAD = 20_000
-DARK = 0.01  # of the mean shading: the quotient of a darker pixel is no start
+PIXELS_PER_THREAD = 20_000  # fewer are not worth a barrier of threads: speed, and no result
 UNIFORM = 1 / np.sqrt(4 * np.pi)  # ν of the first harmonic, the same for every normal
 
 
 @dataclass(frozen=True)
-class FastSettings:
-    """How the fast solver goes about it.
+class FastSolver:
+    """What is minimised, when that is done, and how.
 
     Attributes
     ----------
     weights : EnergyWeights
-    tolerance : float
-        What may be left to gain, relative energy, for the finest level to be done.
-    gap_tolerance : float
-        How far the albedo may then be from its optimum under the light it has, relative energy.
-    max_rounds : int
-        Rounds of the finest level at most.
-    round_iterations : int
-        Iterations between two looks at the energy.
-    coarse_iterations : int
-        On the level above the finest; twice as many on every further one.
-    steps : Steps
-        Of an iteration, in units of the scaled image.
-    fewest_pixels : int
-        Per view at the coarsest level.
+    stopping : Stopping
+    how : FastSettings
+        Its `stopping` has been asked already.
     """
 
     weights: EnergyWeights
-    tolerance: float = 1e-3
-    gap_tolerance: float = 0.03
-    max_rounds: int = 100
-    round_iterations: int = 80
-    coarse_iterations: int = 120
-    steps: Steps = Steps()
-    fewest_pixels: int = 40
+    stopping: Stopping
+    how: FastSettings = FastSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +68,7 @@ class FastDescent:
 def solve(
     views: StackedViews,
     images: list[np.ndarray],
-    settings: FastSettings,
+    solver: FastSolver,
     threads: int,
     step: Callable[[], None],
 ) -> FastDescent:
@@ -95,7 +79,7 @@ def solve(
     views : StackedViews
     images : list of 3 ndarray, shape (N,)
         Scaled.
-    settings : FastSettings
+    solver : FastSolver
     threads : int
         Never changes the result.
     step : callable
@@ -104,27 +88,27 @@ def solve(
     return finish(  # nothing on the way has a name: a level, a descent that is held takes room
         views,
         images,
-        from_coarse_to_fine(finest_level(views, images, settings.weights), settings, threads),
-        settings,
+        from_coarse_to_fine(finest_level(views, images, solver.weights), solver.how, threads),
+        solver,
         step,
     )
 
 
 def from_coarse_to_fine(
-    finest: Level, settings: FastSettings, threads: int, light: np.ndarray | None = None
+    finest: Level, how: FastSettings, threads: int, light: np.ndarray | None = None
 ) -> PrimalDual:
     """Descend on every coarser level, the coarsest first; the finest one then begins where they end.
 
     A light that is given, (n, 3, K), stays as it is.
     """
     keep_large_blocks_apart()
-    levels = pyramid(finest, settings.fewest_pixels)
+    levels = pyramid(finest, how.coarsest_pixels)
     del finest  # a level makes room once it is arranged
     groups = [level.group for level in levels if level.group is not None]  # the finest has none
     use_threads(threads_for(levels[0].pixels, threads))
-    descent = start(levels.pop(0), settings) if light is None else under(light, levels.pop(0), settings)
+    descent = start(levels.pop(0), how) if light is None else under(light, levels.pop(0), how)
     while levels:
-        descent.iterate(settings.coarse_iterations * 2 ** (len(levels) - 1))
+        descent.iterate(how.coarse_iterations * 2 ** (len(levels) - 1))
         legacy = descent.legacy()
         del descent  # before the finer level takes its place
         use_threads(threads_for(levels[0].pixels, threads))
@@ -137,29 +121,29 @@ def from_coarse_to_fine(
     return descent
 
 
-def start(level: Level, settings: FastSettings) -> PrimalDual:
-    """The paper's start: the image is all albedo, and the shading as near to 1 as the basis allows."""
+def start(level: Level, how: FastSettings) -> PrimalDual:
+    """Begin as the paper does: the image is all albedo, and the shading as near to 1 as the basis allows."""
     problem = problem_of(level)
     albedo = level.image / level.share[:, None]
     light = np.zeros((level.starts.size - 1, 3, level.basis.shape[1]))
     light[:, :, 0] = 1 / UNIFORM
-    return PrimalDual(problem, problem.slices.spread(albedo), light, settings.steps)
+    return PrimalDual(problem, problem.slices.spread(albedo), light, steps_of(how))
 
 
-def under(light: np.ndarray, level: Level, settings: FastSettings) -> PrimalDual:
+def under(light: np.ndarray, level: Level, how: FastSettings) -> PrimalDual:
     """Begin with the image divided by its shading, where there is any, and leave the light alone."""
     view = level.view_of_pixel
     shading = np.stack(
         [np.einsum("pk,pk->p", level.basis[:, :, c], light[view, c]) for c in range(3)], axis=1
     )
-    lit = shading > DARK * max(float(shading.mean()), 1e-12)
+    lit = shading > how.start_shading * max(float(shading.mean()), 1e-12)
     albedo = np.where(lit, level.image / np.where(lit, shading, 1), 0).astype(np.float32)
     problem = problem_of(level)
-    return PrimalDual(problem, problem.slices.spread(albedo), light, settings.steps, free_light=False)
+    return PrimalDual(problem, problem.slices.spread(albedo), light, steps_of(how), free_light=False)
 
 
 def threads_for(pixels: int, threads: int) -> int:
-    """Threads that have enough to do between two barriers."""
+    """Count the threads that have enough to do between two barriers."""
     return min(threads, 1 + pixels // PIXELS_PER_THREAD)
 
 
@@ -167,7 +151,7 @@ def finish(
     views: StackedViews,
     images: list[np.ndarray],
     descent: PrimalDual,
-    settings: FastSettings,
+    solver: FastSolver,
     step: Callable[[], None],
 ) -> FastDescent:
     """Go in rounds on the finest level until the energy settles.
@@ -175,17 +159,18 @@ def finish(
     Where it does not, the best state seen is kept. A descent that the caller does not keep makes room for
     what is looked at in the end.
     """
-    rounds = [_look(descent)]
+    stopping, how = solver.stopping, solver.how
+    rounds = [_evaluated(descent, how)]
     best, kept = rounds[0], (descent.albedo.copy(), descent.light)
     outcome = None
-    for _ in range(settings.max_rounds):
-        descent.iterate(settings.round_iterations)
-        rounds.append(_look(descent))
+    for _ in range(stopping.max_rounds):
+        descent.iterate(how.round_iterations)
+        rounds.append(_evaluated(descent, how))
         step()
         if sum(rounds[-1].energy) <= sum(best.energy):
             np.copyto(kept[0], descent.albedo)
             best, kept = rounds[-1], (kept[0], descent.light)
-        outcome = verdict(rounds, settings.tolerance, settings.gap_tolerance)
+        outcome = verdict(rounds, stopping, how)
         if outcome is not None:
             break
     if outcome is Outcome.CONVERGED:  # its gap is the one that was judged
@@ -200,6 +185,19 @@ def finish(
     return FastDescent(albedo, light, shading, terms, tuple(rounds), outcome or Outcome.LIMIT_REACHED)
 
 
-def _look(descent: PrimalDual) -> Round:
-    bounds = descent.bounds()
+def steps_of(how: FastSettings) -> Steps:
+    """Hand the numbers of an iteration to the solver."""
+    steps = how.steps
+    return Steps(
+        scale=steps.scale,
+        data_step_ratio=steps.data_step_ratio,
+        relaxation=steps.relaxation,
+        reflection=steps.reflection,
+        epoch=steps.epoch,
+        rank_tolerance=steps.rank_tolerance,
+    )
+
+
+def _evaluated(descent: PrimalDual, how: FastSettings) -> Round:
+    bounds = descent.bounds(how.gap_ranges)
     return Round(descent.iterations, tuple(bounds.energy.tolist()), bounds.gap)

@@ -38,7 +38,7 @@ ALIKE = EdgeWeights()
 def finest_level(
     views: StackedViews, images: list[np.ndarray], weights: EnergyWeights, edges: EdgeWeights = ALIKE
 ) -> Level:
-    """The pixels themselves; images are 3 scaled channels of (N,)."""
+    """Make the level of the pixels themselves; images are 3 scaled channels of (N,)."""
     return Level(
         starts=views.starts,
         positions=views.positions(),
@@ -51,7 +51,7 @@ def finest_level(
 
 
 def graph_of(views: StackedViews, weights: EnergyWeights, edges: EdgeWeights = ALIKE) -> HalfEdges:
-    """λ times Eq. 4 plus μ times Eq. 5, as a graph of the pixels."""
+    """Write λ times Eq. 4 plus μ times Eq. 5 as a graph of the pixels."""
     touching, linked = list(views.neighbours()), list(views.linked_pixels())
     tails, heads = zip(*touching, *linked, strict=True)
     counts = sum(p.size for p, _ in touching), sum(p.size for p, _ in linked)
@@ -92,7 +92,7 @@ def problem_of(level: Level) -> Problem:
 
 
 def _brightness(starts: np.ndarray, image: np.ndarray, gauge_of_view: np.ndarray) -> np.ndarray:
-    """Σ|I| of every gauge and channel, (G, 3)."""
+    """Sum up |I| of every gauge and channel, (G, 3)."""
     gauge = np.repeat(gauge_of_view, np.diff(starts))
     count = int(gauge_of_view.max(initial=-1)) + 1
     return np.stack([np.bincount(gauge, np.abs(image[:, c]), count) for c in range(3)], axis=1)

@@ -53,7 +53,7 @@ class Level:
 
 
 def coarser(level: Level) -> Level:
-    """The next level: groups of up to 2×2 pixels.
+    """Make the next level: groups of up to 2×2 pixels.
 
     Sums are divided by four, so that steps that suit one level suit the next: the data term of a full group
     stays, the smoothness weighs half, the agreement as much as before.
@@ -78,7 +78,7 @@ def coarser(level: Level) -> Level:
 
 
 def pyramid(finest: Level, fewest: int) -> list[Level]:
-    """Levels from the coarsest to the finest; none has fewer than `fewest` pixels per view on average."""
+    """Make levels, the coarsest first; none has fewer than `fewest` pixels per view on average."""
     levels = [finest]
     while levels[0].pixels >= 4 * fewest * (finest.starts.size - 1):
         levels.insert(0, coarser(levels[0]))
@@ -100,7 +100,7 @@ def _groups(half: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _quarter_sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Sums over the groups divided by four, (count, k) float32, of values (N, k)."""
+    """Sum up over the groups, divided by four, (count, k) float32, of values (N, k)."""
     sums = np.zeros((count, values.shape[1]))
     _add_up(group, values, sums)
     sums /= 4

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stages.photometry.joint.settings import FastSettings, Stopping
 from stages.photometry.paper.alternation import Outcome
-
-FEWEST = 4  # rounds before anything is concluded
-WASTE = 0.25  # of the tolerance: where less than that is left, it is only the gap that is waited for
-STUCK = 0.9  # where more than that of the gap is left since half-way, it is not going to close soon
 
 
 @dataclass(frozen=True)
@@ -33,25 +30,25 @@ class Round:
     gap: float
 
 
-def verdict(rounds: Sequence[Round], tolerance: float, gap_tolerance: float) -> Outcome | None:
+def verdict(rounds: Sequence[Round], stopping: Stopping, how: FastSettings) -> Outcome | None:
     """Say how the descent has ended, or None: it goes on.
 
     Parameters
     ----------
     rounds : sequence of Round
         The first is the state that they began with.
-    tolerance : float
-        Relative energy that the alternation may still gain; see `left_to_gain`.
-    gap_tolerance : float
-        How far the albedo may then be from its optimum under the light it has, relative energy.
+    stopping : Stopping
+        The tolerance is compared with `left_to_gain`.
+    how : FastSettings
+        From how many rounds on, and what counts as a standstill.
     """
-    if len(rounds) <= FEWEST:
+    if len(rounds) <= how.min_rounds:
         return None
     left = left_to_gain(rounds)
-    if left <= tolerance and rounds[-1].gap <= gap_tolerance:
+    if left <= stopping.tolerance and rounds[-1].gap <= stopping.gap:
         return Outcome.CONVERGED
-    stuck = rounds[-1].gap > STUCK * rounds[len(rounds) // 2].gap
-    return Outcome.STALLED if left <= WASTE * tolerance and stuck else None
+    stuck = rounds[-1].gap > how.stalled_gap * rounds[len(rounds) // 2].gap
+    return Outcome.STALLED if left <= how.negligible_gain * stopping.tolerance and stuck else None
 
 
 def left_to_gain(rounds: Sequence[Round]) -> float:

@@ -1,48 +1,31 @@
-"""`mode: transfer`: the energy of Eq. 2 under light that knows what it can see, bounces included."""
+"""`light: harmonics`: the energy of Eq. 2 under light that knows what it can see, bounces included."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from stages.photometry.joint.fast_alternation import (
     FastDescent,
-    FastSettings,
+    FastSolver,
     finish,
     from_coarse_to_fine,
 )
 from stages.photometry.joint.problem_assembly import finest_level
+from stages.photometry.joint.settings import HarmonicsSettings
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.pixel_transfer import Bounces, PixelTransfer
-
-
-@dataclass(frozen=True)
-class TransferAlternation:
-    """How the two take turns.
-
-    Attributes
-    ----------
-    descent : FastSettings
-    bounces : Bounces
-    refreshes : int
-        How often interreflection is found anew from the albedo so far, before the last descent.
-    iterations : int
-        Between two of them.
-    """
-
-    descent: FastSettings
-    bounces: Bounces
-    refreshes: int = 3
-    iterations: int = 120
 
 
 def solve_with_transfer(
     views: StackedViews,
     images: list[np.ndarray],
     transfer: PixelTransfer,
-    settings: TransferAlternation,
+    solver: FastSolver,
+    bounces: Bounces,
+    how: HarmonicsSettings,
     threads: int,
     step: Callable[[], None],
 ) -> tuple[FastDescent, StackedViews]:
@@ -55,7 +38,10 @@ def solve_with_transfer(
     images : list of 3 ndarray, shape (N,)
         Scaled.
     transfer : PixelTransfer
-    settings : TransferAlternation
+    solver : FastSolver
+    bounces : Bounces
+    how : HarmonicsSettings
+        When interreflection is found anew.
     threads : int
         Never changes the result.
     step : callable
@@ -72,15 +58,15 @@ def solve_with_transfer(
     the basis takes in the albedo so far, and the descent goes on from where it is.
     """
     basis = transfer.direct()
-    finest = finest_level(replace(views, basis=basis), images, settings.descent.weights)
-    descent = from_coarse_to_fine(finest, settings.descent, threads)
+    finest = finest_level(replace(views, basis=basis), images, solver.weights)
+    descent = from_coarse_to_fine(finest, solver.how, threads)
     del finest
-    for _ in range(settings.refreshes if settings.bounces.count else 0):
+    for _ in range(how.refreshes if bounces.count else 0):
         albedo = descent.problem.slices.collect(descent.albedo)
         del basis  # before the next takes its place
-        basis = transfer.with_bounces(albedo, settings.bounces)
+        basis = transfer.with_bounces(albedo, bounces)
         descent.stand_on(basis)
-        descent.iterate(settings.iterations)
+        descent.iterate(how.refresh_iterations)
         step()
     views = replace(views, basis=basis)
-    return finish(views, images, descent, settings.descent, step), views
+    return finish(views, images, descent, solver, step), views

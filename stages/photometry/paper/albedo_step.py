@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from stages.photometry.paper.energy import EnergyWeights, photometric_residual
+from stages.photometry.paper.settings import PaperSettings
 from stages.photometry.stack import StackedViews
 from stages.solvers.least_squares.conjugate_gradient import LinearSolution, conjugate_gradient
 from stages.solvers.least_squares.reweighted_least_squares import l1_weights
@@ -17,11 +18,9 @@ def albedo_step(
     albedo: np.ndarray,
     light: np.ndarray,
     weights: EnergyWeights,
-    *,
-    tolerance: float,
-    max_steps: int,
+    how: PaperSettings,
 ) -> LinearSolution:
-    """One reweighting of all albedos with the light held.
+    """Reweight all albedos once, with the light held.
 
     Eq. 13: ``{ρ^i} = argmin Σ_i Σ_p w_i |I^i − ρ^i σ^i·ν^i|² + λ Σ_i Σ_p (w_∂x |∂x ρ^i|² + w_∂y |∂y ρ^i|²)
     + μ Σ_{i<j} Σ_{p^i} Σ_{p^j} C_ij w_ij |ρ^i(p^i) − ρ^j(p^j)|²``, solved as Eq. 17.
@@ -34,8 +33,8 @@ def albedo_step(
     light : ndarray, shape (n, 9), float64
         σ^(k+1).
     weights : EnergyWeights
-    tolerance, max_steps
-        Of conjugate gradients.
+    how : PaperSettings
+        δ, and when conjugate gradients end.
 
     Notes
     -----
@@ -43,21 +42,26 @@ def albedo_step(
     Eq. 12 too. The weighted squares then touch the smoothed energy where this step begins, so that this
     step by itself, not only the whole alternation, cannot raise it.
     """
-    matrix, rhs = albedo_system(views, image, albedo, light, weights)
-    return conjugate_gradient(matrix, rhs, albedo, tolerance, max_steps)
+    matrix, rhs = albedo_system(views, image, albedo, light, weights, how.delta)
+    return conjugate_gradient(matrix, rhs, albedo, how.cg_tolerance, how.cg_max_steps)
 
 
 def albedo_system(
-    views: StackedViews, image: np.ndarray, albedo: np.ndarray, light: np.ndarray, weights: EnergyWeights
+    views: StackedViews,
+    image: np.ndarray,
+    albedo: np.ndarray,
+    light: np.ndarray,
+    weights: EnergyWeights,
+    delta: float,
 ) -> tuple[sp.csr_array, np.ndarray]:
-    """Normal equations JᵀJ and Jᵀb of Eq. 17, weighted where `albedo` and `light` are."""
+    """Assemble the normal equations JᵀJ and Jᵀb of Eq. 17, weighted where `albedo` and `light` are."""
     shading = views.shading(light)
-    photo = l1_weights(photometric_residual(image, albedo, shading), weights.delta)
+    photo = l1_weights(photometric_residual(image, albedo, shading), delta)
     differences = np.concatenate(
         [
-            weights.smoothness * l1_weights(views.d_x @ albedo, weights.delta),
-            weights.smoothness * l1_weights(views.d_y @ albedo, weights.delta),
-            weights.consistency * l1_weights(views.c @ albedo, weights.delta),
+            weights.smoothness * l1_weights(views.d_x @ albedo, delta),
+            weights.smoothness * l1_weights(views.d_y @ albedo, delta),
+            weights.consistency * l1_weights(views.c @ albedo, delta),
         ]
     )
     return views.equations.assemble(photo * shading**2, differences), photo * shading * image

@@ -18,6 +18,7 @@ from stages.photometry.paper.energy import (
     smoothed_energy,
 )
 from stages.photometry.paper.light_step import light_step
+from stages.photometry.paper.settings import PaperSettings
 from stages.photometry.stack import StackedViews
 
 
@@ -26,36 +27,15 @@ class Outcome(Enum):
 
     CONVERGED = "converged: the energy hardly changes any more"
     LIMIT_REACHED = (
-        "limit reached: the energy was still changing; allow more alternations (max_alternations; solver: "
-        "fast: fast_max_rounds), or accept a larger relative change of the energy (energy_tolerance; "
-        "fast_tolerance)"
+        "limit reached: the energy was still changing; allow more alternations (paper.max_alternations; "
+        "solver: fast: fast.max_rounds), or accept a larger relative change of the energy "
+        "(paper.energy_tolerance; fast.tolerance)"
     )
     STALLED = (
         "stalled: the energy hardly changed, but the albedo was not shown to be near its optimum under the "
         "light it has, so that this may be the solver's standstill and not the model's; allow more "
         "conjugate-gradient steps (solver: paper), or accept a wider gap (solver: fast)"
     )
-
-
-@dataclass(frozen=True)
-class AlternationSettings:
-    """When to stop, outside and inside.
-
-    Attributes
-    ----------
-    weights : EnergyWeights
-    max_alternations : int
-    energy_tolerance : float
-        Relative change of the energy in the gauge, between two alternations, to stop at.
-    cg_tolerance : float
-    cg_max_steps : int
-    """
-
-    weights: EnergyWeights
-    max_alternations: int
-    energy_tolerance: float
-    cg_tolerance: float
-    cg_max_steps: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,16 +104,16 @@ class Descent:
 
 
 def start(views: StackedViews, image: np.ndarray, weights: EnergyWeights) -> Descent:
-    """The paper's initial guess: ρ = I, which is in the gauge already, and σ = 1."""
+    """Begin at the paper's initial guess: ρ = I, which is in the gauge already, and σ = 1."""
     light = np.ones((views.view_count, views.basis.shape[1]))
     terms = energy_terms(views, image, image, light)
     return Descent(State(image.copy(), light, terms), terms.total(weights))
 
 
 def alternate(
-    views: StackedViews, image: np.ndarray, state: State, settings: AlternationSettings
+    views: StackedViews, image: np.ndarray, state: State, weights: EnergyWeights, how: PaperSettings
 ) -> tuple[State, AlternationRecord]:
-    """One alternation (k) → (k + 1).
+    """Alternate once, (k) → (k + 1).
 
     Eq. 9: ``{σ^i}^(k+1) = argmin_σ ε({σ^i, ρ^i,(k)})``, by one reweighting (Eq. 11).
 
@@ -141,20 +121,11 @@ def alternate(
 
     Then the gauge is reapplied (Deviation 1), to σ inversely.
     """
-    weights = settings.weights
-    before = smoothed_energy(views, image, state.albedo, state.light, weights)
-    light = light_step(views, image, state.albedo, state.light, weights.delta)
-    after_light = smoothed_energy(views, image, state.albedo, light, weights)
-    solved = albedo_step(
-        views,
-        image,
-        state.albedo,
-        light,
-        weights,
-        tolerance=settings.cg_tolerance,
-        max_steps=settings.cg_max_steps,
-    )
-    after_albedo = smoothed_energy(views, image, solved.x, light, weights)
+    before = smoothed_energy(views, image, state.albedo, state.light, weights, how.delta)
+    light = light_step(views, image, state.albedo, state.light, how)
+    after_light = smoothed_energy(views, image, state.albedo, light, weights, how.delta)
+    solved = albedo_step(views, image, state.albedo, light, weights, how)
+    after_albedo = smoothed_energy(views, image, solved.x, light, weights, how.delta)
     scale = gauge_scale(image, solved.x)
     albedo, light = solved.x * scale, light / scale
     terms = energy_terms(views, image, albedo, light)
@@ -174,15 +145,15 @@ def alternate(
 
 
 def advance(
-    views: StackedViews, image: np.ndarray, descent: Descent, settings: AlternationSettings
+    views: StackedViews, image: np.ndarray, descent: Descent, weights: EnergyWeights, how: PaperSettings
 ) -> Descent:
     """Alternate once, and decide whether it is over: the energy settled, or the limit is reached."""
-    state, record = alternate(views, image, descent.state, settings)
+    state, record = alternate(views, image, descent.state, weights, how)
     history = (*descent.history, record)
     outcome = None
-    if record.relative_change <= settings.energy_tolerance:
+    if record.relative_change <= how.energy_tolerance:
         outcome = Outcome.CONVERGED if record.cg_reached else Outcome.STALLED
-    elif len(history) >= settings.max_alternations:
+    elif len(history) >= how.max_alternations:
         outcome = Outcome.LIMIT_REACHED
     return Descent(state, descent.start_energy, history, outcome)
 
@@ -190,7 +161,8 @@ def advance(
 def decompose_channels(
     views: StackedViews,
     images: Sequence[np.ndarray],
-    settings: AlternationSettings,
+    weights: EnergyWeights,
+    how: PaperSettings,
     executor: Executor,
     after_each: Callable[[], None] = lambda: None,
 ) -> list[Descent]:
@@ -201,7 +173,8 @@ def decompose_channels(
     views : StackedViews
     images : sequence of ndarray, shape (N,), float64
         The channels of the linear images, scaled so that δ means what it says (99th percentile = 1).
-    settings : AlternationSettings
+    weights : EnergyWeights
+    how : PaperSettings
     executor : Executor
         Each task is one alternation of one channel, so that three channels share two workers evenly. The
         tasks do not depend on each other's timing: neither does the result.
@@ -213,11 +186,11 @@ def decompose_channels(
     list of Descent
         One per channel, each with its outcome.
     """
-    descents = [start(views, image, settings.weights) for image in images]
+    descents = [start(views, image, weights) for image in images]
     _ = views.equations  # found here once: the channels' threads would each find it
 
     def submit(channel: int) -> Future[Descent]:
-        return executor.submit(advance, views, images[channel], descents[channel], settings)
+        return executor.submit(advance, views, images[channel], descents[channel], weights, how)
 
     pending = {submit(channel): channel for channel in range(len(images))}
     while pending:
@@ -231,5 +204,5 @@ def decompose_channels(
 
 
 def _relative_change(before: float, after: float) -> float:
-    """|after − before| / before; 0 between equals, so that a black channel converges at once."""
+    """Compute |after − before| / before; 0 between equals, so that a black channel converges at once."""
     return 0.0 if after == before else abs(after - before) / max(before, 1e-300)

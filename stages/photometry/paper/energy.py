@@ -22,13 +22,10 @@ class EnergyWeights:
         λ.
     consistency : float
         μ.
-    delta : float
-        δ of ``|·|_δ``, in units of the scaled image.
     """
 
     smoothness: float
     consistency: float
-    delta: float
 
 
 @dataclass(frozen=True)
@@ -48,12 +45,12 @@ class EnergyTerms:
 
 
 def photometric_residual(image: np.ndarray, albedo: np.ndarray, shading: np.ndarray) -> np.ndarray:
-    """What the model leaves of the image, ``I − ρ σ·ν``, shape (N,)."""
+    """Compute what the model leaves of the image, ``I − ρ σ·ν``, shape (N,)."""
     return image - albedo * shading
 
 
 def photometric_term(image: np.ndarray, albedo: np.ndarray, shading: np.ndarray) -> float:
-    """Robust adequation to the images, summed over the views.
+    """Sum up the misfit to the images over the views.
 
     Eq. 3: ``ε_Photo(σ^i, ρ^i) = Σ_p |I^i(p) − ρ^i(p) σ^i·ν^i(p)|``
     """
@@ -61,7 +58,7 @@ def photometric_term(image: np.ndarray, albedo: np.ndarray, shading: np.ndarray)
 
 
 def smoothness_term(views: StackedViews, albedo: np.ndarray) -> float:
-    """Anisotropic total variation, summed over the views.
+    """Sum up the anisotropic total variation over the views.
 
     Eq. 4: ``ε_Smooth(ρ^i) = Σ_p |∂x ρ^i(p)| + |∂y ρ^i(p)|``
     """
@@ -69,7 +66,7 @@ def smoothness_term(views: StackedViews, albedo: np.ndarray) -> float:
 
 
 def consistency_term(views: StackedViews, albedo: np.ndarray) -> float:
-    """Disagreement of the views about the same surface point, summed over the pairs i < j.
+    """Sum up the disagreement of the views about the same surface point, summed over the pairs i < j.
 
     Eq. 5: ``ε_MV(ρ^i, ρ^j) = Σ_{p^i} Σ_{p^j} C_ij(p^i, p^j) |ρ^i(p^i) − ρ^j(p^j)|``
     """
@@ -77,7 +74,7 @@ def consistency_term(views: StackedViews, albedo: np.ndarray) -> float:
 
 
 def _differences_of(albedo: np.ndarray, pairs: Iterable[Pixels]) -> np.ndarray:
-    """Sum of ``|ρ_q − ρ_p|`` of every channel, float64, view by view: never all pairs at a time."""
+    """Sum up ``|ρ_q − ρ_p|`` of every channel, float64, view by view: never all pairs at a time."""
     total = np.zeros(albedo.shape[1:])
     for p, q in pairs:
         apart = np.abs(albedo[q].astype(np.float64) - albedo[p])
@@ -88,7 +85,7 @@ def _differences_of(albedo: np.ndarray, pairs: Iterable[Pixels]) -> np.ndarray:
 def energy_terms(
     views: StackedViews, image: np.ndarray, albedo: np.ndarray, light: np.ndarray
 ) -> EnergyTerms:
-    """All three sums for one channel: image and albedo of shape (N,), light of shape (n, 9)."""
+    """Evaluate all three sums for one channel: image and albedo of shape (N,), light of shape (n, 9)."""
     return EnergyTerms(
         photo=photometric_term(image, albedo, views.shading(light)),
         smooth=smoothness_term(views, albedo),
@@ -99,7 +96,7 @@ def energy_terms(
 def channel_terms(
     views: StackedViews, images: Sequence[np.ndarray], albedo: np.ndarray, shading: np.ndarray
 ) -> tuple[EnergyTerms, ...]:
-    """All three sums for every channel: images of shape (N,), albedo and shading (N, c)."""
+    """Evaluate all three sums for every channel: images of shape (N,), albedo and shading (N, c)."""
     photo = [photometric_term(image, albedo[:, c], shading[:, c]) for c, image in enumerate(images)]
     smooth = _differences_of(albedo, views.neighbours())
     multi_view = _differences_of(albedo, views.linked_pixels())
@@ -107,13 +104,17 @@ def channel_terms(
 
 
 def smoothed_energy(
-    views: StackedViews, image: np.ndarray, albedo: np.ndarray, light: np.ndarray, weights: EnergyWeights
+    views: StackedViews,
+    image: np.ndarray,
+    albedo: np.ndarray,
+    light: np.ndarray,
+    weights: EnergyWeights,
+    delta: float,
 ) -> float:
-    """Eq. 2 with h_δ in place of ``|·|``: what each step at fixed δ can only lower.
+    """Evaluate Eq. 2 with h_δ in place of ``|·|``: what each step at fixed δ can only lower.
 
     Differences that do not exist (mask borders, pixels without a link) add nothing, not even h_δ(0).
     """
-    delta = weights.delta
     photo = smoothed_absolute(photometric_residual(image, albedo, views.shading(light)), delta).sum()
     smooth = (
         smoothed_absolute(views.d_x @ albedo, delta).sum()
@@ -124,7 +125,7 @@ def smoothed_energy(
 
 
 def gauge_scale(image: np.ndarray, albedo: np.ndarray) -> float:
-    """Factor s that brings Σ|s ρ| to Σ|I| over all pixels of a channel; 1 where there is nothing to scale.
+    """Find the factor s that brings Σ|s ρ| to Σ|I| over all pixels of a channel; 1 where there is none.
 
     Notes
     -----

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def real_harmonics(directions: np.ndarray, degree: int) -> np.ndarray:
-    """Real orthonormal spherical harmonics without Condon–Shortley phase, ordered by (l, m).
+    """Evaluate real orthonormal spherical harmonics without Condon–Shortley phase, ordered by (l, m).
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ def real_harmonics(directions: np.ndarray, degree: int) -> np.ndarray:
 
 
 def clamped_cosine(degree: int) -> np.ndarray:
-    """A_l of the clamped cosine max(0, cos θ), shape (degree + 1,): π, 2π/3, π/4, 0, −π/24, 0, …"""
+    """List A_l of the clamped cosine max(0, cos θ), shape (degree + 1,): π, 2π/3, π/4, 0, −π/24, 0, …"""
     return np.array([_clamped_cosine(l) for l in range(degree + 1)])  # noqa: E741
 
 
 def shading_basis(normals_in_world: np.ndarray, degree: int = 2) -> np.ndarray:
-    """ν(p) of the shading ``S = σ·ν`` that a surface open to the whole sky receives; for degree 2
+    """Evaluate ν(p) of the shading ``S = σ·ν`` that a surface open to the whole sky receives; for degree 2
 
     Eq. 1: ``I^i(p) = ρ^i(p) σ^i·ν^i(p)`` with ``ν_k = (A_l/π) Y_k(n)``, k = 1 … 9.
 
@@ -69,7 +69,7 @@ def shading_basis(normals_in_world: np.ndarray, degree: int = 2) -> np.ndarray:
 
 
 def _powers(x: np.ndarray, y: np.ndarray, m: int) -> tuple[np.ndarray, np.ndarray]:
-    """``√2 Re (x + iy)^m`` and ``√2 Im (x + iy)^m``; 1 and 0 for m = 0."""
+    """Evaluate ``√2 Re (x + iy)^m`` and ``√2 Im (x + iy)^m``; 1 and 0 for m = 0."""
     if m == 0:
         return np.ones_like(x), np.zeros_like(x)
     power = (x + 1j * y) ** m
@@ -77,7 +77,7 @@ def _powers(x: np.ndarray, y: np.ndarray, m: int) -> tuple[np.ndarray, np.ndarra
 
 
 def _legendre(z: np.ndarray, m: int, degree: int) -> list[np.ndarray]:
-    """Q_lm(z) for l = m … degree."""
+    """Evaluate Q_lm(z) for l = m … degree."""
     functions = [np.full_like(z, float(np.prod(np.arange(1, 2 * m, 2))))]
     for l in range(m + 1, degree + 1):  # noqa: E741
         below = functions[l - m - 2] if l - m >= 2 else 0.0

@@ -14,7 +14,7 @@ MMAP_THRESHOLD = -3  # M_MMAP_THRESHOLD of glibc's malloc.h
 
 
 def keep_large_blocks_apart() -> None:
-    """From now on blocks of `LARGE_BYTES` or more go back to the system as soon as they are free.
+    """Have blocks of `LARGE_BYTES` or more go back, from now on, to the system as soon as they are free.
 
     glibc raises that limit with every such block that is let go, until it keeps blocks of 32 MiB. Holds for
     the whole process; does nothing with another C library.

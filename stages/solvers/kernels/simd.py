@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 else:
     from numba.extending import intrinsic
 
-COUNT = 8
+COUNT = 8  # what AVX2 takes of float32: speed, and the order in which sums are taken
 
 _WIDE = {
     types.float32: ir.VectorType(ir.FloatType(), COUNT),
@@ -61,7 +61,7 @@ _THREE = types.UniTuple(Lanes(types.float32), 3)
 
 @intrinsic
 def load(typingctx, array, place):
-    """The eight numbers of a flat array, float32, float64, int8 or int16 (as float32), from a place on."""
+    """Load eight numbers of a flat array, float32, float64, int8 or int16 (as float32), from a place on."""
     narrow = array.dtype in (types.int8, types.int16)
     lanes = Lanes(types.float32 if narrow else array.dtype)
 
@@ -92,7 +92,7 @@ def store(typingctx, array, place, lanes):
 
 @intrinsic
 def gather_channels(typingctx, array, pixels, place):
-    """Three channels, a `Lanes` each, of the eight pixels that ``pixels[place:place + 8]`` names.
+    """Load three channels, a `Lanes` each, of the eight pixels that ``pixels[place:place + 8]`` names.
 
     The array holds four numbers per pixel, the fourth unused: one load fetches a pixel.
     """
@@ -130,7 +130,7 @@ def prefetch_pixels(typingctx, array, pixels, place):
 
 @intrinsic
 def load_channels(typingctx, array, place):
-    """Three channels, a `Lanes` each, of eight pixels that lie side by side, four numbers each."""
+    """Load three channels, a `Lanes` each, of eight pixels that lie side by side, four numbers each."""
 
     def emit(context, builder, signature, arguments):
         first = _pointer(context, builder, signature, arguments)
@@ -166,7 +166,7 @@ def store_channels(typingctx, array, place, red, green, blue):
 
 @intrinsic
 def spread(typingctx, number):
-    """The same number in all lanes."""
+    """Put the same number into all lanes."""
 
     def emit(context, builder, signature, arguments):
         return _splat(builder, _WIDE[number], arguments[0])
@@ -176,7 +176,7 @@ def spread(typingctx, number):
 
 @intrinsic
 def lane_sum(typingctx, lanes):
-    """Sum of the lanes, in an order that never changes."""
+    """Add up the lanes, in an order that never changes."""
 
     def emit(context, builder, signature, arguments):
         values = [
@@ -205,7 +205,7 @@ def clipped(typingctx, lanes, bound):
 
 @intrinsic
 def magnitude(typingctx, lanes):
-    """``|x|`` lane by lane."""
+    """Take ``|x|`` lane by lane."""
 
     def emit(context, builder, signature, arguments):
         name = "llvm.fabs.v8f32" if lanes.dtype == types.float32 else "llvm.fabs.v8f64"
@@ -216,7 +216,7 @@ def magnitude(typingctx, lanes):
 
 @intrinsic
 def widened(typingctx, lanes):
-    """The same numbers as float64."""
+    """Convert to float64."""
 
     def emit(context, builder, signature, arguments):
         return builder.fpext(arguments[0], _WIDE[types.float64])
@@ -226,7 +226,7 @@ def widened(typingctx, lanes):
 
 @intrinsic
 def where_above(typingctx, tested, bound, then, otherwise):
-    """``then`` in lanes where ``tested > bound``, ``otherwise`` elsewhere."""
+    """Choose ``then`` in lanes where ``tested > bound``, ``otherwise`` elsewhere."""
 
     def emit(context, builder, signature, arguments):
         tested, bound, then, otherwise = arguments
@@ -262,7 +262,7 @@ for _function, _instruction in (
 
 
 def _pointer(context, builder, signature, arguments):
-    """Where ``array[place]`` lies, `array` and `place` being the first two arguments."""
+    """Point to where ``array[place]`` lies, `array` and `place` being the first two arguments."""
     array = context.make_array(signature.args[0])(context, builder, arguments[0])
     return builder.gep(array.data, [arguments[1]])
 
@@ -272,7 +272,7 @@ def _load_quad(builder, at):
 
 
 def _channels(builder, quads):
-    """The first three numbers of eight pixels as three vectors of eight."""
+    """Take the first three numbers of eight pixels as three vectors of eight."""
     wide = [_mixed(builder, quads[lane], quads[lane + 4], range(8)) for lane in range(4)]
     near, far = _mixed(builder, wide[0], wide[1], _LOW), _mixed(builder, wide[2], wide[3], _LOW)
     near_blue, far_blue = _mixed(builder, wide[0], wide[1], _HIGH), _mixed(builder, wide[2], wide[3], _HIGH)

@@ -63,24 +63,24 @@ class Slices:
         return int(self.first[-1])
 
     def spread(self, values: np.ndarray) -> np.ndarray:
-        """Values (N, k) as (S, k, 8), float32; 0 where no pixel is."""
+        """Lay out values (N, k) as (S, k, 8), float32; 0 where no pixel is."""
         sliced = np.zeros((self.count, values.shape[1], COUNT), np.float32)
         _spread(np.ascontiguousarray(values, np.float32), self.places, sliced)
         return sliced
 
     def spread_numbers(self, numbers: np.ndarray) -> np.ndarray:
-        """Numbers (N,) of pixels as (S · 8,), int32; −1 where no pixel is."""
+        """Lay out numbers (N,) of pixels as (S · 8,), int32; −1 where no pixel is."""
         spread = np.full(COUNT * self.count, -1, np.int32)
         spread[self.places] = numbers
         return spread
 
     def spread_basis(self, basis: np.ndarray) -> np.ndarray:
-        """ν, (N, K) or (N, K, 1 or 3), as (S, K, 1 or 3, 8)."""
+        """Lay out ν, (N, K) or (N, K, 1 or 3), as (S, K, 1 or 3, 8)."""
         kinds = int(np.prod(basis.shape[2:]))
         return self.spread(basis.reshape(len(basis), -1)).reshape(self.count, basis.shape[1], kinds, COUNT)
 
     def collect(self, sliced: np.ndarray) -> np.ndarray:
-        """Values (S, k, 8) as (N, k)."""
+        """Collect values (S, k, 8) as (N, k)."""
         values = np.empty((self.places.size, sliced.shape[1]), sliced.dtype)
         for kind in range(sliced.shape[1]):
             values[:, kind] = sliced[:, kind].ravel()[self.places]
@@ -120,7 +120,7 @@ class Blocks:
         return sp.csr_array((ones, places), shape=(self.view_count, self.view.size))
 
     def by_view(self, sums: np.ndarray) -> np.ndarray:
-        """Sums of every block, (B, …), added up for every view, (n, …)."""
+        """Add sums of every block, (B, …), up for every view, (n, …)."""
         return (self._membership @ sums.reshape(len(sums), -1)).reshape(self.view_count, *sums.shape[1:])
 
 
@@ -135,5 +135,5 @@ def _spread(values, places, sliced):
 
 @numba.njit(inline="always")
 def held_at(place, channel):
-    """Where a channel of a place lies in rows of three channels of eight, flat."""
+    """Find where a channel of a place lies in rows of three channels of eight, flat."""
     return place // 8 * 24 + place % 8 + 8 * channel

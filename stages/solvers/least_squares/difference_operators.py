@@ -62,7 +62,7 @@ def difference_matrices(masks: Sequence[np.ndarray]) -> tuple[sp.csr_array, sp.c
 
 
 def _differences(pairs: Sequence[Pixels], total: int) -> sp.csr_array:
-    """Row p holds −1 at p and +1 at its neighbour."""
+    """Build rows p that hold −1 at p and +1 at its neighbour."""
     here, there = (np.concatenate(side) for side in zip(*pairs, strict=True))
     rows = np.concatenate([here, here])
     columns = np.concatenate([here, there])

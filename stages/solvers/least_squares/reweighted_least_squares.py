@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 
 def l1_weights(residual: np.ndarray, delta: float) -> np.ndarray:
-    """Weight of every squared residual, ``1 / |residual|_δ`` with ``|·|_δ = max(δ, |·|)``, any shape.
+    """Weight every squared residual, ``1 / |residual|_δ`` with ``|·|_δ = max(δ, |·|)``, any shape.
 
     Eq. 12: ``w_i(p) = 1 / |I^i(p) − ρ^i(p) σ^i·ν^i(p)|_δ``
 
@@ -24,7 +24,7 @@ def l1_weights(residual: np.ndarray, delta: float) -> np.ndarray:
 
 
 def smoothed_absolute(residual: np.ndarray, delta: float) -> np.ndarray:
-    """The function whose descent these weights guarantee: |r|, but a parabola where |r| ≤ δ.
+    """Evaluate the function whose descent these weights guarantee: |r|, but a parabola where |r| ≤ δ.
 
     ``h_δ(r) = |r|`` for |r| > δ, else ``r²/(2δ) + δ/2``.
 
@@ -122,7 +122,7 @@ class NormalEquations:
 
 
 def _ends(operator: sp.csr_array) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of the −1 and of the +1 of every row."""
+    """Find the columns of the −1 and of the +1 of every row."""
     operator = operator.tocsr()
     pairs = operator.data.reshape(-1, 2) if operator.nnz == 2 * operator.shape[0] else np.zeros((1, 2))
     ordinary = np.all(np.diff(operator.indptr) == 2) and np.all(np.sort(pairs, axis=1) == [-1, 1])

@@ -45,7 +45,7 @@ NOWHERE = Anchor(np.empty(0, np.int8), np.empty(0, np.int8), np.empty(0, np.floa
 
 
 def in_notches(values: np.ndarray, notch: np.float32) -> np.ndarray:
-    """To the nearest of 127 notches either way, alike for both signs: an edge's two ends stay negatives."""
+    """Round to 127 notches either way, alike for both signs: an edge's two ends stay negatives."""
     notches = np.empty(values.size, np.int8)
     _count(values, notch, notches)
     return notches

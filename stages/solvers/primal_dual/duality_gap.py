@@ -23,7 +23,6 @@ from stages.solvers.kernels.sliced_ellpack import EIGHT, ONE, QUADS, SIXTEEN, SL
 from stages.solvers.primal_dual.sliced_graph import SlicedGraph
 
 UNIT = np.float32(16383)  # a dual at its bound, as it is stored: 16 bits hold twice that
-WIDTHS = (1.0, 1.5, 3.0)  # ranges of albedo that the bound looks at, in units of the one found
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +52,9 @@ def bounds(
     share: np.ndarray,
     multiplier: np.ndarray,
     kept: np.ndarray,
+    widths: tuple[float, ...],
 ) -> Bounds:
-    """Energy and lower bound of ``min_ρ Σ_p |I_p − S_p ρ_p| + Σ_{pq} w_pq |ρ_p − ρ_q|``.
+    """Evaluate energy and lower bound of ``min_ρ Σ_p |I_p − S_p ρ_p| + Σ_{pq} w_pq |ρ_p − ρ_q|``.
 
     Parameters
     ----------
@@ -67,6 +67,8 @@ def bounds(
         is over all.
     kept : ndarray, shape (3,), float64
         ``Σ m · wanted`` over the gauges.
+    widths : tuple of float
+        The ranges of albedo to try, in units of the one found, about its middle; that of all I/S is one more.
 
     Notes
     -----
@@ -81,7 +83,8 @@ def bounds(
     """
     found = np.empty((blocks.view.size, 2, 3, 2), np.float32)
     _ranges(blocks.begin, blocks.end, albedo, image, shading, share, found)
-    ranges = _widened(*np.stack([found[..., 0].min(axis=0), found[..., 1].max(axis=0)], axis=-1))
+    of_albedo, of_quotients = np.stack([found[..., 0].min(axis=0), found[..., 1].max(axis=0)], axis=-1)
+    ranges = _widened(of_albedo, of_quotients, widths)
     sums = np.zeros((blocks.view.size, 3, 1 + len(ranges)))
     _bounds(
         (blocks.view, blocks.begin, blocks.end),
@@ -97,15 +100,15 @@ def bounds(
     return Bounds(totals[:, 0], totals[:, 1:].max(axis=1) + kept)
 
 
-def _widened(of_albedo: np.ndarray, of_quotients: np.ndarray) -> np.ndarray:
-    """The ranges to try, (R, 3, 2), float32."""
+def _widened(of_albedo: np.ndarray, of_quotients: np.ndarray, widths: tuple[float, ...]) -> np.ndarray:
+    """List the ranges to try, (R, 3, 2), float32."""
     # Not finite: no pixels, a channel without light, or with hardly any.
     found, quotients = (
         np.where(np.isfinite(ends).all(axis=-1, keepdims=True), ends, np.float32(0))
         for ends in (of_albedo, of_quotients)
     )
     half = (found[:, 1:] - found[:, :1]) / 2 * np.array([-1, 1], np.float32)
-    return np.stack([*(found + np.float32(width - 1) * half for width in WIDTHS), quotients])
+    return np.stack([*(found + np.float32(width - 1) * half for width in widths), quotients])
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
@@ -150,7 +153,7 @@ def _bounds(blocks, graph, dual, albedo, givens, multiplier, ranges, sums):
 
 @numba.njit(nogil=True)
 def _look_along_edges(s, first, neighbour, weight, dual, albedo, made):
-    """Of a slice: albedo, half of ``Σ w |ρ_p − ρ_q|``, and ``Kᵀy``, three channels each."""
+    """Sum along a slice's edges: albedo, half of ``Σ w |ρ_p − ρ_q|``, and ``Kᵀy``, three channels each."""
     unit = spread(UNIT)
     red, green, blue = load_channels(albedo, s * QUADS)
     vary_red, vary_green, vary_blue = spread(np.float32(0)), spread(np.float32(0)), spread(np.float32(0))
@@ -184,7 +187,7 @@ def _three(made, at):
 
 @numba.njit(inline="always")
 def _least(value, light, pull, gain, ends):
-    """What the pixels of a slice cost at least, as the Notes above say."""
+    """Bound what the pixels of a slice cost, as the Notes above say."""
     zero, one = spread(np.float32(0)), spread(np.float32(1))
     low, high, size = spread(ends[0]), spread(ends[1]), magnitude(light)
     fit = value / where_above(size, zero, light, one)

@@ -61,7 +61,7 @@ def fill_in(
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _potentials(blocks, group, graph, edge_dual, data_dual, share, multiplier, potential):
-    """``−f / W``, in place of S."""
+    """Compute ``−f / W``, in place of S."""
     (views, begins, ends), (first, neighbour, weight) = blocks, graph
     for block in numba.prange(views.size):
         kept, pull = multiplier[views[block]], np.empty(3, np.float32)
@@ -97,7 +97,7 @@ def _even_out(group, graph, potential, even):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _carry_off(group, graph, potential, edge_dual):
-    """``z = φ_p − φ_q`` within groups; alike but for the sign at both ends, since rounding is symmetric."""
+    """Set ``z = φ_p − φ_q`` within groups; but for the sign alike at both ends: rounding is symmetric."""
     first, neighbour, weight = graph
     for place in numba.prange(group.size):
         own = np.int64(place)
@@ -110,5 +110,5 @@ def _carry_off(group, graph, potential, edge_dual):
 
 @numba.njit(inline="always")
 def _half_edges(first, own):
-    """Places of a pixel's half-edges."""
+    """List the places of a pixel's half-edges."""
     return range(np.int64(first[own // 8]) * 8 + own % 8, np.int64(first[own // 8 + 1]) * 8, 8)

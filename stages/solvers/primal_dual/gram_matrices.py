@@ -8,7 +8,7 @@ import numpy as np
 import stages.solvers.kernels.threading_layer  # noqa: F401
 from stages.solvers.kernels.simd import lane_sum, load, spread, store, widened
 from stages.solvers.kernels.sliced_ellpack import EIGHT, THREE, Blocks
-from stages.solvers.primal_dual.loops import strides
+from stages.solvers.primal_dual.iteration_kernels import strides
 
 CHUNK = np.uint64(32)  # slices whose columns stay in the nearest cache
 
@@ -36,7 +36,7 @@ def gram_matrices(blocks: Blocks, basis: np.ndarray, albedo: np.ndarray) -> np.n
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _sum(begins, ends, size, basis, albedo, sums):
-    """Upper triangles, block by block."""
+    """Sum up the upper triangles, block by block."""
     size = np.uint64(size)
     stride, step = strides(basis, np.uint64(albedo.size), size)
     for block in numba.prange(begins.size):
@@ -52,7 +52,7 @@ def _sum(begins, ends, size, basis, albedo, sums):
 
 @numba.njit(inline="always")
 def _widen(basis, begin, count, size, stride, channel, columns):
-    """A chunk's columns of ν, in float64."""
+    """Widen a chunk's columns of ν to float64."""
     for i in range(count):
         for k in range(size):
             values = load(basis, ((begin + i) * size + k) * stride + channel)

@@ -11,7 +11,7 @@ from stages.solvers.primal_dual.anchor import NOWHERE, Anchor
 from stages.solvers.primal_dual.duality_gap import Bounds, bounds
 from stages.solvers.primal_dual.filling import fill_in
 from stages.solvers.primal_dual.gram_matrices import gram_matrices
-from stages.solvers.primal_dual.loops import (
+from stages.solvers.primal_dual.iteration_kernels import (
     interleave,
     rescale,
     shade,
@@ -22,8 +22,6 @@ from stages.solvers.primal_dual.problem import Problem, Steps
 from stages.solvers.primal_dual.prolongation import CoarseState, prolong_edges, prolong_pixels
 
 NOTHING = 1e-30  # instead of a division by 0
-TWICE_AS_FAR = 2.0  # what is drawn back may go as far as a reflection
-UNSEEN = 1e-7  # directions of the light that the pixels see less than this (relative) stay as they are
 
 
 class PrimalDual:
@@ -57,10 +55,10 @@ class PrimalDual:
     darkest pixels, which cost nothing, bear all the albedo. Light and albedo move together, so that no pixel
     that fits already holds the light where it is, as it does where the two alternate.
 
-    Every step is taken in two ways by turns, an epoch each: twice as far, but drawn back to where the epoch
-    began, the k-th time by 1/(k + 2) (Halpern 1967; Lu and Yang 2024, "Restarted Halpern PDHG for linear
-    programming"), and θ times as far (Condat 2013). The first averages away what circles around the goal, the
-    second gets along where nothing circles.
+    Every step is taken in two ways by turns, an epoch each: reflected, up to twice as far, but drawn back to
+    where the epoch began, the k-th time by 1/(k + 2) (Halpern 1967; Lu and Yang 2024, "Restarted Halpern PDHG
+    for linear programming"), and θ times as far (Condat 2013). The first averages away what circles around
+    the goal, the second gets along where nothing circles.
 
     Both ends of an edge keep their own copy of its dual; the two are negatives of one another to the last
     bit, since rounding is symmetric. So a pixel writes only what is its own: one pass per iteration, no two
@@ -122,7 +120,7 @@ class PrimalDual:
         )
 
     def legacy(self) -> CoarseState:
-        """What a finer level takes over; whoever does not keep the rest makes room for it."""
+        """Give what a finer level takes over; whoever does not keep the rest makes room for it."""
         return CoarseState(
             slices=self.problem.slices,
             graph=self.problem.graph,
@@ -155,8 +153,11 @@ class PrimalDual:
         if self._free:
             self._restore_gauge()
 
-    def bounds(self) -> Bounds:
-        """Energy of the albedo under the light as it is, and what no albedo of its range can go below."""
+    def bounds(self, widths: tuple[float, ...]) -> Bounds:
+        """Bound the energy under the light as it is: of the albedo, and what none of its range goes below.
+
+        `widths`: the ranges to try, in units of the range of the albedo.
+        """
         return bounds(
             self.problem.slices.blocks,
             self.problem.graph,
@@ -167,10 +168,11 @@ class PrimalDual:
             self.problem.share,
             self._multiplier[self.problem.gauge_of_view],
             (self._multiplier * self.problem.wanted).sum(axis=0),
+            widths,
         )
 
     def shading(self) -> np.ndarray:
-        """S, (S, 3, 8), float32."""
+        """Compute S, (S, 3, 8), float32."""
         blocks, basis = self.problem.slices.blocks, self.problem.basis
         shading = np.empty_like(self.albedo)
         light = self.light.astype(np.float32)
@@ -178,14 +180,14 @@ class PrimalDual:
         return shading
 
     def _interleaved(self) -> np.ndarray:
-        """The albedo, four numbers per pixel; lies where the next albedo ahead will."""
+        """Interleave the albedo, four numbers per pixel; lies where the next albedo ahead will."""
         interleave(self.albedo.ravel(), self._ahead_next.ravel())
         return self._ahead_next
 
     def _go_drawn_back(self, count: int) -> None:
         anchor = Anchor.at(self.edge_dual, self._data_dual, self.albedo, self.light)
         for k in range(count):
-            self._iterate_once(anchor, TWICE_AS_FAR, (k + 1) / (k + 2))
+            self._iterate_once(anchor, self._steps.reflection, (k + 1) / (k + 2))
 
     def _go_plainly(self, count: int) -> None:
         for _ in range(count):
@@ -205,7 +207,7 @@ class PrimalDual:
             (problem.image.ravel(), problem.basis.ravel(), problem.share.ravel()),
             lights,
             self._multiplier[problem.gauge_of_view].astype(np.float32),
-            tuple(map(np.float32, (steps.scale, steps.data_share, relaxation, counted))),
+            tuple(map(np.float32, (steps.scale, steps.data_step_ratio, relaxation, counted))),
             slopes,
             pulls,
         )
@@ -222,8 +224,8 @@ class PrimalDual:
 
     def _look_at_the_light(self) -> None:
         gram = gram_matrices(self.problem.slices.blocks, self.problem.basis, self.albedo)
-        inverse = np.linalg.pinv(gram, rcond=UNSEEN, hermitian=True)
-        self._mobility = self._steps.scale / self._steps.data_share * inverse
+        inverse = np.linalg.pinv(gram, rcond=self._steps.rank_tolerance, hermitian=True)
+        self._mobility = self._steps.scale / self._steps.data_step_ratio * inverse
 
     def _restore_gauge(self) -> None:
         problem, blocks = self.problem, self.problem.slices.blocks

@@ -52,7 +52,7 @@ def from_edges(size: int, tail: np.ndarray, head: np.ndarray, weight: np.ndarray
 
 
 def aggregated(graph: HalfEdges, group: np.ndarray, count: int, factor: float = 1.0) -> HalfEdges:
-    """The graph between groups of pixels: weights add up, times a factor; edges inside a group vanish.
+    """Build the graph between groups of pixels: weights add up, times a factor; edges inside a group vanish.
 
     Parameters
     ----------
@@ -68,18 +68,18 @@ def aggregated(graph: HalfEdges, group: np.ndarray, count: int, factor: float = 
 
 
 def _shares(size: int) -> np.ndarray:
-    """The pixels ``shares[b]:shares[b + 1]`` are those that thread b owns; this changes no result."""
+    """Share pixels among threads, ``shares[b]:shares[b + 1]`` to thread b; this changes no result."""
     return np.linspace(0, size, numba.get_num_threads() + 1).astype(np.int64)
 
 
 def _from_degrees(degree: np.ndarray) -> np.ndarray:
-    """Where the half-edges of every pixel begin, and where the last ones end."""
+    """Find where the half-edges of every pixel begin, and where the last ones end."""
     return np.concatenate([[0], np.cumsum(degree, dtype=np.int64)])
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _degrees(owned, tail, head):
-    """Ends of edges at every pixel."""
+    """Count the ends of edges at every pixel."""
     degree = np.zeros(owned[-1], np.int32)
     for share in numba.prange(owned.size - 1):
         begin, end = owned[share], owned[share + 1]
@@ -93,7 +93,7 @@ def _degrees(owned, tail, head):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _at_both_ends(owned, first, tail, head, weight):
-    """Neighbour and weight of every half-edge, in the order that the edges come in."""
+    """List neighbour and weight of every half-edge, in the order that the edges come in."""
     neighbour, own = np.empty(first[-1], np.int32), np.empty(first[-1], np.float32)
     filled = first[:-1].copy()
     for share in numba.prange(owned.size - 1):
@@ -130,7 +130,7 @@ def _merge(first, other, weight):
 
 @numba.njit(inline="always")
 def _sort_by_neighbour(other, weight, begin, end):
-    """By insertion: a pixel has a few dozen edges."""
+    """Sort by insertion: a pixel has a few dozen edges."""
     for k in range(begin + 1, end):
         key, own, at = other[k], weight[k], k
         while at > begin and other[at - 1] > key:
@@ -141,7 +141,7 @@ def _sort_by_neighbour(other, weight, begin, end):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _closed_up(first, kept, other, weight):
-    """Neighbour and weight of what is left, without the gaps."""
+    """List neighbour and weight of what is left, without the gaps."""
     neighbour, own = np.empty(kept[-1], np.int32), np.empty(kept[-1], np.float32)
     for pixel in numba.prange(first.size - 1):
         p = np.int64(pixel)
@@ -152,7 +152,7 @@ def _closed_up(first, kept, other, weight):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _crossing(owned, first, neighbour, group):
-    """How many edges between two groups every share has, each counted at the lower group."""
+    """Count the edges between two groups that every share has, each counted at the lower group."""
     count = np.zeros(owned.size - 1, np.int64)
     for share in numba.prange(owned.size - 1):
         for p in range(owned[share], owned[share + 1]):
@@ -163,7 +163,7 @@ def _crossing(owned, first, neighbour, group):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _between_groups(owned, begin, first, neighbour, weight, group, factor):
-    """Edges between two groups, each once: the two groups, and the weight."""
+    """List the edges between two groups, each once: the two groups, and the weight."""
     count = begin[-1]
     tail, head, own = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count, np.float32)
     for share in numba.prange(owned.size - 1):

@@ -18,20 +18,27 @@ class Steps:
     ----------
     scale : float
         r, in units of the albedo: how far the albedo goes, and how little the duals.
-    data_share : float
+    data_step_ratio : float
         κ: how much faster the data's duals move than the edges', and how much slower the light.
     relaxation : float
         θ of plain iterations, 1 (none) to below 2: each goes θ times as far as the scheme without it.
+    reflection : float
+        How many times as far an iteration goes that is then drawn back, 1 (no further) to 2.
     epoch : int
         Iterations of one kind, before as many of the other: plain, or gone twice as far and drawn back to
         where the epoch began. Between them the gauge is restored, and it is looked at how strongly the pixels
         see the light.
+    rank_tolerance : float
+        Directions of the light that the pixels see less than this, relative to the one that they see most,
+        stay as they are.
     """
 
-    scale: float = 0.05
-    data_share: float = 2.0
-    relaxation: float = 1.4
-    epoch: int = 40
+    scale: float
+    data_step_ratio: float
+    relaxation: float
+    reflection: float
+    epoch: int
+    rank_tolerance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +70,7 @@ class Problem:
     wanted: np.ndarray
 
     def by_gauge(self, of_views: np.ndarray) -> np.ndarray:
-        """Values of every view, (n, …), added up for every gauge, (G, …)."""
+        """Add values of every view, (n, …), up for every gauge, (G, …)."""
         sums = np.zeros((len(self.wanted), *of_views.shape[1:]))
         np.add.at(sums, self.gauge_of_view, of_views)
         return sums

@@ -39,7 +39,7 @@ NEARLY_FREE = 1e-6  # a pixel without neighbours: nothing holds it back
 
 
 def slices_of(graph: HalfEdges, starts: np.ndarray) -> Slices:
-    """Slices of pixels that have about as many neighbours each, so that little is filled up.
+    """Fill slices with pixels that have about as many neighbours each, so that little is filled up.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def sliced_graph(graph: HalfEdges, slices: Slices) -> SlicedGraph:
 
 @numba.njit(cache=True, nogil=True)
 def _rank_by_degree(first, begin, end, rank):
-    """Pixels with more neighbours come first within every window."""
+    """Rank pixels with more neighbours first within every window."""
     for own in range(begin, end, WINDOW):
         stop = min(own + WINDOW, end)
         degree = first[own + 1 : stop + 1] - first[own:stop]

@@ -1,4 +1,4 @@
-"""The compiled loops of `PrimalDual`: an iteration, the shading, the gauge."""
+"""Compiled kernels of `PrimalDual`: an iteration, the shading, the gauge."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TWICE = np.float32(2) * UNIT  # what 16 bits hold
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def shade(views, begins, ends, basis, light, shading):
-    """``S = σ·ν`` of every slice and channel."""
+    """Compute ``S = σ·ν`` of every slice and channel."""
     size = np.uint64(light.shape[2])
     stride, step = strides(basis, np.uint64(shading.size), size)
     for block in numba.prange(views.size):
@@ -45,7 +45,7 @@ def shade(views, begins, ends, basis, light, shading):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def weigh(begins, ends, albedo, share, sums):
-    """``Σ share |ρ|`` of every block and channel."""
+    """Sum up ``Σ share |ρ|`` of every block and channel."""
     for block in numba.prange(begins.size):
         for c in range(THREE):
             total = spread(np.float32(0))
@@ -70,7 +70,7 @@ def rescale(views, begins, ends, factors, albedo, ahead):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def interleave(sliced, interleaved):
-    """Three channels of eight pixels, (S, 3, 8), as four numbers per pixel, (S · 8, 4)."""
+    """Interleave three channels of eight pixels, (S, 3, 8), to four numbers per pixel, (S · 8, 4)."""
     for share in numba.prange(sliced.size // SLICE):
         s = np.uint64(share)
         red, green, blue = _channels(sliced, s * SLICE)
@@ -79,7 +79,7 @@ def interleave(sliced, interleaved):
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def sweep(blocks, graph, duals, albedos, anchors, givens, lights, multiplier, steps, slopes, pulls):
-    """One iteration, in place but for the albedo ahead, which neighbours still read.
+    """Iterate once, in place but for the albedo ahead, which neighbours still read.
 
     `lights` is (n, K, 6): per harmonic the light of three channels, then the light ahead. `steps` are r, κ, θ
     and how much of an iteration counts beside the `anchors`: duals of edges and of data, in notches; albedo.
@@ -157,7 +157,7 @@ def _move_edge_duals(begin, stop, graph, duals, ahead, steps, pull):
 
 @numba.njit(nogil=True)
 def _shade_both(begin, stop, basis, layout, light, shading):
-    """``S`` and ``S̄`` of a chunk, three channels each."""
+    """Compute ``S`` and ``S̄`` of a chunk, three channels each."""
     size, (stride, step) = np.uint64(light.shape[0]), layout
     for s in range(begin, stop):
         red, green, blue = spread(np.float32(0)), spread(np.float32(0)), spread(np.float32(0))
@@ -178,8 +178,8 @@ def _move_pixels(begin, stop, albedos, anchors, givens, made, multiplier, steps,
     albedo, ahead, ahead_next = albedos
     data_dual, image, total_weight, share = givens
     pull, shadings = made
-    scale, data_share, relaxation, part = steps
-    gain, kappa = spread(np.float32(0.5) * data_share / scale), spread(data_share)
+    scale, data_step_ratio, relaxation, part = steps
+    gain, kappa = spread(np.float32(0.5) * data_step_ratio / scale), spread(data_step_ratio)
     r, theta = spread(scale), spread(relaxation)
     one, two = spread(np.float32(1)), spread(np.float32(2))
     for s in range(begin, stop):
@@ -228,7 +228,7 @@ def _add_slopes(begin, stop, basis, layout, force, slope):
 
 @numba.njit(inline="always")
 def strides(basis, values, size):
-    """From a harmonic to the next, and from a channel to the next: 0 where the channels share ν.
+    """Tell the way from a harmonic to the next, and from a channel to the next: 0 where the channels share ν.
 
     `values` is how many numbers three channels of all slices are, `size` how many harmonics there are.
     """
@@ -238,7 +238,7 @@ def strides(basis, values, size):
 
 @numba.njit(inline="always")
 def _channels(array, at):
-    """Three channels of a slice."""
+    """Load three channels of a slice."""
     return _three(array, at, EIGHT)
 
 
@@ -256,12 +256,12 @@ def _store_channels(array, at, red, green, blue):
 
 @numba.njit(inline="always")
 def _moved(dual, difference, gain, theta, unit, twice):
-    """A dual's step, relaxed; clipped once more to what 16 bits hold."""
+    """Step a dual, relaxed; clipped once more to what 16 bits hold."""
     there = clipped(dual + gain * difference, unit)
     return clipped(dual + theta * (there - dual), twice)
 
 
 @numba.njit(inline="always")
 def _drawn_back(value, anchor, part):
-    """`part` of the way from the anchor to the value."""
+    """Go `part` of the way from the anchor to the value."""
     return spread(part) * value + spread(np.float32(1) - part) * anchor
