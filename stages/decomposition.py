@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage, json_text
 from stages.photometry.decomposition_settings import DecompositionSettings, given_or
-from stages.photometry.solver_settings import as_alternation, as_fast, as_sky, as_transfer, weights_at
+from stages.photometry.solver_settings import as_alternation, as_fast, as_transfer, weights_at
 from stages.scene.distributions import OPEN3D, PICTURES
 
 if TYPE_CHECKING:
@@ -60,12 +60,14 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
         **read_arrays(job.inputs["observations"], cameras, kinds, job.executor.map), glossy=light.glossy
     )
     settings = job.settings
-    how = as_sky(settings, _weights(job, views), views.side)
+    descent = as_fast(settings, _weights(job, views))
     with job.progress("rounds", 2 * settings.stopping.rounds) as step:
-        solved = transfer_solutions.under_light(views, shading, observed, how, job.threads, step)
-    job.note(doubt=solved.detail.doubt.as_json())
+        solved = transfer_solutions.under_light(
+            views, shading, observed, settings, descent, job.threads, step
+        )
+    job.note(uncertainty=solved.detail.uncertainty.as_json())
     trusted = observed.trusted & light.trusted  # where none was, all had to do: their albedo is a guess
-    solved = solved.judged(trusted)
+    solved = solved.judged(trusted, settings.confidence)
     _write_albedo(job, cameras, masks, solved, np.float32(light.image_scale) / mean)
     _write_history(job, solved)
 
@@ -149,7 +151,8 @@ def _by_transfer(
     with job.progress("rounds", settings.stopping.rounds) as step:
         solved = transfer_solutions.by_transfer(views, images, transfer, how, job.threads, step)
     incidence = np.einsum("nk,nk->n", normals, ways_to_cameras(cameras, masks))
-    return solved.judged(views, np.stack(images, axis=1), incidence, np.ones(len(normals), bool))
+    everywhere = np.ones(len(normals), bool)
+    return solved.judged(views, np.stack(images, axis=1), incidence, everywhere, settings.confidence)
 
 
 def _weights(job: Job[DecompositionSettings], views: StackedViews) -> EnergyWeights:
@@ -262,6 +265,7 @@ DECOMPOSITION = Stage(
         ENERGY,
     ),
     run=run,
+    ignores=("edges", "detail", "confidence"),
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
 )
 
@@ -275,6 +279,7 @@ DECOMPOSITION_BY_TRANSFER = replace(
         *OF_TRANSFER,
         Artefact("light_pictures", "the light from all directions, EXR and PNG", output="environment"),
     ),
+    ignores=("edges", "detail", "confidence.half_error"),
 )
 # With `light: directions` the light, the shading and what is left of the photos are given.
 DECOMPOSITION_UNDER_LIGHT = replace(
@@ -283,4 +288,5 @@ DECOMPOSITION_UNDER_LIGHT = replace(
     about="Albedo of each view under the light that was found, from all views together.",
     takes=("normal", "mask", "cameras", "correspondences", "found_light", "shading", "observations"),
     gives=(ALBEDO, ENERGY, *OF_TRANSFER),
+    ignores=("confidence.half_shading", "confidence.half_residual"),
 )

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from stages.photometry.albedo.albedo_given_light import AlbedoSolution, decompose_under_light
-from stages.photometry.albedo.paint_edges import PaintEdges
-from stages.photometry.decomposition_settings import DecompositionSettings
+from stages.photometry.albedo.settings import EdgeSettings
+from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.fast_alternation import FastSettings
 from stages.photometry.light_search.light_estimate import LightSearchSettings
 from stages.photometry.lighting.illumination import Illumination, IlluminationSettings, find_illumination
 from stages.photometry.lighting.observations import Viewing
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
-from stages.photometry.solver_settings import as_sky
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
 
@@ -27,7 +26,7 @@ class BySky:
     light: LightSearchSettings
     lighting: LightSharing
     sheen: bool
-    edges: PaintEdges
+    edges: EdgeSettings
     descent: FastSettings
 
 
@@ -55,7 +54,5 @@ def decompose_by_sky(
     """Find the light, then the albedo under it."""
     of_light = IlluminationSettings(how.light, how.lighting, how.sheen)
     found = find_illumination(views, images, scenes, looks, of_light, threads, lambda: None)
-    asked = as_sky(DecompositionSettings(), how.descent.weights, views.side)
-    asked = replace(asked, edges=how.edges, descent=how.descent)  # detail as by default
-    under = (views, found.light.shading, found.observations, asked)
+    under = (views, found.light.shading, found.observations, how.edges, DetailSettings(), how.descent)
     return FoundBySky(found, decompose_under_light(*under, threads, lambda: None))

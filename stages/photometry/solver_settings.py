@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from stages.photometry.albedo.settings import REFERENCE_SIDE_PX
 from stages.photometry.decomposition_settings import DecompositionSettings, given_or
 from stages.photometry.lighting.settings import LightingSettings
 
 if TYPE_CHECKING:
-    from stages.photometry.albedo.albedo_given_light import AlbedoSettings
     from stages.photometry.joint.fast_alternation import FastSettings
     from stages.photometry.joint.transfer_alternation import TransferAlternation
     from stages.photometry.lighting.illumination import IlluminationSettings
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 BEST_ON_FIG_3 = {"paper": (40.0, 1.0), "fast": (12.0, 0.2)}  # λ, μ by solver (docs/paper)
 PAPER_SIDE = 720.0  # px: of 540 × 960, were it a square
-OWN_SIDE = 180.0  # px: of the views that λ of `mode: transfer` is stated for
 HARMONICS_BRIGHTEST = 0.9  # with `light: harmonics`, where it is not found
 OWN_LAMBDA, OWN_MU = 3.0, 1.0  # of `mode: transfer`
 
@@ -32,7 +31,7 @@ def weights_at(settings: DecompositionSettings, side: float, links_per_pixel: fl
     if settings.mode == "transfer":
         smoothness, consistency = given_or(settings.lambda_, OWN_LAMBDA), given_or(settings.mu, OWN_MU)
         consistency = consistency / links_per_pixel if links_per_pixel else 0.0
-        return EnergyWeights(smoothness * side / OWN_SIDE, consistency, settings.delta)
+        return EnergyWeights(smoothness * side / REFERENCE_SIDE_PX, consistency, settings.delta)
     smoothness, consistency = BEST_ON_FIG_3[settings.solver or "paper"]
     return EnergyWeights(
         given_or(settings.lambda_, smoothness * side / PAPER_SIDE),
@@ -95,28 +94,4 @@ def as_illumination(settings: LightingSettings) -> IlluminationSettings:
         ),
         lighting=LightSharing(settings.lights, settings.still_up_to, settings.moving_light),
         sheen=settings.sheen,
-    )
-
-
-def as_sky(settings: DecompositionSettings, weights: EnergyWeights, side: float) -> AlbedoSettings:
-    """For the albedo under that light."""
-    from stages.photometry.albedo.albedo_given_light import AlbedoSettings
-    from stages.photometry.albedo.paint_edges import PaintEdges
-    from stages.photometry.detail.detail_octaves import DetailSettings
-
-    return AlbedoSettings(
-        edges=PaintEdges(
-            coarse=max(settings.fine_lambda, settings.coarse_lambda * side / OWN_SIDE),
-            fine=settings.fine_lambda,
-            shading_step=settings.shading_step,
-            chroma_step=settings.chroma_step,
-        ),
-        detail=DetailSettings(
-            least_doubt=settings.shading_doubt,
-            most_doubt=settings.most_shading_doubt,
-            chroma=settings.chroma_doubt,
-            level=settings.level_doubt,
-            window=settings.doubt_window,
-        ),
-        descent=as_fast(settings, weights),
     )

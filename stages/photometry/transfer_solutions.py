@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.photometry.albedo.albedo_given_light import AlbedoSettings, decompose_under_light
+from stages.photometry.albedo.albedo_given_light import decompose_under_light
 from stages.photometry.albedo_data import AlbedoData
+from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.energy_history import rounds_under_light_as_json
+from stages.photometry.joint.fast_alternation import FastSettings
 from stages.photometry.joint.transfer_alternation import TransferAlternation, solve_with_transfer
 from stages.photometry.paper.alternation import Outcome
 from stages.photometry.solutions import SolvedUnderLight, SolvedWithLight, solution_of
@@ -35,12 +37,15 @@ def under_light(
     views: StackedViews,
     shading: np.ndarray,
     observed: AlbedoData,
-    settings: AlbedoSettings,
+    settings: DecompositionSettings,
+    descent: FastSettings,
     threads: int,
     step: Callable[[], None],
 ) -> SolvedUnderLight:
     """With `light: directions`, which is known."""
-    found = decompose_under_light(views, shading, observed, settings, threads, step)
+    found = decompose_under_light(
+        views, shading, observed, settings.edges, settings.detail, descent, threads, step
+    )
     outcome = worse(found.smooth.outcome, found.detailed.outcome)
     return SolvedUnderLight(
         views=views,

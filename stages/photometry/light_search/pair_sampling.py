@@ -11,7 +11,7 @@ from stages.photometry.chromaticity import chroma_of
 from stages.photometry.stack import StackedViews
 
 # Of the logarithms of red and blue over green: colours in one cell of this size pass for one. Pairs are drawn
-# for the light; `decomposition.chroma_step` says what passes for an edge of paint once the light is known.
+# for the light; `decomposition.edges.chroma_step` says what passes for an edge of paint under a known light.
 COLOUR_CELL = 0.12
 THIN = 0.1  # of the pixels: where fewer have four neighbours, the others are drawn as well
 PARTNERS = 4  # of each kind, per pixel
