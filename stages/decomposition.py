@@ -216,7 +216,7 @@ def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solv
 
 
 def _write_history(job: Job[DecompositionSettings], solved: Solved) -> None:
-    """`energy.json`; what did not converge is said."""
+    """Write `energy.json`; warn of what did not converge."""
     from stages.photometry.energy_history import LEGEND, UNDER_LIGHT
     from stages.photometry.paper.alternation import Outcome
     from stages.photometry.solutions import SolvedUnderLight
@@ -235,12 +235,12 @@ def _write_history(job: Job[DecompositionSettings], solved: Solved) -> None:
         outcomes=[outcome.name.lower() for outcome in solved.outcomes],
     )
     if job.settings.mode == "transfer":  # its channels are solved together
-        told = {"All channels": solved.outcomes[0]}
+        outcomes = {"All channels": solved.outcomes[0]}
     else:
-        told = {
+        outcomes = {
             f"The {name} channel": outcome for name, outcome in zip(CHANNELS, solved.outcomes, strict=True)
         }
-    for which, outcome in told.items():
+    for which, outcome in outcomes.items():
         if outcome is not Outcome.CONVERGED:
             job.warn(f"{which}: {outcome.value}.")
 
