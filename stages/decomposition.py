@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from pipeline import Artefact, Job, Stage, json_text, settings_that_matter
 from stages.photometry.decomposition_settings import HARMONICS_BRIGHTEST, DecompositionSettings, given_or
 from stages.photometry.lighting.settings import LightingSettings
-from stages.photometry.solver_settings import as_sky, weights_at
+from stages.photometry.solver_settings import weights_at
 from stages.scene.distributions import OPEN3D, PICTURES
 
 if TYPE_CHECKING:
@@ -62,12 +62,13 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
         **read_arrays(job.inputs["observations"], cameras, kinds, job.executor.map), glossy=light.glossy
     )
     settings = job.settings
-    how = as_sky(settings, _solver(job, views), views.side)
     with job.progress("rounds", 2 * settings.stopping.max_rounds) as step:
-        solved = transfer_solutions.solve_under_light(views, shading, observed, how, job.threads, step)
-    job.note(doubt=solved.detail.doubt.as_json())
+        solved = transfer_solutions.solve_under_light(
+            views, shading, observed, settings, _solver(job, views), job.threads, step
+        )
+    job.note(uncertainty=solved.detail.uncertainty.as_json())
     trusted = observed.trusted & light.trusted  # where none was, all had to do: their albedo is a guess
-    solved = solved.judged(trusted)
+    solved = solved.judged(trusted, settings.confidence)
     _write_albedo(job, cameras, masks, solved, np.float32(light.image_scale) / mean)
     _write_history(job, solved)
 
@@ -157,7 +158,8 @@ def _by_transfer(
             views, images, transfer, _solver(job, views), bounces, settings.harmonics, job.threads, step
         )
     incidence = np.einsum("nk,nk->n", normals, ways_to_cameras(cameras, masks))
-    return solved.judged(views, np.stack(images, axis=1), incidence, np.ones(len(normals), bool))
+    everywhere = np.ones(len(normals), bool)
+    return solved.judged(views, np.stack(images, axis=1), incidence, everywhere, settings.confidence)
 
 
 def _solver(job: Job[DecompositionSettings], views: StackedViews) -> FastSolver:
@@ -228,7 +230,7 @@ def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solv
 
 
 def _write_history(job: Job[DecompositionSettings], solved: Solved) -> None:
-    """Write `energy.json`, and warn of what did not converge."""
+    """Write `energy.json`; warn of what did not converge."""
     from stages.photometry.energy_history import LEGEND, UNDER_LIGHT
     from stages.photometry.paper.alternation import Outcome
     from stages.photometry.solutions import SolvedUnderLight
@@ -247,30 +249,27 @@ def _write_history(job: Job[DecompositionSettings], solved: Solved) -> None:
         outcomes=[outcome.name.lower() for outcome in solved.outcomes],
     )
     if job.settings.mode == "transfer":  # its channels are solved together
-        told = {"All channels": solved.outcomes[0]}
+        outcomes = {"All channels": solved.outcomes[0]}
     else:
-        told = {
+        outcomes = {
             f"The {name} channel": outcome for name, outcome in zip(CHANNELS, solved.outcomes, strict=True)
         }
-    for which, outcome in told.items():
+    for which, outcome in outcomes.items():
         if outcome is not Outcome.CONVERGED:
             job.warn(f"{which}: {outcome.value}.")
 
 
 # Settings, or groups of them, that are read with one kind of light only.
-OF_HARMONICS = ("degree", "bounces", "brightest", "harmonics")
-OF_DIRECTIONS = (
-    "coarse_lambda",
-    "fine_lambda",
-    "shading_step",
-    "chroma_step",
-    "shading_doubt",
-    "most_shading_doubt",
-    "chroma_doubt",
-    "level_doubt",
-    "doubt_window",
-    "fast.start_shading",
+OF_HARMONICS = (
+    "degree",
+    "bounces",
+    "brightest",
+    "harmonics",
+    "confidence.half_shading",
+    "confidence.half_residual",
+    "upright_within_deg",  # of the pictures of its light
 )
+OF_DIRECTIONS = ("edges", "detail", "confidence.half_error", "fast.start_shading")
 
 ALBEDO = Artefact("albedo", "albedo per view, EXR, linear, 0 outside the mask", output="albedo")
 ENERGY = Artefact("energy", "energy per alternation", file="energy.json", output="energy.json")

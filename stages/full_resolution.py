@@ -7,27 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Settings, Stage, group, setting
-from stages.formats.images.photo_settings import MOST_TIMES_BRIGHT, FireflySettings
+from pipeline import Artefact, Job, Stage
+from stages.photometry.full_resolution_settings import FullResolutionSettings
 from stages.scene.distributions import PICTURES, PYCOLMAP
 
 if TYPE_CHECKING:
     from stages.geometry.lenses import Lens
     from stages.scene.cameras import Camera
-
-
-class FullResolutionSettings(Settings):
-    """Settings of the `full_resolution` stage."""
-
-    most_contrast: float = setting(
-        4.0,
-        "By how much a pixel may be brighter or darker than its surroundings of a working pixel's size: more "
-        "is taken for noise or misfit.",
-        unit="factor",
-        gt=1,
-    )
-    most_times_bright: float = MOST_TIMES_BRIGHT
-    fireflies: FireflySettings = group(FireflySettings, "What `most_times_bright` is a multiple of.")
 
 
 @dataclass(frozen=True)
@@ -43,9 +29,7 @@ class View:
     maps: Path
     pictures: Path
     white: float
-    most_contrast: float
-    most_times_bright: float
-    fireflies: FireflySettings
+    settings: FullResolutionSettings
 
 
 def run(job: Job[FullResolutionSettings]) -> None:
@@ -71,9 +55,7 @@ def run(job: Job[FullResolutionSettings]) -> None:
             maps=job.outputs["albedo_full"] / f"{camera.name}.exr",
             pictures=job.outputs["albedo_full"] / f"{camera.name}.png",
             white=white,
-            most_contrast=job.settings.most_contrast,
-            most_times_bright=job.settings.most_times_bright,
-            fireflies=job.settings.fireflies,
+            settings=job.settings,
         )
         for camera in read_cameras(job.inputs["cameras"])
     ]
@@ -95,13 +77,13 @@ def write_view(view: View) -> str:
 
     finer = max(1.0, focal_px_of(view.lens) / view.camera.focal_px)
     camera = view.camera.scaled(round(view.camera.width * finer), round(view.camera.height * finer))
-    size = view.lens["width"], view.lens["height"]
+    size, how = (view.lens["width"], view.lens["height"]), view.settings
     linear, kept, _ = read_masked_photo(
-        view.photo, None, size, view.as_stored, view.most_times_bright, view.fireflies
+        view.photo, None, size, view.as_stored, how.most_times_bright, how.fireflies
     )
     linear, kept, _ = through_pinhole(linear, kept, view.lens, camera)
     known = read_exr(view.albedo), read_mask(view.mask)
-    albedo, _ = at_full_resolution(*known, linear, kept, view.most_contrast)
+    albedo, _ = at_full_resolution(*known, linear, kept, view.settings)
     write_exr(view.maps, albedo)
     write_png_srgb16(view.pictures, albedo / view.white)
     return f"{camera.width}x{camera.height}"

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from stages.photometry.albedo.albedo_given_light import AlbedoSolution, decompose_under_light
-from stages.photometry.albedo.paint_edges import PaintEdges
-from stages.photometry.decomposition_settings import DecompositionSettings
+from stages.photometry.albedo.settings import EdgeSettings
+from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.lighting.estimate_illumination import find_illumination
 from stages.photometry.lighting.illumination import Illumination
 from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.trusted_pixels import Viewing
-from stages.photometry.solver_settings import as_sky
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
 
@@ -26,7 +25,7 @@ class BySky:
     """What is asked for: of the light, then of the albedo."""
 
     light: LightingSettings
-    edges: PaintEdges
+    edges: EdgeSettings
     descent: FastSolver
 
     def with_light(self, **changes: Any) -> BySky:
@@ -57,7 +56,5 @@ def decompose_by_sky(
 ) -> FoundBySky:
     """Find the light, then the albedo under it."""
     found = find_illumination(views, images, scenes, looks, how.light, threads, lambda: None)
-    asked = as_sky(DecompositionSettings(), how.descent, views.side)
-    asked = replace(asked, edges=how.edges)  # detail as by default
-    under = (views, found.light.shading, found.observations, asked)
+    under = (views, found.light.shading, found.observations, how.edges, DetailSettings(), how.descent)
     return FoundBySky(found, decompose_under_light(*under, threads, lambda: None))

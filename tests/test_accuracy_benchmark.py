@@ -153,7 +153,7 @@ def test_settings_that_people_touch_are_shown_at_their_default_and_beside_it(rep
     page = touched.main(["--tiny", "--settings", "fine_lambda", "bounces", *to])
     sections = page.read_text(encoding="utf-8").split("\n## ")[1:]
     for one, said in zip(touched.TOUCHED[1::2], sections, strict=True):
-        picture = f"touched-{one.setting}.png"
+        picture = f"touched-{one.name}.png"
         assert f"({picture})" in said
         assert (tmp_path / picture).stat().st_size > 1000
         rows = [line.split("|")[1:-1] for line in said.splitlines() if line.startswith("| ")][2:]

@@ -1,4 +1,4 @@
-"""What the light cannot have made is albedo: octaves, how far the shading is doubted, and what comes back."""
+"""What the light cannot have made is albedo: octaves, how uncertain the shading is, and what comes back."""
 
 from __future__ import annotations
 
@@ -6,24 +6,17 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.detail.albedo_detail import Detail, with_detail
-from stages.photometry.detail.detail_octaves import DetailSettings
-from stages.photometry.detail.noise_estimation import grain_of, noise_between_views
-from stages.photometry.detail.octaves import SIGMAS_PX, KnownPixels, gaussian_mean, response_to_noise
+from stages.photometry.detail.noise_estimation import noise_between_views, noise_by_brightness
+from stages.photometry.detail.octaves import KnownPixels, gaussian_mean, response_to_noise
 from stages.photometry.detail.other_views import OtherViews
+from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.detail.shading_uncertainty import ShownChange, error_of_change, log_shading
 from stages.photometry.stack import StackedViews
 
 SHAPE = (160, 200)
-DEFAULTS = DecompositionSettings()
-SETTINGS = DetailSettings(
-    DEFAULTS.shading_doubt,
-    DEFAULTS.most_shading_doubt,
-    DEFAULTS.chroma_doubt,
-    DEFAULTS.level_doubt,
-    DEFAULTS.doubt_window,
-)
+HOW = DetailSettings()
+SIGMAS_PX = HOW.sigmas_px
 PAINT = np.array([0.5, 0.35, 0.25])
 
 
@@ -64,7 +57,7 @@ def noisy(image: np.ndarray, share: float, seed: int = 9) -> np.ndarray:
 def found_in(image: np.ndarray, shading: np.ndarray, smooth: np.ndarray = PAINT, **how) -> Detail:
     trusted = how.get("trusted", np.ones(len(image), bool))
     albedo = np.broadcast_to(smooth, image.shape).astype(np.float32)
-    return with_detail(how.get("views", one_view()), albedo, image, shading, trusted, SETTINGS)
+    return with_detail(how.get("views", one_view()), albedo, image, shading, trusted, HOW)
 
 
 def detail_of(image: np.ndarray, shading: np.ndarray, smooth: np.ndarray = PAINT, **how) -> np.ndarray:
@@ -75,7 +68,9 @@ def octaves(values: np.ndarray, weight: np.ndarray):
     """Octaves of a map, (h, w), as maps."""
     known = np.ones(values.shape, bool)
     pixels = KnownPixels((known,), np.array([0, known.size]), weight.ravel() > 0)
-    return ((band.reshape(values.shape), sigma_px) for band, sigma_px in pixels.octaves(values.ravel()))
+    return (
+        (band.reshape(values.shape), sigma_px) for band, sigma_px in pixels.octaves(values.ravel(), SIGMAS_PX)
+    )
 
 
 def gains(estimate: np.ndarray, truth: np.ndarray) -> list[tuple[float, float]]:
@@ -122,7 +117,7 @@ def test_coarse_gaussians_are_gaussians():
 def test_noise_has_in_each_octave_what_is_said_of_it():
     noise = np.random.default_rng(0).normal(size=(512, 512)).astype(np.float32)
     bands = octaves(noise, np.ones_like(noise))
-    for (band, sigma_px), response in zip(bands, response_to_noise(), strict=False):
+    for (band, sigma_px), response in zip(bands, response_to_noise(SIGMAS_PX), strict=False):
         assert band.std() == pytest.approx(response, rel=0.02 + 0.02 * sigma_px)
 
 
@@ -137,7 +132,7 @@ def test_the_shadings_error_is_told_from_the_scene(share, texture):
     bands = zip(octaves(lit, everywhere), octaves(left, everywhere), strict=True)
     (change, sigma_px), (rest, _) = list(bands)[3]
     size = gaussian_mean(change**2, everywhere, sigma_px).ravel()
-    found = error_of_change(size, rest.ravel(), rest.ravel())
+    found = error_of_change(size, rest.ravel(), rest.ravel(), HOW)
     if texture == 0:
         assert found == pytest.approx(0.8 * share, rel=0.3)
     else:
@@ -153,7 +148,7 @@ def test_what_the_photos_show_of_the_shading_is_found(shown):
         (change, sigma_px), (paint, _) = (list(octaves(one, everywhere))[number] for one in maps)
         size = gaussian_mean(change**2, everywhere, sigma_px).ravel()
         left = (shown - 1) * change + paint
-        found = ShownChange.of(change.ravel(), left.ravel(), size, sigma_px / 2 if number else 0.0)
+        found = ShownChange.of(change.ravel(), left.ravel(), size, sigma_px / 2 if number else 0.0, HOW)
         assert found.shown == pytest.approx(shown, abs=0.12)
         assert np.abs(1 + found.at(size) - shown).mean() < 0.15
 
@@ -164,7 +159,7 @@ def test_bumps_that_the_photos_do_not_show_do_not_get_into_the_albedo():
     shading = np.repeat(np.exp(bumps), 3, axis=1).astype(np.float32)
     truth = (PAINT * stone).astype(np.float32)
     found = found_in(truth, shading)
-    assert max(found.doubt.shown[:3]) < 0.3
+    assert max(found.uncertainty.shown[:3]) < 0.3
     divided = gains(truth / shading, truth)
     for (gain, error), (_, before) in zip(gains(found.albedo, truth)[:2], divided, strict=False):
         assert 0.85 < gain < 1.1
@@ -176,7 +171,7 @@ def test_bumps_that_the_photos_do_not_show_do_not_get_into_the_albedo():
 def test_noise_is_what_views_do_not_share_whatever_they_show(noise, texture):
     views, stone = several_views(3), np.exp(fractal(7, texture)).reshape(-1, 1)
     exact = np.tile((PAINT * stone).astype(np.float32), (3, 1))
-    found = found_in(noisy(exact, noise), np.ones_like(exact), views=views).doubt
+    found = found_in(noisy(exact, noise), np.ones_like(exact), views=views).uncertainty
     assert found.noise[0] == pytest.approx(noise / np.sqrt(3), rel=0.2)
     assert found.noise[1:] == pytest.approx([noise * np.sqrt(2)] * 2, rel=0.2)
 
@@ -185,8 +180,8 @@ def test_texture_that_views_see_a_pixel_off_is_not_all_noise():
     """Two views of one stone, the second half a pixel beside: they differ most where texture is bold."""
     rng, bold = np.random.default_rng(3), np.exp(fractal(2, 1.0)).ravel()
     difference = rng.normal(size=bold.size) * np.sqrt(0.02**2 + 0.1 * (0.1 * bold) ** 2)
-    assert noise_between_views(difference, (0.1 * bold) ** 2) == pytest.approx(0.02, rel=0.35)
-    assert noise_between_views(difference, np.full(bold.size, 0.01)) > 0.03
+    assert noise_between_views(difference, (0.1 * bold) ** 2, HOW.classes) == pytest.approx(0.02, rel=0.35)
+    assert noise_between_views(difference, np.full(bold.size, 0.01), HOW.classes) > 0.03
 
 
 def test_other_views_are_asked_where_they_are_trusted():
@@ -298,7 +293,7 @@ def test_what_is_lent_bears_no_witness(count, untrusted):
     linked, unlinked = (
         found_in(image, np.ones_like(image), views=each, trusted=trusted) for each in (views, alone)
     )
-    assert linked.doubt.noise[0] > 0.8 * unlinked.doubt.noise[0] > 0.02
+    assert linked.uncertainty.noise[0] > 0.8 * unlinked.uncertainty.noise[0] > 0.02
     off = np.std(np.log(linked.albedo[:, 1] / PAINT[1])[trusted])
     assert off < 0.35 * np.std(np.log(image[:, 1]))
     assert np.std(np.log(linked.albedo[:, 1] / PAINT[1])[~trusted]) < 1.5 * off
@@ -315,7 +310,7 @@ def test_what_is_not_trusted_keeps_its_albedo_and_says_nothing():
 
 
 def test_views_do_not_mix_and_a_mask_is_a_frame():
-    """Two views of other sizes, one after the other, are what each is by itself but for the common doubt."""
+    """Two views of other sizes, one after the other, are what each is by itself, but for common estimates."""
     mask = np.zeros(SHAPE, bool)
     mask[20:140, 30:170] = True
     shading = np.ones((mask.sum(), 3), np.float32)
@@ -326,7 +321,7 @@ def test_views_do_not_mix_and_a_mask_is_a_frame():
     twice = StackedViews(starts, np.zeros((2 * len(image), 0), np.float32), (mask, mask), {})
     both = detail_of(np.concatenate([image] * 2), np.concatenate([shading] * 2), views=twice)
     np.testing.assert_array_equal(both[: len(once)], both[len(once) :])
-    np.testing.assert_allclose(both, np.concatenate([once] * 2), rtol=0.03)  # more to tell the doubt from
+    np.testing.assert_allclose(both, np.concatenate([once] * 2), rtol=0.03)  # more to estimate it from
     assert np.corrcoef(once[:, 1], image[:, 1])[0, 1] > 0.99
 
 
@@ -350,7 +345,7 @@ def test_noise_is_that_of_median_brightness_and_larger_in_the_dark():
     exact = (PAINT * shading).astype(np.float32)
     rng = np.random.default_rng(2)
     image = (exact + 0.02 * np.sqrt(exact) * rng.normal(size=exact.shape)).astype(np.float32)
-    grain = grain_of(exact)
+    grain = noise_by_brightness(exact, HOW)
     assert grain.max(axis=0) / grain.min(axis=0) == pytest.approx(2, rel=0.1)
     found = np.log(detail_of(image, shading) / PAINT)[:, 1].reshape(SHAPE)
     for rows in (slice(10, 70), slice(90, 150)):

@@ -77,7 +77,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "synthetic/paints": set(),
 }
 GROUND = {  # files beside the rooms that they may import; the others lead them
-    "photometry": {"stack", "albedo_data", "chromaticity", "neighbourhoods", "statistics_by_class"},
+    "photometry": {"stack", "albedo_data", "chromaticity", "neighbourhoods"},
     "stereo": {"mvs_settings", "view_selection"},
 }
 LENT = {  # who may import a library whose objects are its own world; everyone else takes arrays
@@ -289,6 +289,15 @@ def all_settings(kind: type[Settings]) -> Iterator[tuple[str, FieldInfo]]:
 @pytest.mark.parametrize("stage", ALL_STAGES, ids=lambda stage: stage.name)
 def test_a_stage_ignores_only_settings_that_it_has(stage):
     assert set(stage.ignores) <= {name for name, _ in all_settings(stage.settings)}
+
+
+def test_what_has_moved_is_where_its_refusal_says():
+    places = {f"{stage.name}.{name}" for stage in ALL_STAGES for name, _ in all_settings(stage.settings)}
+    for stage in ALL_STAGES:
+        fields = [field.annotation for _, field in all_settings(stage.settings)]
+        for kind in (stage.settings, *filter(is_group, fields)):
+            assert set(kind.moved.values()) <= places
+            assert not set(kind.moved) & {field.alias or name for name, field in kind.model_fields.items()}
 
 
 def test_no_stage_takes_what_one_after_it_in_order_gives():

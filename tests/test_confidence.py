@@ -7,6 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 from stages.photometry.albedo.confidence import confidence, confidence_of, views_that_see_it
+from stages.photometry.albedo.settings import ConfidenceSettings
 from stages.photometry.stack import stack_views
 
 
@@ -32,7 +33,7 @@ def known(**changes) -> np.ndarray:
         "incidence": np.ones(9),
         "trusted": np.ones(9, bool),
     }
-    return confidence(views, **(given | changes))
+    return confidence(views, **(given | changes), how=ConfidenceSettings())
 
 
 def test_a_view_that_is_linked_twice_counts_once():
@@ -50,6 +51,6 @@ def test_more_views_more_light_and_a_better_explanation_are_worth_more():
 
 
 def test_an_expected_error_of_a_tenth_is_half_known():
-    assert confidence_of(np.array([0.0, 0.01, 1.0, 0.0]), np.array([1, 1, 1, 0], bool)) == pytest.approx(
-        [1, 0.5, 1 / 101, 0]
-    )
+    variance, trusted = np.array([0.0, 0.01, 1.0, 0.0]), np.array([1, 1, 1, 0], bool)
+    known = confidence_of(variance, trusted, ConfidenceSettings())
+    assert known == pytest.approx([1, 0.5, 1 / 101, 0])

@@ -203,7 +203,7 @@ def test_citations_of_equations_are_read_as_lists_and_ranges(text, numbers):
 
 
 def test_the_method_names_functions_and_settings_that_exist():
-    """`FILE`: `NAME`, …; constants of these files; `STAGE.NAME`; and `STAGE.NAME=VALUE`, the default."""
+    """`FILE`: `NAME`, …; constants of these; settings, `STAGE.NAME` or `STAGE.PHASE.NAME`, `=DEFAULT`."""
     page = (ROOT / "docs/method.md").read_text(encoding="utf-8")
     for section in page.split("\n## ")[1:]:
         named = re.findall(r"`(stages/[\w/]+\.py)`: ((?:`[\w.]+`(?:, )?)+)", section)

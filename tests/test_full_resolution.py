@@ -8,16 +8,17 @@ import pytest
 from PIL import Image
 
 from stages.formats.images.exr import read_exr, write_exr
-from stages.formats.images.photo_settings import FireflySettings
 from stages.formats.images.photos import encode_srgb8, write_mask
 from stages.formats.images.resize import reduce_by_area
 from stages.full_resolution import View, write_view
 from stages.photometry.full_resolution import at_full_resolution
+from stages.photometry.full_resolution_settings import FullResolutionSettings
 from stages.scene.cameras import Camera
 from tests.raw_exr import write_raw_exr
 from tests.rendered_scene import TINY, unshade, write_config
 
 RNG = np.random.default_rng(0)
+HOW = FullResolutionSettings()
 
 
 def painted(rows: int = 60, columns: int = 84) -> tuple[np.ndarray, np.ndarray]:
@@ -33,7 +34,7 @@ def painted(rows: int = 60, columns: int = 84) -> tuple[np.ndarray, np.ndarray]:
 def test_nothing_changes_where_the_sizes_are_equal():
     albedo, shading = painted()
     mask = RNG.random(albedo.shape[:2]) < 0.8
-    fine, known = at_full_resolution(albedo, mask, albedo * shading, photographed(albedo), 4.0)
+    fine, known = at_full_resolution(albedo, mask, albedo * shading, photographed(albedo), HOW)
     assert np.array_equal(known, mask)
     assert np.array_equal(fine, np.where(mask[..., None], albedo, 0))
 
@@ -42,7 +43,7 @@ def test_edges_of_paint_are_as_sharp_as_in_the_photo():
     truth, shading = painted()
     coarse = reduce_by_area(truth, (20, 28))
     everywhere = np.ones(coarse.shape[:2], bool)
-    fine, known = at_full_resolution(coarse, everywhere, truth * shading, photographed(truth), 4.0)
+    fine, known = at_full_resolution(coarse, everywhere, truth * shading, photographed(truth), HOW)
     assert known.all()
     blurred = cv2.resize(coarse, truth.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     assert np.abs(fine - truth).mean() < 0.15 * np.abs(blurred - truth).mean()
@@ -58,19 +59,19 @@ def test_what_is_not_known_stays_so_and_does_not_bleed_in():
     for background in (0.0, 10.0):
         photo = truth * shading
         photo[:, 42:] = background
-        fine, known = at_full_resolution(poisoned, mask, photo, photographed(truth), 4.0)
+        fine, known = at_full_resolution(poisoned, mask, photo, photographed(truth), HOW)
         assert known[:, :41].all()
         assert not known[:, 43:].any()
         assert np.all(fine[~known] == 0)
         results.append(fine[:, :41])
     assert np.array_equal(*results)
     assert np.abs(results[0] - truth[:, :41]).mean() < 0.02
-    nothing, none = at_full_resolution(coarse, np.zeros_like(mask), photo, photographed(truth), 4.0)
+    nothing, none = at_full_resolution(coarse, np.zeros_like(mask), photo, photographed(truth), HOW)
     assert not none.any()
     assert not nothing.any()
     beyond = photographed(truth)
     beyond[:5] = False
-    _, known = at_full_resolution(coarse, mask, photo, beyond, 4.0)
+    _, known = at_full_resolution(coarse, mask, photo, beyond, HOW)
     assert not known[:5].any()
 
 
@@ -84,7 +85,7 @@ def test_dark_pixels_and_outliers_are_held_back():
     photo[30, 40] = 100.0
     photo[10, 10] = 0.0
     coarse = reduce_by_area(truth, (20, 28))
-    fine, _ = at_full_resolution(coarse, photographed(coarse), photo, photographed(truth), 4.0)
+    fine, _ = at_full_resolution(coarse, photographed(coarse), photo, photographed(truth), HOW)
     assert np.isfinite(fine).all()
     assert fine.max() <= 4 * coarse.max()
 
@@ -141,9 +142,7 @@ def test_turned_photos_and_values_that_are_no_light_are_taken_as_undistort_takes
             maps=tmp_path / f"{name}.fine.exr",
             pictures=tmp_path / f"{name}.fine.png",
             white=1.0,
-            most_contrast=4.0,
-            most_times_bright=1000.0,
-            fireflies=FireflySettings(),
+            settings=HOW,
         )
         assert write_view(view) == "60x40"
     linear, photo = (read_exr(tmp_path / f"{name}.fine.exr") for name in ("a.exr", "a.png"))
@@ -164,7 +163,7 @@ def test_what_the_albedo_has_not_taken_over_stays_away_at_full_resolution_as_wel
     noise[:, 100:] = 1
     photo = (truth * light * noise).astype(np.float32)
     coarse = reduce_by_area(truth, (30, 40))
-    fine, _ = at_full_resolution(coarse, np.ones((30, 40), bool), photo, photographed(truth), 4.0)
+    fine, _ = at_full_resolution(coarse, np.ones((30, 40), bool), photo, photographed(truth), HOW)
 
     def left(columns: slice) -> float:
         return float(np.std(np.log(fine[:, columns]))) / float(np.std(np.log(photo[:, columns])))

@@ -11,10 +11,11 @@ import scipy.sparse as sp
 
 from stages.formats.artefacts.view_files import ways_to_cameras
 from stages.photometry.albedo import albedo_given_light as sky_decomposition
+from stages.photometry.albedo.albedo_edges import agreement_of_links, smoothness_of_edges
 from stages.photometry.albedo.appearance import appearance_of
-from stages.photometry.albedo.paint_edges import PaintEdges, agreement_of_links, smoothness_of_edges
+from stages.photometry.albedo.settings import REFERENCE_SIDE_PX, EdgeSettings
 from stages.photometry.albedo.smooth_albedo import albedo_under_light
-from stages.photometry.albedo.soft_paint import soft_paint
+from stages.photometry.albedo.soft_texture import soft_texture
 from stages.photometry.chromaticity import DARK, colour_change, in_white_light
 from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights, graph_of
@@ -45,9 +46,16 @@ from tests.sphere_scene import SphereScene, sphere_scene
 DIRECTIONS = 128
 MOVING = 0.1, 0.2
 FEW = LightingSettings(samples=3000, bounces=0, still_light=MOVING[0], moving_light=MOVING[1])
+
+
+def edges_at(views: StackedViews, coarse: float, **others: float) -> EdgeSettings:
+    """Settings by which the coarse λ is this at the size of the views."""
+    return EdgeSettings(coarse_lambda=coarse * REFERENCE_SIDE_PX / views.side, **others)
+
+
 HOW = BySky(
     light=FEW,
-    edges=PaintEdges(coarse=2.0),
+    edges=edges_at(sphere_scene(view_count=3).stacked(), coarse=2.0),
     descent=FastSolver(EnergyWeights(0.7, 0.3), replace(USUAL["paper"], max_rounds=20)),
 )
 
@@ -233,7 +241,7 @@ def test_paint_that_changes_softly_is_told_from_one_paint_and_from_patches(lit):
     grain = np.exp(rng.normal(0, 0.02, (len(soft), 1)))
     wrong = shading**1.1
     how_soft = {
-        name: soft_paint(views, (grain * paint * shading).astype(np.float32), wrong, trusted, edges).mean()
+        name: soft_texture(views, (grain * paint * shading).astype(np.float32), wrong, trusted, edges).mean()
         for name, paint in (("soft", soft), ("one", 0 * soft + 0.4), ("patches", patches))
     }
     assert how_soft["soft"] > 0.4
@@ -519,7 +527,7 @@ def test_pixels_that_are_not_trusted_take_their_albedo_from_their_neighbours(lit
 def test_an_edge_is_the_lights_where_shading_changes_and_colour_does_not():
     scene = sphere_scene(view_count=1)
     views = scene.stacked()
-    count, edges = int(views.starts[-1]), PaintEdges(coarse=10.0, fine=0.3)
+    count, edges = int(views.starts[-1]), edges_at(views, 10.0, fine_lambda=0.3)
     across = views.positions()[:, 1].astype(float)
     flat, steep = np.ones((count, 3)), np.exp(0.2 * across)[:, None] * np.ones(3)
     grey, rainbow = 0.5 * np.ones((count, 3)), np.exp(0.5 * across[:, None] * [1, 0, -1]) % 3 + 0.1
@@ -586,7 +594,7 @@ def test_texture_is_told_from_relief_and_its_detail_comes_back():
     across = views.positions()[:, 1].astype(float)
     shading = np.exp(0.2 * np.sin(across))[:, None] * np.ones(3)
     grain = np.exp(np.clip(rng.normal(0, 0.5, (count, 1)), -0.9, 0.9)) * np.array([0.5, 0.4, 0.3])
-    edges, trusted = PaintEdges(coarse=10.0), np.ones(count, bool)
+    edges, trusted = edges_at(views, 10.0), np.ones(count, bool)
     textured = appearance_of(views, grain * shading, shading, trusted, edges, True).textured
     plain = appearance_of(views, 0.4 * shading, shading, trusted, edges, True).textured
     assert np.mean(textured) > 0.9
@@ -595,7 +603,7 @@ def test_texture_is_told_from_relief_and_its_detail_comes_back():
 
 def test_what_views_contradict_each_other_about_is_disputed_and_nothing_else(lit):
     views, _, albedo, shading, _ = lit
-    everywhere, edges = np.ones(len(albedo), bool), PaintEdges(coarse=10.0)
+    everywhere, edges = np.ones(len(albedo), bool), edges_at(views, 10.0)
     linked = np.unique(np.concatenate([np.concatenate(ends) for ends in views.linked_pixels()]))
 
     def inconsistent(image, light=shading):
@@ -615,7 +623,7 @@ def test_what_views_contradict_each_other_about_is_disputed_and_nothing_else(lit
 def test_fine_paint_that_views_misplace_is_texture_unless_it_may_be_gloss():
     scene = sphere_scene(view_count=3, width=192, height=160)
     views, albedo = scene.stacked(), np.stack(scene.true_channels(), axis=1)
-    everywhere, edges = np.ones(len(albedo), bool), PaintEdges(coarse=10.0)
+    everywhere, edges = np.ones(len(albedo), bool), edges_at(views, 10.0)
     linked = np.unique(np.concatenate([np.concatenate(ends) for ends in views.linked_pixels()]))
     grain = np.random.default_rng(6).normal(0, 0.4, (len(albedo), 1))
     image = albedo * np.exp(grain)  # no two views see it alike
@@ -634,8 +642,8 @@ def test_disputed_pixels_believe_the_other_views(lit):
     """Each link has its own μ: uniform weights change nothing, and more of them outvote a view's photo."""
     views, _, albedo, shading, _ = lit
     weights, everywhere = EnergyWeights(0.02, 0.1), np.ones(len(albedo), bool)
-    plain = agreement_of_links(views, 0.1, np.zeros(len(albedo)))
-    firm = agreement_of_links(views, 0.1, np.ones(len(albedo)))
+    plain = agreement_of_links(views, 0.1, np.zeros(len(albedo)), 4.0)
+    firm = agreement_of_links(views, 0.1, np.ones(len(albedo)), 4.0)
     assert np.allclose(plain, 0.1)
     assert np.allclose(firm, 0.5)
     one, other = (graph_of(views, weights, edges) for edges in (ALIKE, EdgeWeights(agreement=plain)))

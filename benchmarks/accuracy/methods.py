@@ -53,8 +53,8 @@ ABLATIONS = (
     _ours("one light per view", lighting={"lights": "per-view"}),
     _ours("channels apart", lighting={"neutrality": 0.0}),
     _ours("no evenness", lighting={"evenness": 0.0}),
-    _ours("any change of colour is paint", chroma_step=1e-3),
-    _ours("hardly any λ", coarse_lambda=0.3),
+    _ours("any change of colour is paint", edges={"chroma_step": 1e-3}),
+    _ours("hardly any λ", edges={"coarse_lambda": 0.3}),
 )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.evaluation.scaled_error import least_squares_scale
-from stages.photometry.albedo.confidence import HALF_KNOWN
+from stages.photometry.albedo.settings import ConfidenceSettings
 
 CLASSES = 5
 DARK = 1e-3  # of the brightest true albedo, under the logarithm
@@ -41,7 +41,9 @@ class Reliability:
         off = np.log((scaled.mean(axis=1) + dark) / (truth.mean(axis=1) + dark)).astype(np.float64)
         off -= np.median(off)
         with np.errstate(divide="ignore"):
-            sigma = HALF_KNOWN * np.sqrt(1 / np.maximum(confidence.astype(np.float64), 0) - 1)
+            sigma = ConfidenceSettings().half_error * np.sqrt(
+                1 / np.maximum(confidence.astype(np.float64), 0) - 1
+            )
         classes = np.array_split(np.argsort(confidence, kind="stable"), CLASSES)
         total = max(float(square.sum()), 1e-30)
         return cls(

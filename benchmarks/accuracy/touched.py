@@ -29,15 +29,15 @@ HEAD = """# Settings that one may touch, in pictures
 
 Written by `python -m benchmarks.accuracy.touched`. Nothing needs tuning: the defaults are the same on all
 scenes. Where a result has what you do not want, these are the ones to try, one at a time
-(`unshade run CONFIG --set decomposition.coarse_lambda=3`: nothing before the decomposition is run again, and
-the light is not sought anew).
+(`unshade run CONFIG --set decomposition.edges.coarse_lambda=3`: nothing before the decomposition is run
+again, and the light is not sought anew).
 Every picture: one view's photo, its true albedo, and what is found with the setting at some values, all else
 at its default; the table has the si-RMSE of all views. What every setting means: docs/settings.md."""
 
 
 @dataclass(frozen=True)
 class Touched:
-    """A setting of a stage, values besides the default, the row they show on, what they do."""
+    """A setting of a stage or a phase, values besides the default, the row they show on, what they do."""
 
     stage: str
     setting: str
@@ -48,7 +48,20 @@ class Touched:
     @property
     def default(self) -> Any:
         """What it is where nobody touches it."""
-        return getattr(OF_STAGE[self.stage], self.setting)
+        found: Any = OF_STAGE[self.stage]
+        for part in (*self.phases, self.name):
+            found = getattr(found, part)
+        return found
+
+    @property
+    def phases(self) -> list[str]:
+        """The phases that it is a setting of, the outermost first."""
+        return self.setting.split(".")[:-1]
+
+    @property
+    def name(self) -> str:
+        """Its name in its phase."""
+        return self.setting.split(".")[-1]
 
     @property
     def values(self) -> tuple[Any, ...]:
@@ -57,15 +70,18 @@ class Touched:
 
     def method(self, value: Any) -> Method:
         """`mode: transfer` with one of them."""
-        own = {"decomposition": {"mode": "transfer"}, "lighting": {}}
-        own[self.stage][self.setting] = value
-        return Method(f"{self.setting} {value}", own["decomposition"], lighting=own["lighting"])
+        own: dict[str, dict[str, Any]] = {"decomposition": {"mode": "transfer"}, "lighting": {}}
+        section = own[self.stage]
+        for phase in self.phases:
+            section = section.setdefault(phase, {})
+        section[self.name] = value
+        return Method(f"{self.name} {value}", own["decomposition"], lighting=own["lighting"])
 
 
 TOUCHED = (
     Touched(
         "decomposition",
-        "coarse_lambda",
+        "edges.coarse_lambda",
         (1.0, 40.0),
         "fig7",
         "What a change of albedo costs where the shading changes and the colour does not. More, where rims "
@@ -74,7 +90,7 @@ TOUCHED = (
     ),
     Touched(
         "decomposition",
-        "fine_lambda",
+        "edges.fine_lambda",
         (0.02, 1.0),
         "fig5",
         "What it costs elsewhere. More, where photos are noisy: lines and spots of a few pixels go as well.",
@@ -97,7 +113,7 @@ TOUCHED = (
     ),
 )
 
-SETTINGS = tuple(touched.setting for touched in TOUCHED)
+SETTINGS = tuple(touched.name for touched in TOUCHED)
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
@@ -106,11 +122,11 @@ def main(argv: Sequence[str] | None = None) -> Path:
     rows = {row.name: (row, size) for row, size in paper_rows(TINY if given.tiny else QUARTER)}
     given.to.mkdir(parents=True, exist_ok=True)
     sections = [HEAD]
-    for touched in (one for one in TOUCHED if one.setting in given.settings):
+    for touched in (one for one in TOUCHED if one.name in given.settings):
         row, size = rows[touched.row]
         methods = tuple(touched.method(value) for value in touched.values)
         judged = judge_row(laboratory_of(row, size, given.workspace), row, methods)
-        write_png8(given.to / f"touched-{touched.setting}.png", judged.picture)
+        write_png8(given.to / f"touched-{touched.name}.png", judged.picture)
         sections.append(section_of(touched, judged))
     page = given.to / "touched.md"
     page.write_text("\n\n".join(sections) + "\n", encoding="utf-8")
@@ -130,9 +146,9 @@ def section_of(touched: Touched, judged: JudgedRow) -> str:
         [
             f"## `{touched.stage}.{touched.setting}`",
             f"{touched.says} Here: {judged.name}, {judged.about}.",
-            markdown([touched.setting, "red", "green", "blue"], table),
-            f"![{judged.name} with {touched.setting} at {', '.join(map(str, touched.values))}]"
-            f"(touched-{touched.setting}.png)",
+            markdown([touched.name, "red", "green", "blue"], table),
+            f"![{judged.name} with {touched.name} at {', '.join(map(str, touched.values))}]"
+            f"(touched-{touched.name}.png)",
         ]
     )
 

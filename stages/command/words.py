@@ -46,7 +46,7 @@ class Given:
         Picture of all directions (EXR, HDR), measured where the photos were taken; twice as wide as high, its
         zenith in the first row. The light is not sought then, only how it is turned.
     assignments
-        A setting, as in `--set decomposition.coarse_lambda=5`; repeatable.
+        A setting, as in `--set decomposition.edges.coarse_lambda=5`; repeatable.
     threads
         Processor threads; by default all. Never changes a result.
     json

@@ -1,4 +1,4 @@
-"""What the photos say about the albedo under a known light."""
+"""Observations of the albedo under a known light."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class AlbedoData:
     trusted : ndarray, shape (N,), bool
         Pixels whose data count.
     glossy : float
-        How far there may be gloss of some paints, 0 to 1: they were found, or could not be looked for.
+        How far some materials may be glossy, 0 to 1: they were found, or could not be looked for.
     """
 
     seen: np.ndarray

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Annotated, Literal
-
-from pydantic import Field
+from typing import Literal
 
 from pipeline import Settings, UserError, group, setting
+from stages.photometry.albedo.settings import ConfidenceSettings, EdgeSettings
+from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.settings import FastSettings, HarmonicsSettings, KindOfLight, Stopping
 from stages.photometry.paper.settings import PaperSettings
 from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
-
-Share = Annotated[float, Field(ge=0, le=4)]
 
 HARMONICS_BRIGHTEST = 0.9  # `brightest` of `light: harmonics`, which does not find it
 
@@ -52,6 +50,15 @@ class DecompositionSettings(Settings):
             "fast_tolerance": "decomposition.fast.tolerance",
             "fast_gap": "decomposition.fast.gap",
             "fast_max_rounds": "decomposition.fast.max_rounds",
+            "coarse_lambda": "decomposition.edges.coarse_lambda",
+            "fine_lambda": "decomposition.edges.fine_lambda",
+            "shading_step": "decomposition.edges.shading_step",
+            "chroma_step": "decomposition.edges.chroma_step",
+            "shading_doubt": "decomposition.detail.uncertainty.least",
+            "most_shading_doubt": "decomposition.detail.uncertainty.most",
+            "chroma_doubt": "decomposition.detail.uncertainty.chroma",
+            "level_doubt": "decomposition.detail.uncertainty.level",
+            "doubt_window": "decomposition.detail.window",
         }
     )
 
@@ -112,76 +119,6 @@ class DecompositionSettings(Settings):
         ge=0,
         le=1e6,
     )
-    coarse_lambda: float = setting(
-        10.0,
-        "`light: directions`: λ of `albedo` at edges that are likely to be the light's, where the shading "
-        "changes and the colour does not; stated for views of 180 × 180 pixels. Where paint changes softly "
-        "all over, 0.3 of it. Never less than `fine_lambda`.",
-        ge=0,
-        le=1e6,
-    )
-    fine_lambda: float = setting(
-        0.15,
-        "`light: directions`: λ of `albedo` at all other edges. 0.15 leaves lines of a pixel's width, and "
-        "single pixels where they are well lit; 0.3 takes these away, as noise.",
-        unit="px",
-        ge=0,
-        le=1e6,
-    )
-    shading_step: float = setting(
-        0.02,
-        "`light: directions`: change of shading between neighbouring pixels that makes an edge likely to be "
-        "the light's.",
-        unit="of its logarithm",
-        ge=1e-4,
-    )
-    chroma_step: float = setting(
-        0.12,
-        "`light: directions`: change of colour between neighbouring pixels that makes an edge likely to be "
-        "paint.",
-        unit="of the logarithms of red and blue over green",
-        ge=1e-4,
-    )
-    shading_doubt: tuple[Share, ...] = setting(
-        (0.34, 0.26, 0.17, 0.13, 0.085, 0.05, 0.025),
-        "`light: directions`: what the shading may be wrong by at least, in each octave from below "
-        "σ = 0.5 px to 32 px, as a share of its own local change there, as on renders of known truth; how "
-        "much more it is, is told from the scene, and recorded. What the photo shows beyond that and "
-        "beyond noise is albedo. More takes more shading out, then fine texture where there is relief.",
-        unit="of the local change of log shading",
-        min_length=7,
-        max_length=7,
-    )
-    most_shading_doubt: float = setting(
-        0.5,
-        "`light: directions`: what the shading may be wrong by at most, in any octave. Bumps of stereo that "
-        "the photos do not show are left out of the shading before.",
-        unit="of the local change of log shading",
-        ge=0,
-        le=4,
-    )
-    chroma_doubt: float = setting(
-        0.3,
-        "`light: directions`: what the shading's colour may be wrong by, of what its brightness may: light "
-        "is nearly of one colour.",
-        ge=0,
-        le=1,
-    )
-    level_doubt: float = setting(
-        0.03,
-        "`light: directions`: what the shading may be wrong by over more than 32 px.",
-        unit="of its logarithm",
-        ge=0,
-        le=1,
-    )
-    doubt_window: float = setting(
-        2.0,
-        "`light: directions`: σ of the surroundings that detail is judged by. Between 1.5 and 3 hardly "
-        "anything changes.",
-        unit="σ of the octave",
-        ge=1,
-        le=8,
-    )
     paper: PaperSettings = group(
         PaperSettings, "`solver: paper`: light and albedo by turns, each by reweighted least squares."
     )
@@ -193,6 +130,17 @@ class DecompositionSettings(Settings):
         HarmonicsSettings, "`light: harmonics`: when interreflection is found anew, and how light is shown."
     )
     upright_within_deg: float = UPRIGHT_WITHIN_DEG
+    edges: EdgeSettings = group(
+        EdgeSettings,
+        "`light: directions`: λ and μ of `albedo`, edge by edge, before the photos' detail is added.",
+    )
+    detail: DetailSettings = group(
+        DetailSettings,
+        "`light: directions`: the photos' detail beyond that smooth albedo, by a Wiener filter.",
+    )
+    confidence: ConfidenceSettings = group(
+        ConfidenceSettings, "`mode: transfer`: the confidence of every pixel's albedo, 0 to 1."
+    )
 
     @property
     def kind_of_light(self) -> KindOfLight:

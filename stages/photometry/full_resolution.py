@@ -1,7 +1,7 @@
 """The albedo at the photo's own resolution: what is finer than a working pixel comes from the photo.
 
-As far as the albedo has taken over what the photo shows just above a working pixel: where it has not, at the
-rim of a shadow or where there is noise alone, what is finer still is no more paint than that.
+As far as the albedo has what the photo shows just above a working pixel: where it has not, at the rim of a
+shadow or where there is noise alone, what is finer still is no more albedo than that.
 """
 
 from __future__ import annotations
@@ -11,15 +11,11 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from stages.formats.images.resize import reduce_by_area
-
-DARK = 0.02  # of the photo's mean: in darker pixels, detail is noise
-FINEST_PX = 1.0  # σ, working pixels: what is finer is compared
-AROUND_PX = 1.0  # σ of the surroundings that it is compared in
-PLAIN = 0.002  # of the logarithm: where a photo changes by less there is nothing to compare, and all is kept
+from stages.photometry.full_resolution_settings import FullResolutionSettings
 
 
 def at_full_resolution(
-    albedo: np.ndarray, mask: np.ndarray, photo: np.ndarray, kept: np.ndarray, most_contrast: float
+    albedo: np.ndarray, mask: np.ndarray, photo: np.ndarray, kept: np.ndarray, how: FullResolutionSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """Carry an albedo map to a larger image of the same camera.
 
@@ -32,8 +28,7 @@ def at_full_resolution(
         Linear; H ≥ h, W ≥ w.
     kept : ndarray, shape (H, W), bool
         Where there is a photo.
-    most_contrast : float
-        By how much a pixel may differ from its surroundings of a working pixel's size, as a factor.
+    how : FullResolutionSettings
 
     Returns
     -------
@@ -42,9 +37,9 @@ def at_full_resolution(
 
     Notes
     -----
-    ``ρ↑ · (I / (I↓)↑)^(k↑)``: ↓ the mean over a working pixel, ↑ bilinear, k what `taken_over` says. Where
-    the albedo has all that the photo shows, k is 1, and an edge of paint, which ρ↑ and (I↓)↑ blur alike, is
-    as sharp as in the photo. Outside the mask both go on as at the nearest pixel that lies wholly inside, so
+    ``ρ↑ · (I / (I↓)↑)^(k↑)``: ↓ the mean over a working pixel, ↑ bilinear, k of `taken_over`. Where the
+    albedo has all that the photo shows, k is 1, and an edge of albedo, which ρ↑ and (I↓)↑ blur alike, is as
+    sharp as in the photo. Outside the mask both go on as at the nearest pixel that lies wholly inside, so
     that no background mixes in. The map itself where the sizes are equal.
     """
     rows, columns = photo.shape[:2]
@@ -54,43 +49,47 @@ def at_full_resolution(
         return np.where((mask & kept)[..., None], albedo, 0).astype(np.float32), mask & kept
     coarse, inner = reduce_by_area(photo, mask.shape), cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) > 0
     inner = inner if inner.any() else mask
-    floor = DARK * max(float(coarse[inner].mean()), 1e-12)
+    floor = how.log_offset * max(float(coarse[inner].mean()), 1e-12)
     shown = _filled(coarse, inner)
     blurred = _enlarged(shown, photo)
     detail = (np.maximum(photo, 0) + floor) / (np.maximum(blurred, 0) + floor)
-    detail = np.clip(detail, 1 / most_contrast, most_contrast)
+    detail = np.clip(detail, 1 / how.most_contrast, how.most_contrast)
     smooth = _filled(albedo, inner)
-    share = _enlarged(taken_over(smooth, shown), photo)
+    share = _enlarged(taken_over(smooth, shown, how), photo)
     fine = _enlarged(smooth, photo) * detail ** share[..., None]
     known = kept & (_enlarged(mask.astype(np.float32), photo) >= 0.5)
     return np.where(known[..., None], fine, 0).astype(np.float32), known
 
 
-def taken_over(albedo: np.ndarray, photo: np.ndarray) -> np.ndarray:
+def taken_over(albedo: np.ndarray, photo: np.ndarray, how: FullResolutionSettings) -> np.ndarray:
     """Measure how much an albedo has of what the photo shows in its finest octave, around every pixel.
 
     Parameters
     ----------
     albedo, photo : ndarray, shape (h, w, 3), float32
         Linear.
+    how : FullResolutionSettings
 
     Returns
     -------
     ndarray, shape (h, w), float32
-        From 0 to 1: ``(⟨a sign b⟩ + ε)/(⟨|b|⟩ + ε)``, a and b what is finer than `FINEST_PX` of the mean
-        logarithms of albedo and photo, ⟨⟩ the mean around a pixel, ε `PLAIN`. By sizes rather than squares,
-        so that the rim of a shadow takes little with it of the texture beside it.
+        From 0 to 1: ``(⟨a sign b⟩ + ε)/(⟨|b|⟩ + ε)``, a and b what is finer than the finest σ of the mean
+        logarithms of albedo and photo, ⟨⟩ the mean around a pixel, ε the least contrast. By sizes
+        rather than squares, so that the rim of a shadow takes little of the texture beside it along.
     """
-    a, b = (_finest(image) for image in (albedo, photo))
-    both, own = (cv2.GaussianBlur(part, (0, 0), AROUND_PX) + PLAIN for part in (a * np.sign(b), np.abs(b)))
+    a, b = (_finest(image, how) for image in (albedo, photo))
+    both, own = (
+        cv2.GaussianBlur(part, (0, 0), how.window_px) + how.least_contrast
+        for part in (a * np.sign(b), np.abs(b))
+    )
     return np.clip(both / own, 0, 1)
 
 
-def _finest(image: np.ndarray) -> np.ndarray:
-    """What is finer than `FINEST_PX` of the logarithm's mean over the channels; dark pixels hardly differ."""
-    floor = DARK * np.maximum(image.mean(axis=(0, 1)), 1e-12)
+def _finest(image: np.ndarray, how: FullResolutionSettings) -> np.ndarray:
+    """Filter the finest part out of the logarithm's mean over the channels; dark pixels hardly differ."""
+    floor = how.log_offset * np.maximum(image.mean(axis=(0, 1)), 1e-12)
     logs = np.log(np.maximum(image, 0) + floor).mean(axis=2).astype(np.float32)
-    return logs - cv2.GaussianBlur(logs, (0, 0), FINEST_PX)
+    return logs - cv2.GaussianBlur(logs, (0, 0), how.finest_sigma_px)
 
 
 def _enlarged(image: np.ndarray, photo: np.ndarray) -> np.ndarray:
@@ -98,6 +97,6 @@ def _enlarged(image: np.ndarray, photo: np.ndarray) -> np.ndarray:
 
 
 def _filled(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Outside the mask, the value of the nearest pixel inside."""
+    """Fill in, outside the mask, the value of the nearest pixel inside."""
     row, column = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return image[row, column]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from stages.photometry.albedo.confidence import confidence, confidence_of
+from stages.photometry.albedo.settings import ConfidenceSettings
 from stages.photometry.detail.albedo_detail import Detail
 from stages.photometry.energy_history import descent_as_json, rounds_as_json
 from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, solve
@@ -58,14 +59,14 @@ class SolvedUnderLight(Solved):
     Attributes
     ----------
     detail : Detail
-        How far the light is doubted, and the albedo with it.
+        The albedo with it, and how uncertain shading and albedo are.
     """
 
     detail: Detail = field(kw_only=True)
 
-    def judged(self, trusted: np.ndarray) -> SolvedUnderLight:
+    def judged(self, trusted: np.ndarray, how: ConfidenceSettings) -> SolvedUnderLight:
         """Add the confidence of every pixel, by its expected error."""
-        return replace(self, confidence=confidence_of(self.detail.variance, trusted))
+        return replace(self, confidence=confidence_of(self.detail.variance, trusted, how))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +82,16 @@ class SolvedWithLight(Solved):
     light: np.ndarray = field(kw_only=True)
 
     def judged(
-        self, views: StackedViews, image: np.ndarray, incidence: np.ndarray, trusted: np.ndarray
+        self,
+        views: StackedViews,
+        image: np.ndarray,
+        incidence: np.ndarray,
+        trusted: np.ndarray,
+        how: ConfidenceSettings,
     ) -> SolvedWithLight:
         """Add the confidence of every pixel, by its circumstances."""
-        return replace(
-            self, confidence=confidence(views, image, self.shading, self.albedo, incidence, trusted)
-        )
+        known = confidence(views, image, self.shading, self.albedo, incidence, trusted, how)
+        return replace(self, confidence=known)
 
     def sampled_light(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Sample the harmonic light in M = `count` directions: these, (M, 3), and the light, (n, M, 3)."""

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.photometry.albedo.albedo_given_light import AlbedoSettings, decompose_under_light
+from stages.photometry.albedo.albedo_given_light import decompose_under_light
 from stages.photometry.albedo_data import AlbedoData
+from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.energy_history import rounds_under_light_as_json
 from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.joint.settings import HarmonicsSettings
@@ -39,12 +40,15 @@ def solve_under_light(
     views: StackedViews,
     shading: np.ndarray,
     observed: AlbedoData,
-    settings: AlbedoSettings,
+    settings: DecompositionSettings,
+    solver: FastSolver,
     threads: int,
     step: Callable[[], None],
 ) -> SolvedUnderLight:
     """Find the albedo under `light: directions`, which is known."""
-    found = decompose_under_light(views, shading, observed, settings, threads, step)
+    found = decompose_under_light(
+        views, shading, observed, settings.edges, settings.detail, solver, threads, step
+    )
     outcome = worse(found.smooth.outcome, found.detailed.outcome)
     return SolvedUnderLight(
         views=views,

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stages.photometry.albedo.albedo_edges import agreement_of_links, smoothness_of_edges
 from stages.photometry.albedo.appearance import appearance_of
-from stages.photometry.albedo.paint_edges import PaintEdges, agreement_of_links, smoothness_of_edges
+from stages.photometry.albedo.settings import EdgeSettings
 from stages.photometry.albedo.smooth_albedo import albedo_under_light
-from stages.photometry.albedo.soft_paint import soft_paint
+from stages.photometry.albedo.soft_texture import soft_texture
 from stages.photometry.albedo_data import AlbedoData
 from stages.photometry.chromaticity import in_white_light
 from stages.photometry.detail.albedo_detail import Detail, with_detail
@@ -21,27 +22,9 @@ from stages.photometry.stack import StackedViews
 from stages.solvers.kernels.threading_layer import use_threads
 
 
-@dataclass(frozen=True)
-class AlbedoSettings:
-    """What is asked for.
-
-    Attributes
-    ----------
-    edges : PaintEdges
-        Of the smooth albedo that `albedo` begins with.
-    detail : DetailSettings
-    descent : FastSolver
-        Of the albedo; λ and μ are those of `albedo_tv`, μ is the least that links have in `albedo`.
-    """
-
-    edges: PaintEdges
-    detail: DetailSettings
-    descent: FastSolver
-
-
 @dataclass(frozen=True, eq=False)
 class AlbedoSolution:
-    """What is found; pixels as in the stack, images scaled.
+    """The albedo under a light; pixels as in the stack, images scaled.
 
     Attributes
     ----------
@@ -50,7 +33,7 @@ class AlbedoSolution:
     detailed : FastDescent
         Before the detail came back that the photos have.
     detail : Detail
-        The albedo with it, and how far it is to be doubted.
+        The albedo with it, and how uncertain it is.
     """
 
     smooth: FastDescent
@@ -62,11 +45,13 @@ def decompose_under_light(
     views: StackedViews,
     shading: np.ndarray,
     observed: AlbedoData,
-    settings: AlbedoSettings,
+    edges: EdgeSettings,
+    how_detailed: DetailSettings,
+    descent: FastSolver,
     threads: int,
     step: Callable[[], None],
 ) -> AlbedoSolution:
-    """Find the albedo: Eq. 2's ρ, and ρ by edge with the photo's detail.
+    """Estimate the albedo: Eq. 2's ρ, and ρ by edge with the photo's detail.
 
     Parameters
     ----------
@@ -75,7 +60,11 @@ def decompose_under_light(
     shading : ndarray, shape (N, 3), float32
         By the light, with the gains of the views.
     observed : AlbedoData
-    settings : AlbedoSettings
+    edges : EdgeSettings
+        Of the smooth albedo that `albedo` begins with.
+    how_detailed : DetailSettings
+    descent : FastSolver
+        λ and μ are those of `albedo_tv`; μ is the least that links have in `albedo`.
     threads : int
         Never changes the result.
     step : callable
@@ -84,16 +73,18 @@ def decompose_under_light(
     use_threads(threads)
     trusted, diffuse = observed.trusted, observed.diffuse
     shown, white = (in_white_light(one, shading) for one in (observed.seen, diffuse))
-    surface = appearance_of(views, shown, shading, trusted, settings.edges, observed.glossy)
-    soft = soft_paint(views, white, shading, trusted, settings.edges)
+    surface = appearance_of(views, shown, shading, trusted, edges, observed.glossy)
+    soft = soft_texture(views, white, shading, trusted, edges)
     by_edge = EdgeWeights(
-        smoothness_of_edges(views, white, shading, surface.textured, soft, settings.edges),
-        agreement_of_links(views, settings.descent.weights.consistency, surface.inconsistent),
+        smoothness_of_edges(views, white, shading, surface.textured, soft, edges),
+        agreement_of_links(
+            views, descent.weights.consistency, surface.inconsistent, edges.inconsistency_gain
+        ),
     )
     channels = list(np.ascontiguousarray(diffuse.T))
     smooth, detailed = (
-        albedo_under_light(views, channels, shading, trusted, each, settings.descent, threads, step)
+        albedo_under_light(views, channels, shading, trusted, each, descent, threads, step)
         for each in (ALIKE, by_edge)
     )
-    detail = with_detail(views, detailed.albedo, diffuse, shading, trusted, settings.detail)
+    detail = with_detail(views, detailed.albedo, diffuse, shading, trusted, how_detailed)
     return AlbedoSolution(smooth, detailed, detail)

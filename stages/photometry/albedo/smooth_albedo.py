@@ -45,7 +45,7 @@ def albedo_under_light(
     Notes
     -----
     Weighted by S as it is, the data term asks for the weighted median of I/S over all pixels, in all views,
-    that are tied to one another: highlights of a few views, and dark pixels with their doubtful quotients,
+    that are tied to one another: highlights of a few views, and dark pixels with their noisy quotients,
     have no say. No gauge is needed: the light holds the scale. It is Eq. 10 under a light that stays.
     """
     kept = trusted[:, None]

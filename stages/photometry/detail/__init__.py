@@ -1,1 +1,1 @@
-"""What of the photo's fine detail is albedo: octaves, noise, and what the shading may be wrong by."""
+"""The albedo's detail: octaves of the residual, noise, and the shading's uncertainty in a Wiener filter."""

@@ -1,6 +1,6 @@
-"""The albedo's detail: what the photo shows beyond a smooth albedo, but for what the light could have done.
+"""The albedo's detail: the residual of a smooth albedo, except what errors of the shading and noise explain.
 
-Per octave and colour axis, a Wiener filter: what is left over, against how far the shading is to be doubted.
+Per octave and colour axis, a Wiener filter: the residual's energy against that of shading error and noise.
 """
 
 from __future__ import annotations
@@ -14,39 +14,33 @@ from stages.photometry.albedo_data import UNLIT
 from stages.photometry.detail.detail_octaves import (
     AXES,
     QUOTIENT,
+    TINY,
     DetailOctave,
     DetailScene,
-    DetailSettings,
     channels_of,
     noise_without_others,
 )
 from stages.photometry.detail.octaves import response_to_noise
-from stages.photometry.detail.shading_uncertainty import DARK, ShadingUncertainty
+from stages.photometry.detail.settings import DetailSettings
+from stages.photometry.detail.shading_uncertainty import ShadingUncertainty
 from stages.photometry.stack import StackedViews
-
-MEASURED = 2  # octaves in which views are compared for noise; in coarser ones it is white
-LINKED = 0.2  # share of the pixels that other views must see for their differences to tell the noise
-AROUND_PX = 1.5  # σ of the surroundings whose differences are told of a pixel
-LEFT_OVER = 0.25  # of the square of what the smooth albedo leaves over: expected to be wrong, kept or not
-LEAST_RESPONSE = 0.1  # of a pixel's logarithm to light: what is darker is as doubtful as that
-OF_CHANGE = 0.05  # of the square of the shading's change in every octave: what its error is where it is large
 
 
 @dataclass(frozen=True, eq=False)
 class Detail:
-    """What comes back.
+    """The albedo with its detail.
 
     Attributes
     ----------
     albedo : ndarray, shape (N, 3), float32
     variance : ndarray, shape (N,), float32
         Of the albedo's mean logarithm, that is expected: its square root is the relative error.
-    doubt : ShadingUncertainty
+    uncertainty : ShadingUncertainty
     """
 
     albedo: np.ndarray
     variance: np.ndarray
-    doubt: ShadingUncertainty
+    uncertainty: ShadingUncertainty
 
 
 def with_detail(
@@ -55,9 +49,9 @@ def with_detail(
     image: np.ndarray,
     shading: np.ndarray,
     trusted: np.ndarray,
-    settings: DetailSettings,
+    how: DetailSettings,
 ) -> Detail:
-    """Give a smooth albedo the detail that the photo has and the light cannot have made.
+    """Add the photo's detail to a smooth albedo, except what noise and errors of the shading explain.
 
     Parameters
     ----------
@@ -69,82 +63,83 @@ def with_detail(
     trusted : ndarray, shape (N,), bool
         Pixels whose data count. The others have the detail that is kept of their surface in other views; what
         no other view shows keeps its albedo.
-    settings : DetailSettings
+    how : DetailSettings
 
     Notes
     -----
-    ``ρ + (ρ + d/S) (exp(Σ_k g_k r_k) − 1)``: r = log (I + d)/(ρ S + d), d = 0.01, as mean logarithm, log R/G
-    and log B/G, divided into octaves r_k; I/S where all g_k are 1. In every octave:
+    ``ρ + (ρ + d/S) (exp(Σ_k g_k r_k) − 1)``: r = log (I + d)/(ρ S + d), d the offset, as mean logarithm,
+    log R/G and log B/G, divided into octaves r_k; I/S where all g_k are 1. In every octave:
 
-    1. Of brightness, in the four finest octaves, the shading's own change is taken for as much as the photos
-       show of it, `ShownChange`.
-    2. r_k of the other views is averaged in, as far as noise is more than what views see misplaced.
+    1. Of brightness, in the finest octaves, the shading's own change is reduced to what the photos show of
+       it, `ShownChange`.
+    2. r_k of the other views is averaged in, by inverse variance of noise and misregistration.
     3. ``g_k = max(0, 1 − U/E)``: E the local variance of r_k, by the mean of |r_k|^1.5, U that of
        what noise and the shading's error, ``κ² L²``, make of it (`ShadingUncertainty`).
-    4. Beyond ``2 L²``, which a shadow in the wrong place can make, all of E may be paint; below, no more than
-       hardly any surface has where light is even.
+    4. Beyond ``2 L²``, which a shadow in the wrong place can make, all of E may be albedo; below, no more
+       than a quantile of that on evenly lit surface.
 
-    Where the photo differs from the smooth albedo by no more than doubt, the smooth albedo stands; where by
-    much more, the photo divided by its shading does; between, by degrees.
+    Where the residual is no more than its uncertainty, the smooth albedo stays; where it is much more, the
+    photo divided by its shading is the albedo; between, by degrees.
 
-    The variance adds up what is expected of every octave, ``g² U + (1 − g)² E``; of the light where it
-    changes much, a twentieth of L²; a quarter of the square of what the smooth albedo left over around; and
-    what the albedos of different views differ by.
+    The variance adds up what is expected of every octave, ``g² U + (1 − g)² E``, and shares of L² and of the
+    local mean square of r; and what the albedos of different views differ by.
     """
     light = np.maximum(shading, UNLIT * max(float(np.median(shading)), 1e-6))
     detailed = np.maximum(albedo, 0).astype(np.float32)
     explained = detailed * light
-    scene = DetailScene(views, image, light, explained, trusted, settings)
-    kept, variance, doubt = _kept(scene)
-    told, known = scene.others.lent(np.column_stack([kept, variance]))
-    added = (explained + DARK) * np.expm1(channels_of(told[:, :3])) / light
+    scene = DetailScene(views, image, light, explained, trusted, how)
+    kept, variance, uncertainty = _kept(scene)
+    filled, known = scene.others.filled_in(np.column_stack([kept, variance]))
+    added = (explained + how.log_offset) * np.expm1(channels_of(filled[:, :3])) / light
     detailed = np.where(known[:, None], np.maximum(detailed + added, 0), detailed).astype(np.float32)
-    variance = told[:, 3] / np.maximum(scene.response, LEAST_RESPONSE) ** 2
-    return Detail(detailed, (variance + _apart(scene, detailed)).astype(np.float32), doubt)
+    variance = filled[:, 3] / np.maximum(scene.response, how.variance.least_response) ** 2
+    between = _variance_between_views(scene, detailed)
+    return Detail(detailed, (variance + between).astype(np.float32), uncertainty)
 
 
-def _apart(scene: DetailScene, albedo: np.ndarray) -> np.ndarray:
-    """Mean square of what the logarithm of the albedo differs by from that of other views, around, (N,).
+def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> np.ndarray:
+    """Average the squared difference of the log albedo from that of other views, around every pixel, (N,).
 
-    Where no other view sees the surface, as much as elsewhere: that nobody contradicts is no proof.
+    Where no other view sees the surface, the mean of where one does.
     """
-    logs = np.log(albedo.mean(axis=1, keepdims=True) + DARK).astype(np.float32)
+    logs = np.log(albedo.mean(axis=1, keepdims=True) + scene.how.log_offset).astype(np.float32)
     seen = scene.others.count > 0
     if not seen.any():
         return np.zeros(len(albedo), np.float32)
     difference = np.where(seen, (logs - scene.others.mean(logs))[:, 0], 0)
-    apart = scene.seen_by_others.mean(difference**2, AROUND_PX)
-    return np.where(seen, apart, apart[seen].mean())
+    square = scene.seen_by_others.mean(difference**2, scene.how.variance.window_px)
+    return np.where(seen, square, square[seen].mean())
 
 
 def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, ShadingUncertainty]:
-    """What of the three axes is albedo, (N, 3), its expected variance, and the doubt."""
-    settings = scene.settings
-    noise = np.zeros((MEASURED, 3))
-    if scene.others.share < LINKED:
+    """Estimate what of the three axes is albedo, (N, 3), its expected variance, (N,), and the uncertainty."""
+    how, limits, response = scene.how, scene.how.uncertainty, response_to_noise(scene.how.sigmas_px)
+    measured, between_views = how.noise.compared_octaves, scene.others.share >= how.noise.linked_share
+    noise = np.zeros((measured, 3))
+    if not between_views:
         noise[:] = noise_without_others(scene)
     kept = np.zeros((len(scene.maps), 3), np.float32)
-    variance = settings.level**2 + LEFT_OVER * scene.pixels.mean(scene.maps[:, 0] ** 2, AROUND_PX)
+    residual = scene.pixels.mean(scene.maps[:, 0] ** 2, how.variance.window_px)
+    variance = limits.level**2 + how.variance.residual_share * residual
     shown, of_change = [], []
-    octaves = enumerate(pairwise(scene.pixels.octaves(scene.maps)))
+    octaves = enumerate(pairwise(scene.pixels.octaves(scene.maps, how.sigmas_px)))
     for number, ((bands, sigma_px), (coarser, _)) in octaves:
         octave = DetailOctave.of(scene, number, bands, sigma_px)
         shown.append(octave.shown)
-        of_change.append(
-            float(np.clip(octave.error_of_change(), settings.least_doubt[number], settings.most_doubt))
-        )
-        if number < MEASURED and scene.others.share >= LINKED:
-            noise[number] = octave.noise(coarser[:, QUOTIENT]) / response_to_noise()[number]
-        deviation = noise[number] if number < MEASURED else noise.max(axis=0)
-        own, expected = octave.kept(of_change[-1], deviation * response_to_noise()[number])
+        of_change.append(float(np.clip(octave.error_of_change(), limits.least[number], limits.most)))
+        if number < measured and between_views:
+            noise[number] = octave.noise(coarser[:, QUOTIENT]) / response[number]
+        deviation = noise[number] if number < measured else noise.max(axis=0)
+        own, expected = octave.kept(of_change[-1], deviation * response[number])
         kept += own
-        variance += expected + OF_CHANGE * octave.stated
+        variance += expected + how.variance.shading_change_share * octave.stated
         rest = coarser[:, AXES]
-    kept += rest * _share_of_signal(rest**2, (settings.level * settings.of_axes) ** 2)
-    doubt = ShadingUncertainty(tuple(shown), tuple(of_change), tuple(noise.max(axis=0).tolist()))
-    return kept, variance, doubt
+    of_level = limits.level * np.array(limits.of_axes, np.float32)
+    kept += rest * _share_of_signal(rest**2, of_level**2)
+    uncertainty = ShadingUncertainty(tuple(shown), tuple(of_change), tuple(noise.max(axis=0).tolist()))
+    return kept, variance, uncertainty
 
 
-def _share_of_signal(energy: np.ndarray, doubted: np.ndarray) -> np.ndarray:
-    """Share of a value that is signal: its variance without the doubt's, over all of it."""
-    return np.maximum(0, 1 - doubted / np.maximum(energy, 1e-12)).astype(np.float32)
+def _share_of_signal(energy: np.ndarray, uncertain: np.ndarray) -> np.ndarray:
+    """Compute the share of a value that is signal: its energy less the uncertainty's, over its energy."""
+    return np.maximum(0, 1 - uncertain / np.maximum(energy, TINY)).astype(np.float32)

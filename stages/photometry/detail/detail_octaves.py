@@ -1,4 +1,4 @@
-"""One octave of what a photo shows beyond a smooth albedo: what of it the light could have done."""
+"""One octave of the residual of a smooth albedo: what of it errors of the shading and noise can explain."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
-from stages.photometry.detail.noise_estimation import grain_of, noise_between_views, noise_of_one_view
+from stages.photometry.detail.noise_estimation import (
+    noise_between_views,
+    noise_by_brightness,
+    noise_of_one_view,
+)
 from stages.photometry.detail.octaves import KnownPixels
 from stages.photometry.detail.other_views import OtherViews
+from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.detail.shading_uncertainty import (
-    DARK,
-    FINE,
     ShownChange,
     error_of_change,
     log_quotient,
@@ -20,67 +23,30 @@ from stages.photometry.detail.shading_uncertainty import (
 )
 from stages.photometry.stack import StackedViews
 
-STRONGEST = 1.0  # of the logarithm: what differs by more (glints, shadows that are not there) is cut to this
-POWER = 1.5  # of the sizes that an energy is the mean of: between lone borders for little and for all
-OF_NORMAL = 0.9035  # (mean |x|^1.5)^(2/1.5) of normal deviates x of variance 1
-TWICE = 2.0  # times its own energy: what a shading's change in the wrong place leaves behind, here and there
-EVENER = 0.5  # of the pixels: those in whose shading paint is told from light
-BOLDEST = 0.99  # of these: texture that is stronger than where light is even is a shadow's border
-TOLD_BY = 300_000  # pixels at most that the doubt is told from
-ALONE = 5  # octaves by which noise is told where views see nothing of one another
-CHROMA_NOISE = 6.0  # variance of log R/G and log B/G over that of the mean logarithm, for equal noise in all
+CHROMA_NOISE = 6.0  # variance of log R/G, 2 σ², over that of the mean logarithm, σ²/3, for equal noise in all
+TINY = 1e-12  # against division by 0, of squares
 AXES, QUOTIENT, LIT = slice(0, 3), 3, 4  # columns of `DetailScene.maps`
-
-
-@dataclass(frozen=True)
-class DetailSettings:
-    """How far the shading may be doubted; see the settings of the stage.
-
-    Attributes
-    ----------
-    least_doubt : tuple of float
-        Per octave, share of the shading's own change.
-    most_doubt : float
-        In all octaves.
-    chroma : float
-        Of that, what its colour may be wrong by.
-    level : float
-        What is coarser than all octaves may be wrong by, of the logarithm.
-    window : float
-        σ of the surroundings that energies are averaged over, in σ of the octave.
-    """
-
-    least_doubt: tuple[float, ...]
-    most_doubt: float
-    chroma: float
-    level: float
-    window: float
-
-    @property
-    def of_axes(self) -> np.ndarray:
-        """Doubt of mean logarithm, log R/G and log B/G over that of the first."""
-        return np.array([1.0, self.chroma, self.chroma], np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class DetailScene:
-    """What detail is told from; fields as the arguments of `with_detail`; `explained`: ρ S."""
+    """Photos and what explains them; fields as the arguments of `with_detail`; `explained`: ρ S."""
 
     views: StackedViews
     image: np.ndarray
     light: np.ndarray
     explained: np.ndarray
     trusted: np.ndarray
-    settings: DetailSettings
+    how: DetailSettings
 
     @cached_property
     def pixels(self) -> KnownPixels:
-        """Those that are trusted."""
+        """The pixels that are trusted."""
         return KnownPixels.of(self.views, self.trusted)
 
     @cached_property
     def others(self) -> OtherViews:
-        """What the trusted pixels are linked to."""
+        """The trusted pixels that show the same surface in other views."""
         return OtherViews.of(self.views, self.trusted)
 
     @cached_property
@@ -89,44 +55,45 @@ class DetailScene:
         return KnownPixels.of(self.views, self.others.count > 0)
 
     @cached_property
-    def grain(self) -> np.ndarray:
-        """How noise depends on brightness, (N, 3); see `grain_of`."""
-        return grain_of(self.explained)
+    def noise_scale(self) -> np.ndarray:
+        """Noise over that at median brightness, (N, 3); see `noise_by_brightness`."""
+        return noise_by_brightness(self.explained, self.how)
 
     @cached_property
     def response(self) -> np.ndarray:
-        """How much of a change of the light's logarithm shows in ``log(I + d)``: little where it is dark."""
-        return (self.explained / (self.explained + DARK)).mean(axis=1)
+        """Share of a change of log shading that shows in ``log(I + d)``: little where it is dark, (N,)."""
+        return (self.explained / (self.explained + self.how.log_offset)).mean(axis=1)
 
     @cached_property
-    def told_by(self) -> np.ndarray:
-        """Numbers of the pixels that the doubt is told from."""
+    def sample(self) -> np.ndarray:
+        """Numbers of the pixels that uncertainty and noise are estimated from."""
         trusted = np.flatnonzero(self.trusted)
-        return trusted[:: max(1, -(-len(trusted) // TOLD_BY))]
+        return trusted[:: max(1, -(-len(trusted) // self.how.sample_pixels))]
 
     @cached_property
     def maps(self) -> np.ndarray:
-        """Axes of what is left, mean logarithm of I/S, and of S: (N, 5)."""
-        left = axes_of(np.clip(log_quotient(self.image, self.explained), -STRONGEST, STRONGEST))
-        quotient = log_quotient(self.image, self.light).mean(axis=1)
+        """Axes of the residual, mean logarithm of I/S, and of S: (N, 5)."""
+        offset, most = self.how.log_offset, self.how.largest_residual
+        left = axes_of(np.clip(log_quotient(self.image, self.explained, offset), -most, most))
+        quotient = log_quotient(self.image, self.light, offset).mean(axis=1)
         return np.column_stack([left, quotient, log_shading(self.light)]).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class DetailOctave:
-    """One octave of a scene, the shading taken for what the photos show of it.
+    """One octave of a scene, the shading's change reduced to what the photos show of it.
 
     Attributes
     ----------
     scene : DetailScene
     left : ndarray, shape (N, 3)
-        Band of what is left, its axes.
+        Band of the residual, its axes.
     quotient : ndarray, shape (N,)
         Band of log I/S.
     size, stated : ndarray, shape (N,)
-        Local mean square of the shading's band as it is taken, and as it was found.
+        Local mean square of the shading's band, reduced, and as it was given.
     shown : float
-        Share of the shading's change that is taken, on average.
+        Share of the shading's change that the photos show, on average.
     wide_px : float
         σ of the surroundings that energies are averaged over.
     """
@@ -141,36 +108,37 @@ class DetailOctave:
 
     @classmethod
     def of(cls, scene: DetailScene, number: int, bands: np.ndarray, sigma_px: float) -> DetailOctave:
-        """Compare the shading's change with the photos, in the fine octaves, and correct it."""
+        """Reduce the shading's change, in the fine octaves, to what the photos show of it."""
+        how = scene.how
         left, quotient, change = bands[:, AXES].copy(), bands[:, QUOTIENT], bands[:, LIT] * scene.response
-        stated = size = scene.pixels.mean(change**2, max(sigma_px, 1.0))
-        shown, told = 1.0, scene.told_by
-        if number < FINE:
+        stated = size = scene.pixels.mean(change**2, max(sigma_px, how.least_shading_window_px))
+        shown, some = 1.0, scene.sample
+        if number < how.uncertainty.compared_octaves:
             finer_px = 0.0 if number == 0 else sigma_px / 2
-            compared = ShownChange.of(change[told], left[told, 0], stated[told], finer_px)
+            compared = ShownChange.of(change[some], left[some, 0], stated[some], finer_px, how)
             excess = compared.at(stated)
             left[:, 0] -= excess * change
             quotient = quotient - excess * change
             size, shown = (1 + excess) ** 2 * stated, compared.shown
-        wide_px = max(scene.settings.window * sigma_px, 1.5)
+        wide_px = max(how.window * sigma_px, how.least_window_px)
         return cls(scene, left, quotient, size, stated, shown, wide_px)
 
     def error_of_change(self) -> float:
-        """Estimate κ, as far as the scene tells it."""
-        told = self.scene.told_by
-        return error_of_change(self.size[told], self.quotient[told], self.left[told, 0])
+        """Estimate κ from the scene."""
+        some = self.scene.sample
+        return error_of_change(self.size[some], self.quotient[some], self.left[some, 0], self.scene.how)
 
     def noise(self, coarser: np.ndarray) -> np.ndarray:
         """Estimate the noise in this band at median brightness, (3,), by what views do not share.
 
         `coarser`: the band of log I/S in the next octave.
         """
-        scene, told = self.scene, self.scene.told_by
-        told = told[scene.others.count[told] > 0]
-        of_both = scene.grain[told] * np.sqrt(1 + 1 / scene.others.count[told])[:, None]
-        difference = (self.left - self.left_by_others)[told] / of_both
-        texture = scene.pixels.mean(coarser**2, self.wide_px)[told]  # of brightness: that has least noise
-        return np.array([noise_between_views(axis, texture) for axis in difference.T])
+        scene, some = self.scene, self.scene.sample
+        some = some[scene.others.count[some] > 0]
+        of_both = scene.noise_scale[some] * np.sqrt(1 + 1 / scene.others.count[some])[:, None]
+        difference = (self.left - self.left_by_others)[some] / of_both
+        texture = scene.pixels.mean(coarser**2, self.wide_px)[some]  # of brightness: that has least noise
+        return np.array([noise_between_views(axis, texture, scene.how.classes) for axis in difference.T])
 
     @cached_property
     def left_by_others(self) -> np.ndarray:
@@ -179,28 +147,29 @@ class DetailOctave:
 
     def kept(self, error: float, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Estimate what of the band is albedo, (N, 3), and the expected variance of its first axis, (N,)."""
-        scene, settings, others = self.scene, self.scene.settings, self.scene.others
-        band, noise = self._fused(np.square(noise.astype(np.float32) * scene.grain))
-        of_axes = settings.of_axes**2
-        doubted = error**2 * self.size[:, None] * of_axes + noise
-        misplaced = TWICE * scene.pixels.mean(self.stated, self.wide_px)[:, None] * of_axes
-        energy = scene.pixels.mean(np.abs(band) ** POWER, self.wide_px) ** (2 / POWER) / OF_NORMAL
-        energy = others.with_own(energy)
-        doubted = others.with_own(scene.pixels.mean(doubted, self.wide_px))
-        signal = np.maximum(energy - doubted, 0)
-        told = scene.told_by
-        even = told[self.size[told] <= np.quantile(self.size[told], EVENER)] if told.size else told
-        boldest = np.quantile(signal[even], BOLDEST, axis=0) if even.size else np.zeros(3)
-        signal = np.minimum(signal, np.maximum(boldest, energy - misplaced))
-        share = signal / np.maximum(energy, 1e-12)
-        expected = share**2 * doubted + (1 - share) ** 2 * energy
+        scene, how, others = self.scene, self.scene.how, self.scene.others
+        band, noise = self._fused(np.square(noise.astype(np.float32) * scene.noise_scale))
+        of_axes = np.square(np.array(how.uncertainty.of_axes, np.float32))
+        uncertain = error**2 * self.size[:, None] * of_axes + noise
+        around = scene.pixels.mean(self.stated, self.wide_px)[:, None]
+        misplaced = how.misplacement_factor * around * of_axes
+        energy = scene.pixels.mean(np.abs(band) ** how.energy_power, self.wide_px) ** (2 / how.energy_power)
+        energy = others.with_own(energy / how.energy_of_normal)
+        uncertain = others.with_own(scene.pixels.mean(uncertain, self.wide_px))
+        signal = np.maximum(energy - uncertain, 0)
+        some = scene.sample
+        even = some[self.size[some] <= np.quantile(self.size[some], how.even_share)] if some.size else some
+        strongest = np.quantile(signal[even], how.texture_quantile, axis=0) if even.size else np.zeros(3)
+        signal = np.minimum(signal, np.maximum(strongest, energy - misplaced))
+        share = signal / np.maximum(energy, TINY)
+        expected = share**2 * uncertain + (1 - share) ** 2 * energy
         return np.where(scene.trusted[:, None], share * band, 0), expected[:, 0]
 
     def _fused(self, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The band with that of the other views averaged in, and the variance of its noise, (N, 3) each.
+        """Average in the band of the other views; returns that and the variance of its noise, (N, 3) each.
 
         Others are as noisy, over their number; and misplaced by what they differ by beyond noise. Either is
-        weighed by its variance.
+        weighted by its inverse variance.
         """
         others = self.scene.others
         if not (others.count.any() and noise.any()):
@@ -209,20 +178,22 @@ class DetailOctave:
         difference = np.where(others.count[:, None] > 0, self.left_by_others - self.left, 0)
         apart = self.scene.seen_by_others.mean(difference**2, self.wide_px)
         of_others = noise / count + np.maximum(apart - noise * (1 + 1 / count), 0)
-        weight = np.where(others.count[:, None] > 0, noise / np.maximum(noise + of_others, 1e-12), 0)
+        weight = np.where(others.count[:, None] > 0, noise / np.maximum(noise + of_others, TINY), 0)
         return self.left + weight * difference, (1 - weight) ** 2 * noise + weight**2 * of_others
 
 
 def noise_without_others(scene: DetailScene) -> np.ndarray:
     """Estimate the noise of the three axes from the octaves of brightness, every view by itself, (3,)."""
-    sizes, quotients, told = [], [], scene.told_by
-    for bands, sigma_px in scene.pixels.octaves(scene.maps[:, [QUOTIENT, LIT]]):
+    how, some = scene.how, scene.sample
+    sizes, quotients = [], []
+    for bands, sigma_px in scene.pixels.octaves(scene.maps[:, [QUOTIENT, LIT]], how.sigmas_px):
         quotient, change = bands.T
-        sizes.append(scene.pixels.mean((change * scene.response) ** 2, max(sigma_px, 1.0))[told])
-        quotients.append((quotient / scene.grain[:, 0])[told])
-        if len(sizes) == ALONE:
+        size = scene.pixels.mean((change * scene.response) ** 2, max(sigma_px, how.least_shading_window_px))
+        sizes.append(size[some])
+        quotients.append((quotient / scene.noise_scale[:, 0])[some])
+        if len(sizes) == len(how.noise.texture_spectrum):
             break
-    return noise_of_one_view(sizes, quotients) * np.sqrt([1, CHROMA_NOISE, CHROMA_NOISE])
+    return noise_of_one_view(sizes, quotients, how) * np.sqrt([1, CHROMA_NOISE, CHROMA_NOISE])
 
 
 def axes_of(logs: np.ndarray) -> np.ndarray:

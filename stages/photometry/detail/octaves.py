@@ -1,4 +1,4 @@
-"""Octaves of maps: differences of Gaussian means over what is known, from half a pixel to 32."""
+"""Octaves of maps: differences of Gaussian means over what is known."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ import numpy as np
 from stages.formats.artefacts.view_files import image_of
 from stages.photometry.stack import StackedViews
 
-SIGMAS_PX = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # an octave lies between one and the next, the first below
-COARSE = 4.0  # px: Gaussians from here on are taken of a smaller image, a fifth of the time at σ = 32
-TINY = 1e-6
+COARSE = 4.0  # px: Gaussians from here on are taken of a smaller image, to 3 %, a fifth of the time at σ = 32
+TINY = 1e-6  # against division by 0
 
 
 def gaussian_mean(values: np.ndarray, weight: np.ndarray, sigma_px: float) -> np.ndarray:
@@ -68,8 +67,14 @@ class KnownPixels:
             out[begin:end] = gaussian_mean(own, weight, sigma_px)[mask]
         return out
 
-    def octaves(self, values: np.ndarray) -> Iterator[tuple[np.ndarray, float]]:
+    def octaves(self, values: np.ndarray, sigmas_px: tuple[float, ...]) -> Iterator[tuple[np.ndarray, float]]:
         """Divide what is stacked, (N,) or (N, c), into octaves, the finest first, and what is left at last.
+
+        Parameters
+        ----------
+        values : ndarray
+        sigmas_px : tuple of float
+            Ascending: an octave lies between one and the next, the first below.
 
         Yields
         ------
@@ -79,7 +84,7 @@ class KnownPixels:
         """
         known = self.known if values.ndim == 1 else self.known[:, None]
         finer = values.astype(np.float32)
-        for sigma_px in SIGMAS_PX:
+        for sigma_px in sigmas_px:
             coarser = self.mean(values, sigma_px)
             yield np.where(known, finer - coarser, 0), sigma_px
             finer = coarser
@@ -87,18 +92,19 @@ class KnownPixels:
 
 
 @cache
-def response_to_noise() -> tuple[float, ...]:
-    """Standard deviation of each octave of white noise whose standard deviation is 1 in a pixel."""
-    side = 2 * int(4 * SIGMAS_PX[-1]) + 1
+def response_to_noise(sigmas_px: tuple[float, ...]) -> tuple[float, ...]:
+    """Compute the standard deviation of each octave of white noise that has 1 in a pixel."""
+    side = 2 * int(4 * sigmas_px[-1]) + 1
     everywhere = np.ones((side, side), bool)
     impulse = np.zeros(side**2, np.float32)
     impulse[side**2 // 2] = 1
     pixels = KnownPixels((everywhere,), np.array([0, side**2]), everywhere.ravel())
-    return tuple(float(np.sqrt((band**2).sum())) for band, sigma in pixels.octaves(impulse) if sigma < np.inf)
+    bands = pixels.octaves(impulse, sigmas_px)
+    return tuple(float(np.sqrt((band**2).sum())) for band, sigma_px in bands if sigma_px < np.inf)
 
 
 def _smoothed(image: np.ndarray, sigma_px: float) -> np.ndarray:
-    """Gaussian of an image that is 0 around itself."""
+    """Blur an image that is 0 around itself by a Gaussian."""
     if sigma_px < COARSE:
         return cv2.GaussianBlur(image, (0, 0), sigma_px, borderType=cv2.BORDER_CONSTANT)
     height, width = image.shape[:2]

@@ -1,4 +1,4 @@
-"""What the other views of the same surface say."""
+"""Means over the pixels that show the same surface in other views."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from stages.photometry.stack import StackedViews
 
 @dataclass(frozen=True, eq=False)
 class OtherViews:
-    """The pixels that show the same surface in other views.
+    """The trusted pixels that show the same surface in other views.
 
     Attributes
     ----------
     views : StackedViews
     trusted : ndarray, shape (N,), bool
-        Pixels that are asked.
+        Pixels that are averaged over.
     links : ndarray, shape (N,), float32
         How many links each pixel has to trusted ones: a coarse pixel may have several to one view.
     """
@@ -39,7 +39,7 @@ class OtherViews:
 
     @property
     def share(self) -> float:
-        """Of the trusted pixels, how many have others."""
+        """Share of the trusted pixels that have others."""
         return float(np.count_nonzero(self.count)) / max(int(np.count_nonzero(self.trusted)), 1)
 
     def mean(self, values: np.ndarray) -> np.ndarray:
@@ -52,7 +52,7 @@ class OtherViews:
         own = self.count[:, None]
         return np.where(own > 0, (values + own * self.mean(values)) / (1 + own), values).astype(np.float32)
 
-    def lent(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def filled_in(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fill in what a view does not show: behind a highlight, a passer-by, at a grazing angle.
 
         Parameters
@@ -66,13 +66,13 @@ class OtherViews:
             The values, for pixels that are not trusted the mean of the trusted ones they are linked to; and
             which pixels have values by either way.
         """
-        lent = ~self.trusted & (self.links > 0)
-        values = np.where(lent[:, None], self.mean(values), values)
-        return values.astype(np.float32), self.trusted | lent
+        filled = ~self.trusted & (self.links > 0)
+        values = np.where(filled[:, None], self.mean(values), values)
+        return values.astype(np.float32), self.trusted | filled
 
 
 def _sum_over_links(views: StackedViews, values: np.ndarray) -> np.ndarray:
-    """Sum of what all linked pixels have, shape as `values`, float32."""
+    """Sum the values of all linked pixels, shape as `values`, float32."""
     total = np.zeros_like(values)
     for (i, j), block in views.links.items():
         one, other = views.view(i), views.view(j)

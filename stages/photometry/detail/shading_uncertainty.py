@@ -1,4 +1,4 @@
-"""How far the shading is to be doubted, octave by octave, told from the photos divided by it."""
+"""Standard uncertainty of the shading, octave by octave, estimated from the photos divided by it."""
 
 from __future__ import annotations
 
@@ -8,19 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from stages.photometry.statistics_by_class import by_size, deviation, line_through
+from stages.photometry.detail.settings import DetailSettings
+from stages.photometry.detail.statistics_by_class import by_size, deviation, line_through
 
-DARK = 0.01  # of the scaled image, under the logarithms: as dark as that, hardly anything is told
-SHARE = 0.8  # of the error that is told: some of it is paint, as renders of known truth show
-OUTLYING = 3.0  # deviations: what is beyond is a border of paint, and says nothing of the shading
-SURE = 2.0  # standard errors: what is less is not told
-MOST_TOO_WEAK = 0.5  # of the shading's own change: by how much more of it the photos may show
-FINE = 4  # octaves in which the shading's own detail is compared with the photos'; coarser, paint deceives
+TINY = 1e-12  # against logarithms of and division by 0, of squares
 
 
 @dataclass(frozen=True)
 class ShadingUncertainty:
-    """What the logarithm of an observation may be wrong by, besides what it says of the albedo.
+    """Standard uncertainties of shading and photos, as estimated from the scene.
 
     Attributes
     ----------
@@ -48,9 +44,9 @@ class ShadingUncertainty:
         }
 
 
-def log_quotient(image: np.ndarray, explained: np.ndarray) -> np.ndarray:
-    """``log((I + d) / (E + d))``, elementwise, float32; of what is dark in both, next to nothing."""
-    return np.log((np.maximum(image, 0) + DARK) / (np.maximum(explained, 0) + DARK)).astype(np.float32)
+def log_quotient(image: np.ndarray, explained: np.ndarray, offset: float) -> np.ndarray:
+    """Compute ``log((I + d) / (E + d))``, elementwise, float32; of what is dark in both, next to nothing."""
+    return np.log((np.maximum(image, 0) + offset) / (np.maximum(explained, 0) + offset)).astype(np.float32)
 
 
 def log_shading(light: np.ndarray) -> np.ndarray:
@@ -60,7 +56,7 @@ def log_shading(light: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ShownChange:
-    """By how much more of the shading's change the photos show: −1, nothing of it; 0, what it says.
+    """Excess of the change that the photos show over the shading's: −1, nothing of it; 0, all of it.
 
     Attributes
     ----------
@@ -73,7 +69,9 @@ class ShownChange:
     excess: np.ndarray
 
     @classmethod
-    def of(cls, change: np.ndarray, left: np.ndarray, size: np.ndarray, sigma_px: float) -> ShownChange:
+    def of(
+        cls, change: np.ndarray, left: np.ndarray, size: np.ndarray, sigma_px: float, how: DetailSettings
+    ) -> ShownChange:
         """Compare one octave of a shading with what it leaves of the photos.
 
         Parameters
@@ -86,17 +84,18 @@ class ShownChange:
             Local mean square of `change`.
         sigma_px : float
             Lower σ of the octave: values nearer to one another than that are one.
+        how : DetailSettings
 
         Notes
         -----
         In classes of equal number by size, the slope of `left` on `change`: 0 if the shading is right, −1 if
         the photos show nothing of it, as of bumps that stereo makes and facets that visibility is
-        interpolated over. What may be chance, two standard errors, is taken off its square.
+        interpolated over. What may be chance, some standard errors, is taken off its square.
         """
-        log_size, excess = [], []
-        for own in by_size(size):
+        log_size, excess, limits = [], [], how.uncertainty
+        for own in by_size(size, how.classes):
             shade, rest = change[own].astype(np.float64), left[own].astype(np.float64)
-            likely = np.abs(rest) <= OUTLYING * deviation(rest)
+            likely = np.abs(rest) <= limits.outlier_deviations * deviation(rest)
             shade, rest = shade[likely], rest[likely]
             # sums rather than BLAS products: the same bits whatever the number of threads
             power = float(np.sum(shade**2))
@@ -105,16 +104,16 @@ class ShownChange:
             slope = float(np.sum(shade * rest)) / power
             independent = len(rest) / (1 + 4 * np.pi * sigma_px**2)
             chance = float(np.sum(rest**2)) / power / max(independent, 1)
-            sure = max(0.0, 1 - SURE**2 * chance / max(slope**2, 1e-12))
-            log_size.append(np.log(size[own].mean() + 1e-12))
-            excess.append(np.clip(slope * sure, -1, MOST_TOO_WEAK))
+            significant = max(0.0, 1 - limits.standard_errors**2 * chance / max(slope**2, TINY))
+            log_size.append(np.log(size[own].mean() + TINY))
+            excess.append(np.clip(slope * significant, -1, limits.largest_excess))
         return cls(np.array(log_size), np.array(excess))
 
     def at(self, size: np.ndarray) -> np.ndarray:
-        """Excess where the shading's change has these local mean squares, float32."""
+        """Interpolate the excess to local mean squares of the shading's change, float32."""
         if not len(self.excess):
             return np.zeros(len(size), np.float32)
-        return np.interp(np.log(size + 1e-12), self.log_size, self.excess).astype(np.float32)
+        return np.interp(np.log(size + TINY), self.log_size, self.excess).astype(np.float32)
 
     @property
     def shown(self) -> float:
@@ -122,7 +121,7 @@ class ShownChange:
         return float(1 + self.excess.mean()) if len(self.excess) else 1.0
 
 
-def error_of_change(size: np.ndarray, quotient: np.ndarray, left: np.ndarray) -> float:
+def error_of_change(size: np.ndarray, quotient: np.ndarray, left: np.ndarray, how: DetailSettings) -> float:
     """Estimate κ: standard deviation of the shading's error over its own local change, in one octave.
 
     Parameters
@@ -131,23 +130,24 @@ def error_of_change(size: np.ndarray, quotient: np.ndarray, left: np.ndarray) ->
         Local mean square L² of the band of log S.
     quotient, left : ndarray, shape (n,)
         Bands of log I/S, and of log I/(ρ S) with a smooth albedo ρ.
+    how : DetailSettings
 
     Notes
     -----
     In classes of equal number by L², e² is the variance of the band of log I/S, by the median so that
-    borders of paint do not count. ``e² ≈ τ² + κ² L²``, by non-negative least squares over relative errors: κ
-    is the shading's error, τ texture and noise; of κ², what is sure: less its standard error. The same of log
-    I/(ρ S), by mean squares, as borders are in ρ. Either is too large where paint is in it, the one by bold
-    borders, the other by what ρ has lost, so the lesser counts, and of that `SHARE`.
+    borders of materials do not count. ``e² ≈ τ² + κ² L²``, by non-negative least squares over relative
+    errors: κ is the shading's error, τ texture and noise; κ² counts less its standard error. The same of log
+    I/(ρ S), by mean squares, as borders are in ρ. Either is too large where albedo is in it, the one by
+    strong borders, the other by what ρ has lost, so the lesser counts, times `estimate_factor`.
     """
-    classes = by_size(size)
+    classes = by_size(size, how.classes)
     by_median = _slope(classes, size, lambda own: deviation(quotient[own]) ** 2)
     by_square = _slope(classes, size, lambda own: np.mean(np.square(left[own]), dtype=np.float64))
-    return SHARE * min(by_median, by_square)
+    return how.uncertainty.estimate_factor * min(by_median, by_square)
 
 
 def _slope(classes: list[np.ndarray], size: np.ndarray, variance_of: Callable[[np.ndarray], float]) -> float:
-    """κ, as far as it is sure."""
+    """Fit κ, less its standard error."""
     strengths = [size[own].mean() for own in classes]
     line = line_through(strengths, [variance_of(own) for own in classes], 1e-6)
     return float(np.sqrt(max(line.slope - line.error, 0.0))) if line else 0.0

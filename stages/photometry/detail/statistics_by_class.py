@@ -7,19 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-CLASSES = 16
-FEWEST = 100  # pixels of a class that are worth a word
+from stages.photometry.detail.settings import ClassSettings
+
 MAD = 0.6745  # of a normal deviate: what half of all stay below
 
 
-def by_size(size: np.ndarray) -> list[np.ndarray]:
+def by_size(size: np.ndarray, classes: ClassSettings) -> list[np.ndarray]:
     """Sort pixels, (n,), into classes of equal number, the smallest first: their numbers; few make fewer."""
-    count = min(CLASSES, len(size) // FEWEST)
+    count = min(classes.most, len(size) // classes.fewest_pixels)
     return np.array_split(np.argsort(size, kind="stable"), count) if count else []
 
 
 def deviation(values: np.ndarray) -> float:
-    """Standard deviation of normal deviates, by the median of their sizes: the outlying do not count."""
+    """Estimate a standard deviation by the median absolute value, so that outliers do not count."""
     return float(np.median(np.abs(values))) / MAD if values.size else 0.0
 
 

@@ -1,0 +1,87 @@
+"""Weights of albedo changes, λ between neighbours and μ between views, inferred from photos and shading."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.photometry.albedo.settings import EdgeSettings
+from stages.photometry.chromaticity import DARK, NO_SHADING, colour_change
+from stages.photometry.stack import StackedViews
+
+
+def smoothness_of_edges(
+    views: StackedViews,
+    image: np.ndarray,
+    shading: np.ndarray,
+    textured: np.ndarray,
+    soft: np.ndarray,
+    how: EdgeSettings,
+) -> np.ndarray:
+    """Compute λ of Eq. 4 for all edges in the order of `StackedViews.neighbours`, (E,), float32.
+
+    Parameters
+    ----------
+    views : StackedViews
+    image : ndarray, shape (N, 3)
+        Scaled, in white light.
+    shading : ndarray, shape (N, 3)
+        Under the light that was found.
+    textured : ndarray, shape (N,)
+        0 to 1; see `Appearance`.
+    soft : ndarray, shape (N,)
+        0 to 1; see `soft_texture`.
+    how : EdgeSettings
+
+    Notes
+    -----
+    ``λ_pq = fine + (coarse − fine) · (1 − exp(−|Δ log S| / s)) · exp(−|Δ chroma|² / c² − θ²)``, s and c the
+    steps, ``θ = |Δ log I − Δ log S| / (|Δ log S| + d)``, d the tolerance: less where `textured`.
+
+    Light that is nearly neutral changes the brightness of a material, not its colour; and a model of the
+    light errs where the light changes: at creases, at the rims of shadows. Where the surface lies evenly in
+    the light, all that the photo shows is albedo; and so it is where the photo changes by much more than the
+    shading does. A large λ takes away whatever is less than 2 λ px across, soft blotches as well as shadows
+    that are not there: where the texture is `soft`, coarse becomes ``max(f coarse, fine)``, f its factor.
+    """
+    lit = np.log(np.maximum(shading.mean(axis=1), NO_SHADING)).astype(np.float32)
+    seen = np.log(np.maximum(image.mean(axis=1), 0) + DARK).astype(np.float32)
+    plain, least = how.residual_tolerance, how.textured_residual_tolerance
+    most = how.coarse_at(views.side)
+    weights = []
+    for one, other in views.neighbours():
+        explained = np.abs(lit[one] - lit[other])
+        changing = 1 - np.exp(-explained / how.shading_step)
+        chroma = colour_change(image[one], image[other]) / how.chroma_step**2
+        left = np.abs(seen[one] - seen[other] - lit[one] + lit[other])
+        tolerance = np.maximum(plain - (plain - least) * (textured[one] + textured[other]) / 2, least)
+        residual = (left / (explained + tolerance)) ** 2
+        softness = (soft[one] + soft[other]) / 2
+        coarse = np.maximum(most * how.soft_texture_factor**softness, how.fine_lambda)
+        weights.append(how.fine_lambda + (coarse - how.fine_lambda) * changing * np.exp(-chroma - residual))
+    return np.concatenate(weights).astype(np.float32)
+
+
+def agreement_of_links(
+    views: StackedViews, consistency: float, inconsistent: np.ndarray, gain: float
+) -> np.ndarray:
+    """Compute μ of Eq. 5 for all links in the order of `StackedViews.linked_pixels`, (L,), float32.
+
+    Parameters
+    ----------
+    views : StackedViews
+    consistency : float
+        μ where views agree.
+    inconsistent : ndarray, shape (N,)
+        0 to 1; see `Appearance`.
+    gain : float
+        `EdgeSettings.inconsistency_gain`.
+
+    Notes
+    -----
+    ``μ (1 + gain · (i_p + i_q) / 2)``. Where views contradict each other, a pixel's own photo is the least
+    reliable, and what the other views say counts more. Where they agree, links blur fine texture by their
+    half a pixel, and gain nothing.
+    """
+    ends = [inconsistent[one] + inconsistent[other] for one, other in views.linked_pixels()]
+    of_links = np.concatenate(ends) / 2 if ends else np.empty(0)
+    return (consistency * (1 + gain * of_links)).astype(np.float32)

@@ -1,0 +1,57 @@
+"""Albedo that varies gradually all over: inferred from evenly lit surface, for the relief beside it."""
+
+from __future__ import annotations
+
+from itertools import cycle
+
+import numpy as np
+
+from stages.photometry.albedo.appearance import rise
+from stages.photometry.albedo.settings import EdgeSettings
+from stages.photometry.chromaticity import DARK, NO_SHADING, colour_change
+from stages.photometry.neighbourhoods import add_at, means_around, patch_means, patch_side
+from stages.photometry.stack import StackedViews
+
+
+def soft_texture(
+    views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, how: EdgeSettings
+) -> np.ndarray:
+    """Measure how far the albedo around every pixel varies gradually, 0 to 1; (N,), float32.
+
+    Parameters
+    ----------
+    views : StackedViews
+    image : ndarray, shape (N, 3)
+        Scaled, in white light.
+    shading : ndarray, shape (N, 3)
+    trusted : ndarray, shape (N,), bool
+    how : EdgeSettings
+        The steps of shading and chroma, and `soft_texture`.
+
+    Notes
+    -----
+    The mean slope of log I/S in a patch, across and down, over neighbours that are evenly lit and have one
+    colour, each weighted by ``exp(−|Δ log S| / s − |Δ chroma|² / c²)``; and the share of the patches around
+    that have one. Noise and grain have no mean slope, the light errs where the shading changes, and its rims
+    and borders of materials are few: a single material has slopes here and there, a marble of greys nearly
+    all over.
+    """
+    soft = how.soft_texture
+    light = np.maximum(shading.mean(axis=1), NO_SHADING)
+    lit, quotient = np.log(light), np.log(np.maximum(image.mean(axis=1), 0) / light + DARK)
+    change, weight = np.zeros((2, len(image))), np.zeros((2, len(image)))
+    for axis, (one, other) in zip(cycle((0, 1)), views.neighbours(), strict=False):
+        chroma = colour_change(image[one], image[other]) / how.chroma_step**2
+        even = np.exp(-np.abs(lit[other] - lit[one]) / how.shading_step - chroma)
+        even *= trusted[one] & trusted[other]
+        step = even * np.clip(quotient[other] - quotient[one], -soft.largest_change, soft.largest_change)
+        for end in (one, other):
+            add_at(change[axis], end, step)
+            add_at(weight[axis], end, even)
+    across, down = (
+        patch_means(views, own) / (patch_means(views, every) + soft.shrinkage)
+        for own, every in zip(change, weight, strict=True)
+    )
+    slope = rise(np.hypot(across, down) * views.side, soft.slopes)
+    around_px = 2 * patch_side(views) - 1  # all patches that share a pixel with this one's
+    return rise(means_around(views, slope, around_px), soft.shares)
