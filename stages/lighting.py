@@ -62,7 +62,7 @@ def run(job: Job[LightingSettings]) -> None:
     from stages.photometry.light_search.brightest_reflectance import SCALE
     from stages.photometry.light_search.search import REFINED
     from stages.photometry.lighting.illumination import find_illumination, illumination_by
-    from stages.photometry.lighting.observations import TURNS, Viewing
+    from stages.photometry.lighting.observations import Viewing
 
     known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
     opened, stored = _open(job), read_transfer(job.inputs["transfer"])
@@ -81,7 +81,7 @@ def run(job: Job[LightingSettings]) -> None:
             found = illumination_by(light, *seen, scenes[0], looks, how, job.threads, step)
     else:
         scales = len(how.light.scales)
-        steps = scales * (len(scenes) + 1) + 2 * tries + TURNS + REFINED
+        steps = scales * (len(scenes) + 1) + 2 * tries + job.settings.specular.alternations + REFINED
         with job.progress("steps", steps) as step:
             found = find_illumination(*seen, scenes, looks, how, job.threads, step)
     _note(job, stored, found, trusted)

@@ -14,8 +14,10 @@ from stages.photometry.joint.fast_alternation import FastSettings
 from stages.photometry.light_search.light_estimate import LightSearchSettings
 from stages.photometry.lighting.illumination import Illumination, IlluminationSettings, find_illumination
 from stages.photometry.lighting.observations import Viewing
+from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.solver_settings import as_sky
+from stages.photometry.specular.settings import SpecularSettings
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
 
@@ -26,7 +28,7 @@ class BySky:
 
     light: LightSearchSettings
     lighting: LightSharing
-    sheen: bool
+    specular: bool
     edges: PaintEdges
     descent: FastSettings
 
@@ -53,7 +55,8 @@ def decompose_by_sky(
     threads: int = 1,
 ) -> FoundBySky:
     """Find the light, then the albedo under it."""
-    of_light = IlluminationSettings(how.light, how.lighting, how.sheen)
+    stage = LightingSettings(specular=SpecularSettings(remove=how.specular))
+    of_light = IlluminationSettings(how.light, how.lighting, stage)
     found = find_illumination(views, images, scenes, looks, of_light, threads, lambda: None)
     asked = as_sky(DecompositionSettings(), how.descent.weights, views.side)
     asked = replace(asked, edges=how.edges, descent=how.descent)  # detail as by default

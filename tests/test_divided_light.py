@@ -185,10 +185,14 @@ def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is(under_a
     assert left[1] < 0.7 * left[0]
 
 
-@pytest.mark.parametrize("sheen", [False, True])
-def test_the_decomposition_divides_what_it_may_look_in(under_a_roof, sheen):
+@pytest.mark.parametrize("specular", [False, True])
+def test_the_decomposition_divides_what_it_may_look_in(under_a_roof, specular):
     views, sky, image, shading = under_a_roof
-    channels, looked, how = list(image.T.copy()), looks(np.ones(len(image), bool)), replace(HOW, sheen=sheen)
+    channels, looked, how = (
+        list(image.T.copy()),
+        looks(np.ones(len(image), bool)),
+        replace(HOW, specular=specular),
+    )
     how = replace(how, lighting=LightSharing("shared", 1.0, 2.0))
     fine, coarse = (
         decompose_by_sky(views, channels, [scene], looked, how).light

@@ -16,6 +16,7 @@ import stages
 from pipeline.config import check_settings, override
 from stages.command.request import request_of
 from stages.command.words import Plan
+from tests.test_architecture import all_settings
 
 ROOT = Path(__file__).parent.parent
 FOR_USERS = (
@@ -217,8 +218,8 @@ def test_the_method_names_functions_and_settings_that_exist():
             assert any(re.search(assignment, text, re.MULTILINE) for text in sources.values()), name
     declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
     defaults = check_settings(declared, {})
-    for stage, name, value in re.findall(r"`([a-z_]+)\.([a-z_]+)(=[^`]+)?`", page):
+    for stage, name, value in re.findall(r"`([a-z_]+)\.([a-z_.]+)(=[^`]+)?`", page):
         if stage in declared:
-            assert name in declared[stage].model_json_schema(by_alias=True)["properties"], f"{stage}.{name}"
+            assert name in {known for known, _ in all_settings(declared[stage])}, f"{stage}.{name}"
             if value:
                 assert check_settings(declared, override({}, [f"{stage}.{name}{value}"])) == defaults, name

@@ -16,6 +16,7 @@ from stages.photometry.light_search.light_estimate import LightSearchSettings
 from stages.photometry.lighting.illumination import IlluminationSettings, illumination_by
 from stages.photometry.lighting.known_light import FINE_DEG, STEP_DEG, KnownLight, _lowest
 from stages.photometry.lighting.observations import Viewing
+from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.transport.environment import directions_of_picture
 from tests.rendered_scene import TINY, artefact, unshade, write_config
@@ -23,7 +24,7 @@ from tests.sphere_scene import sphere_scene
 from tests.test_sky_light import error, normals_of, open_scene
 
 HOW = IlluminationSettings(
-    LightSearchSettings(samples=3000, bounces=0), LightSharing("auto", 0.1, 0.2), sheen=True
+    LightSearchSettings(samples=3000, bounces=0), LightSharing("auto", 0.1, 0.2), LightingSettings()
 )
 SEEN = {"views": 4, "width_px": 54, "height_px": 96, "arc_deg": 90.0, "noise": 0.03, "spacing": 0.02}
 ROLLED = 25  # of the picture's 128 columns

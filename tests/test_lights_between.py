@@ -44,7 +44,7 @@ def test_a_light_between_lies_between_and_goes_over_into_both_ends(lit):  # noqa
     images = [np.ascontiguousarray(image[:, c], np.float32) for c in range(3)]
 
     def found(lighting: LightSharing):
-        how = replace(HOW, lighting=lighting, sheen=False)
+        how = replace(HOW, lighting=lighting, specular=False)
         light = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), how).light
         return light, light.light.shading
 

@@ -15,8 +15,9 @@ from stages.photometry.light_search.light_from_pairs import PairObjective
 from stages.photometry.light_search.light_from_specular import light_in_gloss
 from stages.photometry.light_search.search import Search
 from stages.photometry.lighting.observations import Observations, Viewing
+from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
-from stages.photometry.specular.chromaticity_clusters import PALETTE, chromaticity_clusters
+from stages.photometry.specular.chromaticity_clusters import chromaticity_clusters
 from stages.photometry.specular.highlights import Linked
 from stages.photometry.specular.specular_reflection import (
     Mirror,
@@ -24,7 +25,7 @@ from stages.photometry.specular.specular_reflection import (
     highlights_of,
     without_specular,
 )
-from stages.photometry.specular.view_differences import MOST_EXPLAINED, Differences, some_links
+from stages.photometry.specular.view_differences import Differences, some_links
 from stages.photometry.stack import stack_views
 from stages.photometry.transport.directional_transport import Sphere, even_directions, offsets_in
 from stages.photometry.transport.lit_scenes import LitScene
@@ -32,6 +33,8 @@ from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import PAINTS, SphereScene, sphere_scene
 from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, in_shadow_of, looks, normals_of, open_scene
 
+DEFAULTS = LightingSettings()
+SPECULAR = DEFAULTS.specular
 STRENGTH, ROUGHNESS = np.array([0.12, 0.1, 0.08]), 0.2
 
 
@@ -59,14 +62,22 @@ def _scaled(diffuse: np.ndarray, sheen: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def differences_of(views, seen, shading, trusted, mirror) -> Differences:
-    return Differences.of(views, seen, trusted, mirror.towards, mirror.pixels, lambda some: shading[some])
+    return Differences.of(
+        views,
+        seen,
+        trusted,
+        mirror.towards,
+        mirror.pixels,
+        lambda some: shading[some],
+        SPECULAR.differences,
+    )
 
 
 def photos_of(views, seen, mirror) -> Observations:
     looked = Viewing(everything(seen), mirror.towards)
-    linked = Linked.of(views, looked.trusted)
+    linked = Linked.of(views, looked.trusted, DEFAULTS.highlights)
     lighting = LightSharing("shared", 1.0, 2.0)
-    return Observations.of(linked, looked, seen, 0.0, lighting).in_one_light(linked)
+    return Observations.of(linked, looked, seen, 0.0, lighting, DEFAULTS).in_one_light(linked)
 
 
 def light_of(mirror: Mirror) -> LightEstimate:
@@ -198,10 +209,10 @@ def test_what_is_taken_off_is_the_sheen_and_never_adds(glossy):
     known = SpecularReflection(scale, ROUGHNESS, 0.1, everything(diffuse))
     added = known.image(mirror)
     assert error(added, sheen) < 1e-3
-    seen, share = without_specular(diffuse + sheen, added)
+    seen, share = without_specular(diffuse + sheen, added, SPECULAR)
     assert error(seen, diffuse) < 0.2 * error(diffuse + sheen, diffuse)
     below = np.where(np.arange(len(diffuse))[:, None] % 5, diffuse + sheen, -0.01).astype(np.float32)
-    assert np.all(without_specular(below, added)[0] <= below)
+    assert np.all(without_specular(below, added, SPECULAR)[0] <= below)
     assert np.corrcoef(share, (sheen / (diffuse + sheen)).mean(axis=1))[0, 1] > 0.95
     half = replace(known, glossy=np.arange(len(diffuse)) % 2 == 0)
     assert not half.image(mirror)[1::2].any()
@@ -269,15 +280,21 @@ def glossy_in_part():
 
 def test_a_paint_is_what_has_one_albedo_whatever_light_and_sheen_make_of_it(glossy_in_part):
     views, _, _, shading, diffuse, sheen, _ = glossy_in_part
-    paint = chromaticity_clusters(views, diffuse + sheen, shading, everything(diffuse))
-    assert 3 <= len(np.unique(paint)) <= PALETTE
+    paint = chromaticity_clusters(views, diffuse + sheen, shading, everything(diffuse), SPECULAR.clusters)
+    assert 3 <= len(np.unique(paint)) <= SPECULAR.clusters.count
     true = np.unique(np.round(diffuse / shading, 3), axis=0, return_inverse=True)[1].ravel()
     mixed = sum(len(of) - np.bincount(of).max() for of in (true[paint == k] for k in np.unique(paint)))
     assert mixed < 0.02 * len(paint)
     few = np.arange(len(paint)) % (len(paint) // 3) == 0
-    assert len(np.unique(chromaticity_clusters(views, diffuse + sheen, shading, few))) <= few.sum()
+    assert (
+        len(np.unique(chromaticity_clusters(views, diffuse + sheen, shading, few, SPECULAR.clusters)))
+        <= few.sum()
+    )
     nothing = np.zeros_like(diffuse)
-    assert len(np.unique(chromaticity_clusters(views, nothing, nothing, everything(diffuse)))) == 1
+    assert (
+        len(np.unique(chromaticity_clusters(views, nothing, nothing, everything(diffuse), SPECULAR.clusters)))
+        == 1
+    )
 
 
 def test_what_is_matt_hides_no_sheen_of_other_paint(glossy_in_part):
@@ -285,7 +302,7 @@ def test_what_is_matt_hides_no_sheen_of_other_paint(glossy_in_part):
     seen = diffuse + sheen
     photos, light = photos_of(views, seen, mirror), light_of(mirror)
     differences = differences_of(views, seen, shading, everything(diffuse), mirror)
-    assert differences.mirrored.left > MOST_EXPLAINED
+    assert differences.mirrored.left > SPECULAR.differences.explained_residual
     found, again = photos.sheen(sky, light, differences, FEW, lambda: None)
     assert np.mean(found.glossy == part) > 0.99
     assert found.roughness == ROUGHNESS
@@ -321,11 +338,11 @@ def test_where_another_view_has_far_less_it_knows_better(glossy):
     one, other = next(iter(views.linked_pixels()))
     share[one[0]] = 0.5
     for pixels in (everything(share), np.arange(len(share)) != other[0]):
-        marked = highlights_of(views, share, pixels)
+        marked = highlights_of(views, share, pixels, SPECULAR)
         others = {int(q) for p, q in _both_ways(views) if p == one[0] and pixels[q]}
         assert marked[one[0]] == bool(others)
         assert marked.sum() == marked[one[0]]
-    assert not highlights_of(views, np.full_like(share, 0.9), everything(share)).any()
+    assert not highlights_of(views, np.full_like(share, 0.9), everything(share), SPECULAR).any()
 
 
 def _both_ways(views):
@@ -339,8 +356,8 @@ def test_the_albedo_comes_nearer_the_paint(glossy):
     images = [np.ascontiguousarray((diffuse + sheen)[:, c]) for c in range(3)]
     albedo = diffuse / shading
     with_it, without = (
-        decompose_by_sky(views, images, [sky], looks(everything(diffuse)), replace(HOW, sheen=sheen))
-        for sheen in (True, False)
+        decompose_by_sky(views, images, [sky], looks(everything(diffuse)), replace(HOW, specular=remove))
+        for remove in (True, False)
     )
     assert with_it.light.sheen is not None
     assert without.light.sheen is None

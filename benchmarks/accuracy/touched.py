@@ -7,9 +7,11 @@ have their defaults. Writes ``touched.md`` and a picture of each.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from benchmarks.accuracy.methods import JudgedRow, Method, judge_row  # noqa: E4
 from benchmarks.accuracy.scenes import laboratory_of, paper_rows  # noqa: E402
 from benchmarks.paper.laboratory import QUARTER, TINY  # noqa: E402
 from benchmarks.paper.tables import markdown  # noqa: E402
+from pipeline.config import override  # noqa: E402
 from stages.formats.images.photos import write_png8  # noqa: E402
 from stages.photometry.decomposition_settings import DecompositionSettings  # noqa: E402
 from stages.photometry.lighting.settings import LightingSettings  # noqa: E402
@@ -37,7 +40,7 @@ at its default; the table has the si-RMSE of all views. What every setting means
 
 @dataclass(frozen=True)
 class Touched:
-    """A setting of a stage, values besides the default, the row they show on, what they do."""
+    """A setting of a stage or of one of its phases, other values, the row they show on, what they do."""
 
     stage: str
     setting: str
@@ -48,7 +51,7 @@ class Touched:
     @property
     def default(self) -> Any:
         """What it is where nobody touches it."""
-        return getattr(OF_STAGE[self.stage], self.setting)
+        return attrgetter(self.setting)(OF_STAGE[self.stage])
 
     @property
     def values(self) -> tuple[Any, ...]:
@@ -58,7 +61,7 @@ class Touched:
     def method(self, value: Any) -> Method:
         """`mode: transfer` with one of them."""
         own = {"decomposition": {"mode": "transfer"}, "lighting": {}}
-        own[self.stage][self.setting] = value
+        own = override(own, [f"{self.stage}.{self.setting}={json.dumps(value)}"])
         return Method(f"{self.setting} {value}", own["decomposition"], lighting=own["lighting"])
 
 
@@ -81,7 +84,7 @@ TOUCHED = (
     ),
     Touched(
         "lighting",
-        "sheen",
+        "specular.remove",
         (False,),
         "fig6",
         "Whether the light's image in glossy surface is looked for, and taken off. Off, the light is found "

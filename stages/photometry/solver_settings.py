@@ -94,7 +94,7 @@ def as_illumination(settings: LightingSettings) -> IlluminationSettings:
             weights=PairWeights(settings.neutrality, settings.evenness),
         ),
         lighting=LightSharing(settings.lights, settings.still_up_to, settings.moving_light),
-        sheen=settings.sheen,
+        stage=settings,
     )
 
 

@@ -10,6 +10,7 @@ from stages.photometry.albedo.paint_edges import PaintEdges
 from stages.photometry.chromaticity import DARK, NO_SHADING, colour_change
 from stages.photometry.neighbourhoods import add_at, patch_means
 from stages.photometry.specular.highlights import Linked
+from stages.photometry.specular.settings import LinkedPatchSettings
 from stages.photometry.stack import StackedViews
 
 DIM = 0.1  # of the median shading: quotients by less are noise
@@ -84,7 +85,7 @@ def appearance_of(
     grained = rise(patch_means(views, paint / np.maximum(degree, 1)), TEXTURED)
     sure = trusted & (light > DIM * np.median(light))
     quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # the same in any amount of light
-    excess = Linked.of(views, sure).excess(quotient)
+    excess = Linked.of(views, sure, LinkedPatchSettings()).excess(quotient)
     agreed = _near(patch_means(views, excess))
     alike = agreed if glossy == 0 else _near(patch_means(views, np.abs(excess)))
     mixed = agreed + np.float32(glossy) * (alike - agreed)

@@ -14,6 +14,7 @@ from stages.photometry.light_search.direction_refinement import divided
 from stages.photometry.light_search.light_estimate import LightEstimate, LightSearchSettings
 from stages.photometry.lighting.known_light import KnownLight, light_at, turn_of
 from stages.photometry.lighting.observations import Observations, Viewing
+from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.shared_or_own_lights import LightSharing, mixed_with_own_lights
 from stages.photometry.lighting.view_gains import ViewGains, view_gains
 from stages.photometry.specular.highlights import Linked
@@ -36,13 +37,13 @@ class IlluminationSettings:
     light : LightSearchSettings
         Its `brightest` is what the brightest material reflects; None: that is found.
     lighting : LightSharing
-    sheen : bool
-        Whether it is looked for, where there is one light; see `Observations.sheen`.
+    stage : LightingSettings
+        Those of highlights and specular reflection, as they stand.
     """
 
     light: LightSearchSettings
     lighting: LightSharing
-    sheen: bool
+    stage: LightingSettings
 
     @property
     def reflectance_is_found(self) -> bool:
@@ -170,7 +171,7 @@ def find_illumination(
         Called after every step of the search.
     """
     use_threads(threads)
-    as_seen, photos, gains, of_pixel = _photos(views, images, looks, settings.lighting)
+    as_seen, photos, gains, of_pixel = _photos(views, images, looks, settings.lighting, settings.stage)
     reflectance = None
     how = settings.to_begin_with
     far = photos.light(scenes[0], how, step)
@@ -180,7 +181,7 @@ def find_illumination(
         how = settings.reflecting(reflectance.value)
         far = photos.light(scenes[0], how, lambda: None, near=reflectance.light)
     best, left, found, differences = _best_explanation(
-        photos, scenes, far, how, settings.sheen, reflectance is not None, step
+        photos, scenes, far, how, settings.stage.specular.remove, reflectance is not None, step
     )
     scene = scenes[best]
     sheen = None
@@ -233,12 +234,12 @@ def illumination_by(
     """
     use_threads(threads)
     in_one_light = replace(settings.lighting, asked="shared")
-    _, photos, gains, of_pixel = _photos(views, images, looks, in_one_light)
+    _, photos, gains, of_pixel = _photos(views, images, looks, in_one_light, settings.stage)
     how = settings.to_begin_with if known.scale is None else replace(settings.light, brightest=None)
     search = photos.search(scene, how)
     turn_deg = turn_of(search, known, step)
     found = light_at(search, known, turn_deg)
-    sheen = photos.sheen_in(scene, found) if settings.sheen else None
+    sheen = photos.sheen_in(scene, found) if settings.stage.specular.remove else None
     if sheen is not None:
         photos = photos.without_specular(sheen, photos.mirror(scene, found))
     finer, _ = divided(scene, found)
@@ -260,7 +261,7 @@ def illumination_by(
     else:
         unit = np.float32(known.scale)
         light = LightAndShading(found.radiance / unit, shading * of_pixel / unit)
-    glossy = float(not settings.sheen if sheen is None else not sheen.glossy.all())
+    glossy = float(not settings.stage.specular.remove if sheen is None else not sheen.glossy.all())
     return Illumination.of(
         photos,
         scene,
@@ -278,7 +279,11 @@ def illumination_by(
 
 
 def _photos(
-    views: StackedViews, images: list[np.ndarray], looks: Viewing, lighting: LightSharing
+    views: StackedViews,
+    images: list[np.ndarray],
+    looks: Viewing,
+    lighting: LightSharing,
+    settings: LightingSettings,
 ) -> tuple[Observations, Observations, ViewGains, np.ndarray]:
     """The photos as they are seen, and as they are lit, the gains of views, and of all pixels, (N, 3)."""
     image = np.stack(images, axis=1)
@@ -286,8 +291,8 @@ def _photos(
         looks = replace(looks, trusted=np.ones_like(looks.trusted))
     gains = view_gains(views, image, looks.trusted)
     of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
-    linked = Linked.of(views, looks.trusted)
-    as_seen = Observations.of(linked, looks, image / of_pixel, gains.spread, lighting)
+    linked = Linked.of(views, looks.trusted, settings.highlights)
+    as_seen = Observations.of(linked, looks, image / of_pixel, gains.spread, lighting, settings)
     return as_seen, as_seen.as_lit(linked), gains, of_pixel
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from pipeline import Settings, UserError, setting
+from pipeline import Settings, UserError, group, setting
+from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSettings, SpecularSettings
 
 STILL = 2 / 3  # of `moving_light`
 
 
 class LightingSettings(Settings):
     """Settings of the `lighting` stage: light of at least 0 from all around, found before the albedo."""
+
+    moved = MappingProxyType({"sheen": "lighting.specular.remove"})
 
     lights: Literal["auto", "shared", "per-view"] = setting(
         "auto",
@@ -35,12 +39,6 @@ class LightingSettings(Settings):
         "none: two thirds of `moving_light`.",
         unit="typical difference of the logarithms",
         ge=0,
-    )
-    sheen: bool = setting(
-        True,
-        "One light for all views: whether the light's image in the surface, which is taken for a rough "
-        "mirror, is taken off where it explains how views differ: on all of it, or else on the paints where "
-        "it does. How views differ there then has a say in the light, too.",
     )
     samples: int = setting(
         20_000,
@@ -83,6 +81,20 @@ class LightingSettings(Settings):
         "1 on average, as under light that is found; `brightest` says how much bounces. fixed: its values "
         "are in the photos' unit (what is white, in light of 1 all around, has the value 1), so that the "
         "albedo is absolute.",
+    )
+    highlights: HighlightSettings = group(
+        HighlightSettings,
+        "One light for all views: what a view sees of its surface beyond what the others see of it is taken "
+        "off.",
+    )
+    dark_outliers: DarkOutlierSettings = group(
+        DarkOutlierSettings,
+        "One light for all views: pixels that most other views contradict, for they see the place far "
+        "brighter, are left out.",
+    )
+    specular: SpecularSettings = group(
+        SpecularSettings,
+        "One light for all views: specular reflection, the light's image in glossy surface.",
     )
 
     @field_validator("still_light")
