@@ -51,8 +51,8 @@ class Opened:
 def run(job: Job[LightingSettings]) -> None:
     """Open the views, find their light, save it, the shading, and what the pixels are worth.
 
-    Memory: some 400 B per masked pixel. Where sheen is looked for, 0.4 GB more at any size, and 0.2 GB for
-    the light's picture: of 256 directions, and as many times as much of more.
+    Memory: some 400 B per masked pixel. Where specular reflection is looked for, 0.4 GB more at any size, and
+    0.2 GB for the light's picture: of 256 directions, and as many times as much of more.
     """
     import numpy as np
 
@@ -181,7 +181,7 @@ def _note(
         lights_apart=round(found.apart, 3),
         spread_between_views=round(found.gains.spread, 4),
         brightening_between_views=round(found.brightening, 3),
-        sheen=[found.sheen.as_json()] if found.sheen else [],
+        specular=[found.specular.as_json()] if found.specular else [],
         **({} if found.reflectance is None else {"brightest": found.reflectance.as_json()}),
         untrusted_pixels=int(np.count_nonzero(~(trusted & found.observations.trusted))),
     )
@@ -227,8 +227,8 @@ def _write(
         around=around,
         image_scale=opened.scale,
         mean_shading=found.light.shading.mean(axis=0, dtype=np.float64) if absolute else np.ones(3),
-        sheen_strength=found.sheen.strength if found.sheen else np.zeros(3),
-        sheen_roughness=found.sheen.roughness if found.sheen else 0.0,
+        specular_strength=found.specular.strength if found.specular else np.zeros(3),
+        specular_roughness=found.specular.roughness if found.specular else 0.0,
         glossy=found.observations.glossy,
         trusted=trusted,
         brightest=found.brightest,
@@ -244,7 +244,7 @@ def _write(
 
 LIGHTING = Stage(
     name="lighting",
-    version=5,
+    version=6,
     about="The light of all views, its distance, gains and gloss, and what each pixel is worth under it.",
     settings=LightingSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),

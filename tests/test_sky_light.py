@@ -563,7 +563,7 @@ def test_everything_together_on_the_sphere(lit):
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
     found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW)
     assert found.light.light_of_view.max() == 0
-    assert found.light.sheen is None
+    assert found.light.specular is None
     assert np.allclose(found.light.light.shading.mean(axis=0), 1, atol=1e-3)
     assert error(found.albedo, albedo) < 0.25 * error(image, albedo)
     apart = replace(HOW, lighting=LightSharing("per-view", *MOVING))

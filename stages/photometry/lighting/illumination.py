@@ -85,10 +85,10 @@ class Illumination:
     disagreements : list of float
         Of all scenes; see `_best_explanation`.
     gains : ViewGains
-    sheen : SpecularReflection or None
+    specular : SpecularReflection or None
         That was found and taken off.
     brightening : float
-        Of the views, gains divided out, sheen and all.
+        Of the views, gains divided out, specular reflection and all.
     light_of_view : ndarray, shape (n,), int64
     apart : float
         How far the lights of the views are their own, 0 to 1.
@@ -109,7 +109,7 @@ class Illumination:
     scene: int
     disagreements: list[float]
     gains: ViewGains
-    sheen: SpecularReflection | None
+    specular: SpecularReflection | None
     brightening: float
     light_of_view: np.ndarray
     apart: float
@@ -184,24 +184,24 @@ def find_illumination(
         photos, scenes, far, how, settings.stage.specular.remove, reflectance is not None, step
     )
     scene = scenes[best]
-    sheen = None
+    specular = None
     if differences is not None:
-        sheen, found = photos.sheen(scene, found, differences, how, step) or (None, found)
-    glossy = float(differences is None if sheen is None else not sheen.glossy.all())
+        specular, found = photos.specular(scene, found, differences, how, step) or (None, found)
+    glossy = float(differences is None if specular is None else not specular.glossy.all())
     del differences  # many lobes
-    if sheen is not None:
-        photos = photos.without_specular(sheen, photos.mirror(scene, found))
-    if reflectance is not None and (best != 0 or sheen is not None):
+    if specular is not None:
+        photos = photos.without_specular(specular, photos.mirror(scene, found))
+    if reflectance is not None and (best != 0 or specular is not None):
         anew = _sought_anew(photos, scene, how)
         reflectance = _reflectance(photos, scene, found, how, anew, step)
         how, found = settings.reflecting(reflectance.value), reflectance.light
     finer, near = divided(scene, found)
-    if found is not far or sheen is not None or finer is not scene:
+    if found is not far or specular is not None or finer is not scene:
         scene, found = finer, photos.light(finer, how, step, near=near)
     if 0 < photos.apart < 1:
         own = as_seen.each_in_its_own_light()
         photos, found = mixed_with_own_lights(photos, own, scene, found, how, step)
-        sheen = sheen and replace(sheen, strength=(1 - photos.apart) * sheen.strength)
+        specular = specular and replace(specular, strength=(1 - photos.apart) * specular.strength)
     light = _scaled(found.radiance, photos.shading(scene, found) * of_pixel)
     return Illumination.of(
         photos,
@@ -212,7 +212,7 @@ def find_illumination(
         scene=best,
         disagreements=left,
         gains=gains,
-        sheen=sheen,
+        specular=specular,
         brightest=settings.brightest_by(reflectance),
         reflectance=reflectance,
     )
@@ -239,9 +239,9 @@ def illumination_by(
     search = photos.search(scene, how)
     turn_deg = turn_of(search, known, step)
     found = light_at(search, known, turn_deg)
-    sheen = photos.sheen_in(scene, found) if settings.stage.specular.remove else None
-    if sheen is not None:
-        photos = photos.without_specular(sheen, photos.mirror(scene, found))
+    specular = photos.specular_in(scene, found) if settings.stage.specular.remove else None
+    if specular is not None:
+        photos = photos.without_specular(specular, photos.mirror(scene, found))
     finer, _ = divided(scene, found)
     reflectance = None
     if known.scale is None and settings.reflectance_is_found:
@@ -252,7 +252,7 @@ def illumination_by(
 
         reflectance = _reflectance(photos, scene, found, how, under, step)
         how = settings.reflecting(reflectance.value)
-    if reflectance is not None or sheen is not None or finer is not scene:
+    if reflectance is not None or specular is not None or finer is not scene:
         scene, found = finer, light_at(photos.search(finer, how), known, turn_deg)
     step()
     shading = photos.shading(scene, found)
@@ -261,7 +261,7 @@ def illumination_by(
     else:
         unit = np.float32(known.scale)
         light = LightAndShading(found.radiance / unit, shading * of_pixel / unit)
-    glossy = float(not settings.stage.specular.remove if sheen is None else not sheen.glossy.all())
+    glossy = float(not settings.stage.specular.remove if specular is None else not specular.glossy.all())
     return Illumination.of(
         photos,
         scene,
@@ -271,7 +271,7 @@ def illumination_by(
         scene=0,
         disagreements=photos.disagreements([scene], [found], how),
         gains=gains,
-        sheen=sheen,
+        specular=specular,
         brightest=settings.brightest_by(reflectance) if known.scale is None else 0.0,
         turn_deg=turn_deg,
         reflectance=reflectance,
@@ -301,13 +301,13 @@ def _best_explanation(
     scenes: Sequence[LitScene],
     far: LightEstimate,
     how: LightSearchSettings,
-    sheen: bool,
+    specular: bool,
     gone_on: bool,
     step: Callable[[], None],
 ) -> tuple[int, list[float], LightEstimate, Differences | None]:
     """Which scene it is, what each leaves unexplained, and of that one the light and how views then differ.
 
-    `far`: the light of the first. No differences where no sheen is sought.
+    `far`: the light of the first. No differences where no specular reflection is sought.
 
     What pairs of like paint disagree by is told by the shading; how views differ, by highlights, which are a
     sharper witness of where light comes from, where there are some, and enough in every scene to tell. The
@@ -322,7 +322,7 @@ def _best_explanation(
 
     lights = [far, *map(as_long_sought, scenes[1:])]
     left = photos.disagreements(scenes, lights, how)
-    if not (sheen and photos.share_a_light):
+    if not (specular and photos.share_a_light):
         best = explained_best(left)
         return best, left, lights[best], None
     differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]

@@ -169,10 +169,10 @@ class Observations:
     def gloss(
         self, scene: LitScene, differences: Differences, found: LightEstimate
     ) -> tuple[SpecularReflection, Differences] | None:
-        """A first guess at the sheen, and how views of what has it differ; None where nothing is glossy.
+        """A first guess at the reflection, and how views of what has it differ; None where nothing is glossy.
 
-        Of all surface, if light in a mirror explains most of the differences; else of those paints whose
-        differences the light found explains in a mirror, though it is known by shading alone.
+        Of all surface, if light in a mirror explains most of the differences; else of those clusters of
+        albedo whose differences the light found explains in a mirror, though it is known by shading alone.
         """
         mirrored, light = differences.mirrored, found.radiance[0]
         if mirrored and mirrored.explains_most:
@@ -184,7 +184,7 @@ class Observations:
     def _gloss_of_paints(
         self, scene: LitScene, differences: Differences, found: LightEstimate
     ) -> tuple[SpecularReflection, Differences] | None:
-        """The sheen of those paints whose differences the light explains in a mirror; None if of none."""
+        """The reflection of those clusters whose differences light in a mirror explains; None if of none."""
         light = found.radiance[0]
         how, shading = self.settings.specular.clusters, self.shading(scene, found)
         paint = chromaticity_clusters(self.views, self.diffuse, shading, self.looks.trusted, how)
@@ -199,7 +199,7 @@ class Observations:
             return None
         return SpecularReflection(of_all.strength, of_all.roughness, of_all.left, glossy), own
 
-    def sheen(
+    def specular(
         self,
         scene: LitScene,
         found: LightEstimate,
@@ -207,35 +207,35 @@ class Observations:
         settings: LightSearchSettings,
         step: Callable[[], None],
     ) -> tuple[SpecularReflection, LightEstimate] | None:
-        """The sheen, and the light in which it and the paint are seen at once; None where nothing is glossy.
+        """Find specular reflection and the light at once; None where nothing is glossy.
 
         The mirror's light and that on the paint are one but for the mirror's strength. Differences alone do
         not tell all of it, nor do pairs while gloss is in what is seen; so they look for it together, and
-        what the sheen takes off the photos is found anew before each turn. Highlights are not compared until
-        the light is known: that costs more than a turn, and changes little.
+        what the reflection takes off the photos is found anew before each turn. Highlights are not compared
+        until the light is known: that costs more than a turn, and changes little.
         """
         gloss = self.gloss(scene, differences, found)
         if gloss is None:
             return None
-        sheen, own = gloss
-        mirror = own.in_mirror(sheen.roughness)
+        specular, own = gloss
+        mirror = own.in_mirror(specular.roughness)
         for _ in range(self.settings.specular.alternations):
             diffuse, _ = without_specular(
-                self.seen, sheen.image(self.mirror(scene, found)), self.settings.specular
+                self.seen, specular.image(self.mirror(scene, found)), self.settings.specular
             )
             search = replace(self, diffuse=diffuse).search(scene, settings)
-            light = light_in_gloss(search.objective(found), mirror, sheen.strength, found.radiance)
-            left, _ = mirror.left(sheen.strength * light[0])
+            light = light_in_gloss(search.objective(found), mirror, specular.strength, found.radiance)
+            left, _ = mirror.left(specular.strength * light[0])
             settled = search.settled(light, found)
             dimmed = light.sum() / max(settled.radiance.sum(), 1e-12)
-            sheen, found = replace(sheen, strength=sheen.strength * dimmed, left=left), settled
+            specular, found = replace(specular, strength=specular.strength * dimmed, left=left), settled
             step()
         how = self.settings.specular
-        most = how.differences.explained_residual if sheen.glossy.all() else how.cluster_residual
-        return (sheen, found) if sheen.left < most and self._likely(sheen.strength) else None
+        most = how.differences.explained_residual if specular.glossy.all() else how.cluster_residual
+        return (specular, found) if specular.left < most and self._likely(specular.strength) else None
 
-    def sheen_in(self, scene: LitScene, found: LightEstimate) -> SpecularReflection | None:
-        """The sheen under a light that is known: of all surface, else of some paints; None if of none."""
+    def specular_in(self, scene: LitScene, found: LightEstimate) -> SpecularReflection | None:
+        """Find the reflection of a known light: of all surface, else of some clusters; None if of none."""
         differences = self.differences(scene, found)
         whole = differences.strength(found.radiance[0])
         how = self.settings.specular
@@ -247,13 +247,13 @@ class Observations:
         gloss = self._gloss_of_paints(scene, differences, found)
         if gloss is None:
             return None
-        sheen, _ = gloss
-        return sheen if sheen.left < how.cluster_residual and self._likely(sheen.strength) else None
+        specular, _ = gloss
+        return specular if specular.left < how.cluster_residual and self._likely(specular.strength) else None
 
-    def without_specular(self, sheen: SpecularReflection, mirror: Mirror) -> Observations:
+    def without_specular(self, specular: SpecularReflection, mirror: Mirror) -> Observations:
         """The photos without it; what it hides in one view and not in another is no longer trusted."""
         how = self.settings.specular
-        seen, share = without_specular(self.seen, sheen.image(mirror), how)
+        seen, share = without_specular(self.seen, specular.image(mirror), how)
         looks = self.looks.without(highlights_of(self.views, share, self.looks.trusted, how))
         return replace(self, looks=looks, seen=seen, diffuse=self._without_highlights(looks, seen))
 

@@ -167,6 +167,11 @@ class ViewDifferenceSettings(Settings):
         ge=1,
         le=10_000,
     )
+    slope_tolerance: float = setting(
+        1e-5,
+        "They end where the slope by no radiance is larger.",
+        gt=0,
+    )
     reweighting_rounds: int = setting(
         10,
         "Rounds of iteratively reweighted least squares for the strength under a known light.",

@@ -110,9 +110,10 @@ class InMirror:
             return left + self.how.evenness * price, slope + self.how.evenness * own[0]
 
         start = np.full((self.lobes.shape[1], 3), 0.1 * float(np.abs(self.seen).mean()))
-        radiance = descend_above_zero(objective, start, self.how.max_iterations)
+        how = self.how
+        radiance = descend_above_zero(objective, start, how.max_iterations, how.slope_tolerance)
         left = self.left(radiance)[0]
-        return MirroredLight(radiance, self.roughness, left, left < self.how.explained_residual)
+        return MirroredLight(radiance, self.roughness, left, left < how.explained_residual)
 
     def strength(self, radiance: np.ndarray) -> MirrorStrength:
         """The strength k ≥ 0 for which ``Σ |seen − k H|`` is least, H of known light (M, 3).
