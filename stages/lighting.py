@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
     from stages.photometry.stack import StackedViews
-    from stages.photometry.transport.directional_transport import VisibilityProbes
     from stages.photometry.transport.lit_scenes import LitScene
+    from stages.photometry.transport.sky_visibility import VisibilityProbes
     from stages.scene.cameras import Camera
 
 GRAZING = 0.1  # cosine: more than 84° off its normal, surface shows mostly its neighbourhood
@@ -139,7 +139,7 @@ def _eyes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityProbe
     """Of the proxy's vertices, and the proxy in their way."""
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.geometry.occluders import Occluders
-    from stages.photometry.transport.directional_transport import VisibilityProbes
+    from stages.photometry.transport.sky_visibility import VisibilityProbes
 
     proxy = Occluders(Surface(stored.vertices, stored.faces), job.threads)
     return VisibilityProbes(

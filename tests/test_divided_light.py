@@ -15,13 +15,13 @@ from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.transport.directional_transport import (
     AROUND,
     Sphere,
-    VisibilityProbes,
     even_directions,
     honeycomb,
 )
 from stages.photometry.transport.environment import picture_of_light
 from stages.photometry.transport.light_priors import contrast
 from stages.photometry.transport.lit_scenes import LitScene
+from stages.photometry.transport.sky_visibility import VisibilityProbes
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import sphere_scene

@@ -18,6 +18,7 @@ from stages.photometry.lighting.observations import Observations, Viewing
 from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.shared_or_own_lights import LightSharing
 from stages.photometry.specular.chromaticity_clusters import chromaticity_clusters
+from stages.photometry.specular.ggx_lobes import lobes
 from stages.photometry.specular.highlights import Linked
 from stages.photometry.specular.specular_reflection import (
     Mirror,
@@ -143,8 +144,8 @@ def test_the_lobe_is_that_of_facets_and_smiths_shadowing(glossy, sphere):
 def test_lobes_are_what_the_mirrored_image_is_made_of(glossy):
     mirror = glossy[2]
     some = np.arange(0, len(mirror.towards), 31)
-    lobes = mirror.pixels.lobes(mirror.towards, ROUGHNESS, some)
-    assert np.allclose(lobes @ mirror.radiance, mirror.image(ROUGHNESS, some), rtol=1e-4)
+    of_directions = lobes(mirror.pixels, mirror.towards, ROUGHNESS, some)
+    assert np.allclose(of_directions @ mirror.radiance, mirror.image(ROUGHNESS, some), rtol=1e-4)
 
 
 def test_how_views_differ_tells_the_mirror_and_what_is_seen_in_it(glossy):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from stages.photometry.specular.ggx_lobes import mirrored_light
 from stages.photometry.specular.highlights import trusted_links
 from stages.photometry.specular.settings import SpecularSettings
 from stages.photometry.stack import StackedViews
@@ -60,8 +61,8 @@ class Mirror:
     towards: np.ndarray
 
     def image(self, roughness: float, points: np.ndarray) -> np.ndarray:
-        """H of chosen points, (n, 3), float32; see `DirectionalTransport.mirrored`."""
-        return self.pixels.mirrored(self.radiance, self.towards, roughness, points)
+        """H of chosen points, (n, 3), float32; see `mirrored_light`."""
+        return mirrored_light(self.pixels, self.radiance, self.towards, roughness, points)
 
 
 def without_specular(

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from stages.photometry.specular.ggx_lobes import lobes
 from stages.photometry.specular.settings import ViewDifferenceSettings
 from stages.photometry.stack import Pixels, StackedViews
 from stages.photometry.transport.directional_transport import DirectionalTransport
@@ -67,7 +68,7 @@ class InMirror:
     seen : ndarray, shape (L, 3), float32
         ``I_p − f I_q`` with ``f = S_p / S_q``, of the brightness.
     lobes : ndarray, shape (L, M), float32
-        ``m_p − f m_q``, m as `DirectionalTransport.lobes` has it: what light of each direction would add to
+        ``m_p − f m_q``, m of `ggx_lobes.lobes`: what light of each direction would add to
         `seen`.
     cells : ndarray, shape (M,)
         Share of all directions that each stands for.
@@ -183,9 +184,10 @@ class Differences:
         lit = (np.minimum(of_p, of_q) > least).all(axis=1) & (f < most) & (f > 1 / most)
         p, q, f = p[lit], q[lit], f[lit, None].astype(np.float32)
         apart = seen[p] - f * seen[q]
-        lobes = (pixels.lobes(towards, a, p) - f * pixels.lobes(towards, a, q) for a in how.roughnesses)
+        own_lobes = (lobes(pixels, towards, a, p) - f * lobes(pixels, towards, a, q) for a in how.roughnesses)
         mirrors = (
-            InMirror(a, apart, own, pixels.cells, how) for a, own in zip(how.roughnesses, lobes, strict=True)
+            InMirror(a, apart, own, pixels.cells, how)
+            for a, own in zip(how.roughnesses, own_lobes, strict=True)
         )
         return cls(p, q, tuple(mirrors), how)
 
