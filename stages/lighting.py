@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
     from stages.photometry.stack import StackedViews
-    from stages.photometry.transport.directional_transport import VisibilityProbes
     from stages.photometry.transport.lit_scenes import LitScene
+    from stages.photometry.transport.sky_visibility import VisibilityProbes
     from stages.scene.cameras import Camera
 
 
@@ -47,8 +47,8 @@ class Opened:
 def run(job: Job[LightingSettings]) -> None:
     """Open the views, find their light, save it, the shading, and what the pixels are worth.
 
-    Memory: some 400 B per masked pixel. Where sheen is looked for, 0.4 GB more at any size, and 0.2 GB for
-    the light's picture: of 256 directions, and as many times as much of more.
+    Memory: some 400 B per masked pixel. Where specular reflection is looked for, 0.4 GB more at any size, and
+    0.2 GB for the light's picture: of 256 directions, and as many times as much of more.
     """
     import numpy as np
 
@@ -83,10 +83,14 @@ def run(job: Job[LightingSettings]) -> None:
 
 def _steps(how: LightingSettings, scenes: int) -> int:
     """About as many steps as the search for the light has."""
-    from stages.photometry.lighting.observations import TURNS
 
     search = how.search
-    return len(search.scales) * (scenes + 1) + 2 * _tries(how) + TURNS + search.refined_scales
+    return (
+        len(search.scales) * (scenes + 1)
+        + 2 * _tries(how)
+        + how.specular.alternations
+        + search.refined_scales
+    )
 
 
 def _tries(how: LightingSettings) -> int:
@@ -146,7 +150,7 @@ def _eyes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityProbe
     """Of the proxy's vertices, and the proxy in their way."""
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.geometry.occluders import Occluders
-    from stages.photometry.transport.directional_transport import VisibilityProbes
+    from stages.photometry.transport.sky_visibility import VisibilityProbes
 
     proxy = Occluders(Surface(stored.vertices, stored.faces), job.threads)
     return VisibilityProbes(
@@ -180,7 +184,7 @@ def _note(
         lights_apart=round(found.apart, 3),
         spread_between_views=round(found.gains.spread, 4),
         brightening_between_views=round(found.brightening, 3),
-        sheen=[found.sheen.as_json()] if found.sheen else [],
+        specular=[found.specular.as_json()] if found.specular else [],
         **({} if found.reflectance is None else {"brightest": found.reflectance.as_json()}),
         untrusted_pixels=int(np.count_nonzero(~(trusted & found.observations.trusted))),
     )
@@ -226,8 +230,8 @@ def _write(
         around=around,
         image_scale=opened.scale,
         mean_shading=found.light.shading.mean(axis=0, dtype=np.float64) if absolute else np.ones(3),
-        sheen_strength=found.sheen.strength if found.sheen else np.zeros(3),
-        sheen_roughness=found.sheen.roughness if found.sheen else 0.0,
+        specular_strength=found.specular.strength if found.specular else np.zeros(3),
+        specular_roughness=found.specular.roughness if found.specular else 0.0,
         glossy=found.observations.glossy,
         trusted=trusted,
         brightest=found.brightest,
@@ -243,7 +247,7 @@ def _write(
 
 LIGHTING = Stage(
     name="lighting",
-    version=5,
+    version=6,
     about="The light of all views, its distance, gains and gloss, and what each pixel is worth under it.",
     settings=LightingSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),

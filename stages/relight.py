@@ -76,7 +76,7 @@ def _brightest(job: Job[RelightSettings]) -> float:
 
 RELIGHT = Stage(
     name="relight",
-    version=5,
+    version=6,
     about="The views under another light, from their albedo.",
     settings=RelightSettings,
     takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer", "light"),

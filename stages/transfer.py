@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.geometry.occluders import Occluders
-    from stages.photometry.transport.directional_transport import VisibilityProbes
+    from stages.photometry.transport.sky_visibility import VisibilityProbes
     from stages.photometry.transport.transfer_vectors import Occlusion
 
 
@@ -93,7 +93,7 @@ def run(job: Job[TransferSettings]) -> None:
     from stages.geometry.occluders import Occluders
     from stages.geometry.proxy import blend_of, roughness_of, short_edged_with_proxy
     from stages.geometry.rays import vertex_normals
-    from stages.photometry.transport.directional_transport import VisibilityProbes
+    from stages.photometry.transport.sky_visibility import VisibilityProbes
 
     settings = job.settings
     mesh = read_mesh(job.inputs["mesh"])

@@ -32,6 +32,11 @@ class BySky:
         """The same, but for some settings of the light, which are not checked."""
         return replace(self, light=self.light.model_copy(update=changes))
 
+    def with_specular(self, remove: bool) -> BySky:
+        """The same, but that specular reflection is looked for, or is not."""
+        specular = self.light.specular.model_copy(update={"remove": remove})
+        return self.with_light(specular=specular)
+
 
 @dataclass(frozen=True, eq=False)
 class FoundBySky:

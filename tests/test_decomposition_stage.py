@@ -258,9 +258,14 @@ def test_the_light_that_was_found_comes_back_bit_by_bit(tmp_path, radius):
         before, after = (getattr(one.around, name) for one in (light, found))
         assert np.array_equal(before, after) and before.dtype == after.dtype
     assert found.around.radius == radius
-    assert np.array_equal(found.sheen_strength, light.sheen_strength)
+    assert np.array_equal(found.specular_strength, light.specular_strength)
     assert np.array_equal(found.mean_shading, light.mean_shading)
-    assert (found.image_scale, found.sheen_roughness, found.glossy, found.trusted) == (0.7, 0.2, True, False)
+    assert (found.image_scale, found.specular_roughness, found.glossy, found.trusted) == (
+        0.7,
+        0.2,
+        True,
+        False,
+    )
 
 
 def test_what_is_no_light_is_refused_with_a_way_out(tmp_path):

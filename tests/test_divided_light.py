@@ -15,13 +15,13 @@ from stages.photometry.light_search.settings import RefinementSettings
 from stages.photometry.transport.directional_transport import (
     AROUND,
     Sphere,
-    VisibilityProbes,
     even_directions,
     honeycomb,
 )
 from stages.photometry.transport.environment import picture_of_light
 from stages.photometry.transport.light_priors import contrast
 from stages.photometry.transport.lit_scenes import LitScene
+from stages.photometry.transport.sky_visibility import VisibilityProbes
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import sphere_scene
@@ -186,11 +186,11 @@ def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is(under_a
     assert left[1] < 0.7 * left[0]
 
 
-@pytest.mark.parametrize("sheen", [False, True])
-def test_the_decomposition_divides_what_it_may_look_in(under_a_roof, sheen):
+@pytest.mark.parametrize("specular", [False, True])
+def test_the_decomposition_divides_what_it_may_look_in(under_a_roof, specular):
     views, sky, image, shading = under_a_roof
     channels, looked = list(image.T.copy()), looks(np.ones(len(image), bool))
-    how = HOW.with_light(lights="shared", sheen=sheen)
+    how = HOW.with_light(lights="shared").with_specular(specular)
     fine, coarse = (
         decompose_by_sky(views, channels, [scene], looked, how).light
         for scene in (sky, replace(sky, eyes=None))

@@ -82,7 +82,7 @@ def inputs(tmp_path_factory) -> dict[str, Path]:
     given = {
         "render": TINY | {"views": 2, "arc_deg": 20.0, "width_px": 32, "height_px": 40},
         "transfer": {"max_vertices": 2000},
-        "lighting": {"samples": 1000, "bounces": 0, "sheen": False},
+        "lighting": {"samples": 1000, "bounces": 0, "specular": {"remove": False}},
     }
     flow = stages.experiment({})
     return dict(results_of(flow, {}, given, workspace, "lighting", 2, Terminal()).paths)

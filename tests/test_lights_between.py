@@ -48,7 +48,7 @@ def test_a_light_between_lies_between_and_goes_over_into_both_ends(lit):  # noqa
     images = [np.ascontiguousarray(image[:, c], np.float32) for c in range(3)]
 
     def found(lights: str, still: float = 0.2, moving: float = 0.3):
-        how = HOW.with_light(lights=lights, still_light=still, moving_light=moving, sheen=False)
+        how = HOW.with_light(lights=lights, still_light=still, moving_light=moving).with_specular(False)
         light = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), how).light
         return light, light.light.shading
 

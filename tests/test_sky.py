@@ -14,9 +14,9 @@ from stages.photometry.transport.directional_transport import (
     Sphere,
     even_directions,
     offsets_in,
-    visible_directions,
 )
 from stages.photometry.transport.environment import directions_of_picture, picture_of_light
+from stages.photometry.transport.sky_visibility import visible_directions
 from tests.bowls import bowl
 
 COUNT = 1024

@@ -36,6 +36,7 @@ from stages.photometry.lighting.view_gains import view_gains
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.specular import highlights
 from stages.photometry.specular.highlights import Linked, brightening, darker_outliers, without_highlights
+from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSettings
 from stages.photometry.stack import StackedViews, stack_views
 from stages.photometry.transport.directional_transport import even_directions
 from stages.photometry.transport.lit_scenes import LitScene
@@ -577,7 +578,7 @@ def test_everything_together_on_the_sphere(lit):
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
     found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW)
     assert found.light.light_of_view.max() == 0
-    assert found.light.sheen is None
+    assert found.light.specular is None
     assert np.allclose(found.light.light.shading.mean(axis=0), 1, atol=1e-3)
     assert error(found.albedo, albedo) < 0.25 * error(image, albedo)
     apart = HOW.with_light(lights="per-view")
@@ -686,6 +687,17 @@ def test_clipped_pixels_have_no_say_about_the_light(lit):
     assert error(without, shading) < error(with_all, shading)
 
 
+HIGHLIGHTS, OUTLIERS = HighlightSettings(), DarkOutlierSettings()
+
+
+def linked_by(views: StackedViews, trusted: np.ndarray) -> Linked:
+    return Linked.of(views, trusted, HIGHLIGHTS)
+
+
+def cleaned(views: StackedViews, trusted: np.ndarray, image: np.ndarray) -> np.ndarray:
+    return without_highlights(linked_by(views, trusted), image, HIGHLIGHTS)
+
+
 def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
     views, _, albedo, shading, normals = lit
     image = photo_of(albedo, shading)
@@ -697,14 +709,14 @@ def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
     noise = 1 + 0.02 * rng.standard_normal(image.shape)
     glossy = (image * noise + highlight).astype(np.float32)
     everything = np.ones(len(image), bool)
-    clean = without_highlights(Linked.of(views, everything), glossy)
+    clean = cleaned(views, everything, glossy)
     assert np.all(clean <= glossy)
     lobe = linked & (highlight[:, 0] > 0.1)
     assert np.abs(np.mean(clean[lobe] - image[lobe])) < 0.3 * np.mean(highlight[lobe])
-    diffuse = without_highlights(Linked.of(views, everything), (image * noise).astype(np.float32))
+    diffuse = cleaned(views, everything, (image * noise).astype(np.float32))
     assert np.mean(np.abs(diffuse / (image * noise) - 1) < 1e-6) > 0.9
     alone = replace(views, links={pair: block for pair, block in views.links.items() if 0 not in pair})
-    assert np.array_equal(without_highlights(Linked.of(alone, everything), glossy)[first], glossy[first])
+    assert np.array_equal(cleaned(alone, everything, glossy)[first], glossy[first])
 
 
 def test_a_highlight_goes_without_leaving_a_colour_of_its_own(lit, monkeypatch):
@@ -714,32 +726,32 @@ def test_a_highlight_goes_without_leaving_a_colour_of_its_own(lit, monkeypatch):
     lobe = near_the_middle_of_the_first(lit, 20) & (np.arange(len(image)) < views.starts[1])
     image[lobe] *= 1.6
     channels = itertools.cycle([0.0, 0.2, 0.0])
-    monkeypatch.setattr(highlights, "_misfit", lambda _, excess: np.full(len(excess), next(channels)))
-    clean = without_highlights(Linked.of(views, everything), image)
+    monkeypatch.setattr(highlights, "_misfit", lambda _, excess, __: np.full(len(excess), next(channels)))
+    clean = cleaned(views, everything, image)
     taken = np.log((image + DARK) / (clean + DARK))[near_the_middle_of_the_first(lit, 10) & lobe]
     assert taken.mean() > 0.2
     assert np.ptp(taken.mean(axis=0)) < 0.15 * taken.mean()
 
 
-def with_sheen(lit) -> np.ndarray:
+def with_highlights(lit) -> np.ndarray:
     """The photos with a broad highlight in the middle of every view."""
     views, _, albedo, shading, normals = lit
-    sheen = photo_of(albedo, shading)
+    glossy = photo_of(albedo, shading)
     for view in range(views.view_count):
         own = views.view(view)
         towards = normals[own].mean(axis=0)
-        sheen[own] += 2 * np.maximum(normals[own] @ (towards / np.linalg.norm(towards)), 0)[:, None] ** 12
-    return sheen
+        glossy[own] += 2 * np.maximum(normals[own] @ (towards / np.linalg.norm(towards)), 0)[:, None] ** 12
+    return glossy
 
 
 def test_gloss_is_told_from_light_that_moves(lit):
     """Both make views differ; gloss only brightens, and few of the views of a place."""
-    views, sheen = lit[0], with_sheen(lit)
-    everything = np.ones(len(sheen), bool)
-    assert view_gains(views, sheen, everything, FEW.gains).spread > MOVING[-1]
-    assert brightening(Linked.of(views, everything), sheen) > 1.1
+    views, glossy = lit[0], with_highlights(lit)
+    everything = np.ones(len(glossy), bool)
+    assert view_gains(views, glossy, everything, FEW.gains).spread > MOVING[-1]
+    assert brightening(linked_by(views, everything), glossy) > 1.1
     alone = replace(views, links={})
-    assert brightening(Linked.of(alone, everything), sheen) == 1
+    assert brightening(linked_by(alone, everything), glossy) == 1
 
 
 def test_views_under_a_light_that_moves_have_one_each():
@@ -761,7 +773,7 @@ def test_glossy_views_have_one_light_and_firm_links(lit, monkeypatch):
         return albedo_under_light(*given)
 
     monkeypatch.setattr(sky_decomposition, "albedo_under_light", solve)
-    images = list(np.ascontiguousarray(with_sheen(lit).T))
+    images = list(np.ascontiguousarray(with_highlights(lit).T))
     found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW)
     assert found.light.gains.spread > MOVING[-1]
     assert found.light.light_of_view.max() == 0
@@ -782,7 +794,7 @@ def test_clipped_pixels_do_not_drag_down_those_that_see_better(lit):
     clipped[first] = np.minimum(image[first], 0.4)
     seen_well = ~(first[:, None] & (clipped == 0.4)).any(axis=1)
     dragged, dragged_by_clipped = (
-        np.mean(without_highlights(Linked.of(views, trusted), clipped)[~first] < 0.95 * image[~first])
+        np.mean(cleaned(views, trusted, clipped)[~first] < 0.95 * image[~first])
         for trusted in (seen_well, np.ones(len(image), bool))
     )
     assert dragged < 0.03
@@ -814,14 +826,14 @@ def test_a_place_that_one_photo_darkens_is_no_measure_and_darkens_no_other(lit, 
     views, everything, image = lit[0], np.ones(len(lit[2]), bool), photo_of(lit[2], lit[3])
     shadowed, place = darkened_in_the_first(lit, to)
     how = FEW.model_copy(update={"lights": "shared"})
-    linked = Linked.of(views, everything)
+    linked = linked_by(views, everything)
     photos = Observations.of(linked, looks(everything), shadowed, 0.0, how).in_one_light(linked)
     inside = place & near_the_middle_of_the_first(lit, 18) & linked_to_others(views)
     assert np.mean(photos.looks.trusted[inside]) < 0.1
     assert np.mean(photos.looks.trusted[~place]) > 0.99
     dragged, by_the_shadow = (
         np.mean(diffuse[~place] < 0.95 * image[~place])
-        for diffuse in (photos.diffuse, without_highlights(Linked.of(views, everything), shadowed))
+        for diffuse in (photos.diffuse, cleaned(views, everything, shadowed))
     )
     assert by_the_shadow > 0.3
     assert dragged < 0.2 * by_the_shadow
@@ -830,17 +842,17 @@ def test_a_place_that_one_photo_darkens_is_no_measure_and_darkens_no_other(lit, 
 def test_what_all_photos_show_black_is_believed(lit):
     image, inside = photo_of(lit[2], lit[3]), near_the_middle_of_the_first(lit, 18)
     image[near_the_middle_of_the_first(lit, 25)] = 0
-    linked = Linked.of(lit[0], np.ones(len(image), bool))
-    assert not darker_outliers(linked, image)[inside].any()
-    assert darker_outliers(linked, darkened_in_the_first(lit, 0.0)[0])[inside].any()
+    linked = linked_by(lit[0], np.ones(len(image), bool))
+    assert not darker_outliers(linked, image, OUTLIERS)[inside].any()
+    assert darker_outliers(linked, darkened_in_the_first(lit, 0.0)[0], OUTLIERS)[inside].any()
 
 
 def test_of_two_views_neither_is_outvoted(lit):
     shadowed, place = darkened_in_the_first(lit, SHADOW)
     views, everything = lit[0], np.ones(len(shadowed), bool)
     two = replace(views, links={(0, 1): views.links[0, 1]})
-    assert not darker_outliers(Linked.of(two, everything), shadowed).any()
-    assert darker_outliers(Linked.of(views, everything), shadowed)[place].any()
+    assert not darker_outliers(linked_by(two, everything), shadowed, OUTLIERS).any()
+    assert darker_outliers(linked_by(views, everything), shadowed, OUTLIERS)[place].any()
 
 
 def linked_to_others(views: StackedViews) -> np.ndarray:

@@ -97,7 +97,7 @@ TOUCHED = (
     ),
     Touched(
         "lighting",
-        "sheen",
+        "specular.remove",
         (False,),
         "fig6",
         "Whether the light's image in glossy surface is looked for, and taken off. Off, the light is found "

@@ -16,7 +16,7 @@ class AlbedoData:
     Attributes
     ----------
     seen : ndarray, shape (N, 3), float32
-        The photos without their sheen: what albedo and shading are to explain.
+        The photos without their specular reflection: what albedo and shading are to explain.
     diffuse : ndarray, shape (N, 3), float32
         Without highlights as well, where one light serves all views.
     trusted : ndarray, shape (N,), bool

@@ -38,7 +38,7 @@ class DecompositionSettings(Settings):
         {
             "lighting": "lighting.lights",
             "moving_light": "lighting.moving_light",
-            "sheen": "lighting.sheen",
+            "sheen": "lighting.specular.remove",
             "samples": "lighting.samples",
             "neutrality": "lighting.neutrality",
             "evenness": "lighting.evenness",

@@ -23,10 +23,10 @@ class StoredLight:
         What the images were divided by: light and shading are of the scaled images.
     mean_shading : ndarray, shape (3,)
         By the unit of the light, per channel: 1 unless it is that of the photos, which is known then.
-    sheen_strength : ndarray, shape (3,)
-        What the surface's mirror adds of the light, per channel; 0 where no sheen was found.
-    sheen_roughness : float
-        α of GGX; 0 where no sheen was found.
+    specular_strength : ndarray, shape (3,)
+        What the surface's mirror adds of the light, per channel; 0 where no specular reflection was found.
+    specular_roughness : float
+        α of GGX; 0 where no specular reflection was found.
     glossy : float
         How far there may be gloss of some paints, 0 to 1: they were found, or could not be looked for.
     trusted : bool
@@ -38,8 +38,8 @@ class StoredLight:
     around: LightAround
     image_scale: float
     mean_shading: np.ndarray
-    sheen_strength: np.ndarray
-    sheen_roughness: float
+    specular_strength: np.ndarray
+    specular_roughness: float
     glossy: float
     trusted: bool
     brightest: float
@@ -74,8 +74,8 @@ def read_light(path: Path) -> StoredLight:
                 ),
                 image_scale=file["image_scale"].item(),
                 mean_shading=file["mean_shading"],
-                sheen_strength=file["sheen_strength"],
-                sheen_roughness=file["sheen_roughness"].item(),
+                specular_strength=file["specular_strength"],
+                specular_roughness=file["specular_roughness"].item(),
                 glossy=file["glossy"].item(),
                 trusted=file["trusted"].item(),
                 brightest=file["brightest"].item(),

@@ -82,7 +82,7 @@ def appearance_of(
     grained = rise(patch_means(views, of_albedo / np.maximum(degree, 1)), own.textured_share)
     compared = trusted & (light > own.least_shading * np.median(light))
     quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # the same in any amount of light
-    excess = Linked.of(views, compared).excess(quotient)
+    excess = Linked.of(views, compared, own.patches).excess(quotient)
     agreed = _agreement(patch_means(views, excess), own)
     alike = agreed if glossy == 0 else _agreement(patch_means(views, np.abs(excess)), own)
     mixed = agreed + np.float32(glossy) * (alike - agreed)

@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import AfterValidator
 
 from pipeline import Settings, group, setting
+from stages.photometry.specular.settings import LinkedPatchSettings
 
 REFERENCE_SIDE_PX = 180.0  # of the views that every λ of `mode: transfer` is stated for: a unit, no choice
 
@@ -48,6 +49,9 @@ class AppearanceSettings(Settings):
         "Views are compared where there is more light than this: quotients by less are noise.",
         unit="of the median shading",
         ge=0,
+    )
+    patches: LinkedPatchSettings = group(
+        LinkedPatchSettings, "The squares whose linked pixels are compared between views."
     )
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stages.photometry.light_search.pair_loss_kernel import pair_losses
 from stages.photometry.light_search.pair_sampling import COLOUR, Pairs
 from stages.photometry.light_search.settings import LightSearchSettings, PairSettings
 from stages.photometry.transport.light_priors import colour_contrast, contrast
-from stages.photometry.transport.transport_kernels import pair_losses
 from stages.solvers.least_squares.non_negative import descend_above_zero
 
 

@@ -22,7 +22,7 @@ def light_in_gloss(
     Parameters
     ----------
     pairs : PairObjective
-        Of what is seen without the sheen, as it is known so far.
+        Of what is seen without specular reflection, as it is known so far.
     mirror : InMirror
         How views of the glossy surface differ.
     strength : ndarray, shape (3,)

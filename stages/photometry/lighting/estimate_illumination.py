@@ -1,4 +1,4 @@
-"""Estimation of light that is not known, of its distance, of gains of the views, and of their sheen."""
+"""Estimation of light that is not known, of its distance, of gains of the views, and of their specular."""
 
 from __future__ import annotations
 
@@ -98,16 +98,16 @@ def _with_reflectance(now: Explanation, step: Step) -> Explanation:
 
 
 def _at_best_distance(far: Explanation, scenes: Sequence[LitScene], step: Step) -> Explanation:
-    """Choose the distance of the light, and find the sheen, and the light by it, there.
+    """Choose the distance of the light, and find the specular, and the light by it, there.
 
-    The photos still have the sheen.
+    The photos still have the specular.
     """
     now, differences = _best_explanation(far, scenes, step)
     if differences is None:
         return now
-    found = now.photos.sheen(now.scene, now.light, differences, step)
-    sheen, light = found or (None, now.light)
-    return replace(now, light=light, sheen=sheen, sheen_sought=True)
+    found = now.photos.specular(now.scene, now.light, differences, step)
+    specular, light = found or (None, now.light)
+    return replace(now, light=light, specular=specular, specular_sought=True)
 
 
 def _best_explanation(
@@ -115,7 +115,7 @@ def _best_explanation(
 ) -> tuple[Explanation, Differences | None]:
     """Choose the scene whose light explains the photos best; how views differ under that light.
 
-    No differences where no sheen is sought.
+    No differences where no specular is sought.
 
     What pairs of like paint disagree by is told by the shading; how views differ, by highlights, which are a
     sharper witness of where light comes from, where there are some, and enough in every scene to tell. The
@@ -125,7 +125,7 @@ def _best_explanation(
     lights = [far.light, *(_light_as_long_sought(far, scene, step) for scene in scenes[1:])]
     left = photos.disagreements(scenes, lights)
     differences: list[Differences] = []
-    if how.sheen and photos.share_a_light:
+    if how.specular.remove and photos.share_a_light:
         differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
         left = _less_where_mirrored(left, differences)
     best = explained_best(left, how.distance)
@@ -163,8 +163,8 @@ def _mixed_with_own_lights(now: Explanation, as_seen: Observations, step: Step) 
         return now
     own = replace(as_seen, settings=now.photos.settings).each_in_its_own_light()
     photos, light = mixed_with_own_lights(now.photos, own, now.scene, now.light, step)
-    sheen = now.sheen and replace(now.sheen, strength=(1 - apart) * now.sheen.strength)
-    return replace(now, photos=photos, light=light, sheen=sheen)
+    specular = now.specular and replace(now.specular, strength=(1 - apart) * now.specular.strength)
+    return replace(now, photos=photos, light=light, specular=specular)
 
 
 def _unnoticed() -> None:

@@ -50,7 +50,7 @@ class PhotosWithGains:
             looks = replace(looks, trusted=np.ones_like(looks.trusted))
         gains = view_gains(views, image, looks.trusted, settings.gains)
         of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
-        linked = Linked.of(views, looks.trusted)
+        linked = Linked.of(views, looks.trusted, settings.highlights)
         as_seen = Observations.of(linked, looks, image / of_pixel, gains.spread, settings)
         return cls(as_seen, as_seen.as_lit(linked), gains, of_pixel)
 
@@ -62,13 +62,13 @@ class Explanation:
     Attributes
     ----------
     photos : Observations
-        What the light is found from: without the sheen that is known.
+        What the light is found from: without the specular that is known.
     scene : LitScene
         Under light from the distance that is taken.
     light : LightEstimate
-    sheen : SpecularReflection or None
-    sheen_sought : bool
-        Whether sheen was looked for.
+    specular : SpecularReflection or None
+    specular_sought : bool
+        Whether specular was looked for.
     reflectance : Reflectance or None
         Of the brightest material, where it is found.
     number : int
@@ -80,8 +80,8 @@ class Explanation:
     photos: Observations
     scene: LitScene
     light: LightEstimate
-    sheen: SpecularReflection | None = None
-    sheen_sought: bool = False
+    specular: SpecularReflection | None = None
+    specular_sought: bool = False
     reflectance: Reflectance | None = None
     number: int = 0
     disagreements: list[float] = field(default_factory=list)
@@ -89,15 +89,15 @@ class Explanation:
     @property
     def glossy(self) -> float:
         """How far there may be gloss of some paints, 0 to 1: it was found, or could not be looked for."""
-        of_paints = not self.sheen_sought if self.sheen is None else not self.sheen.glossy.all()
+        of_paints = not self.specular_sought if self.specular is None else not self.specular.glossy.all()
         return max(float(of_paints), self.photos.apart)  # lights of their own cannot be told from gloss
 
     def without_specular(self) -> Explanation:
-        """Take the sheen off the photos, if there is any."""
-        if self.sheen is None:
+        """Take the specular off the photos, if there is any."""
+        if self.specular is None:
             return self
         mirror = self.photos.mirror(self.scene, self.light)
-        return replace(self, photos=self.photos.without_specular(self.sheen, mirror))
+        return replace(self, photos=self.photos.without_specular(self.specular, mirror))
 
     def shading(self) -> np.ndarray:
         """Of all pixels, gains of the views divided out, (N, 3), float32."""
@@ -132,10 +132,10 @@ class Illumination:
     disagreements : list of float
         Of all scenes; see `explained_best`.
     gains : ViewGains
-    sheen : SpecularReflection or None
+    specular : SpecularReflection or None
         That was found and taken off.
     brightening : float
-        Of the views, gains divided out, sheen and all.
+        Of the views, gains divided out, specular and all.
     light_of_view : ndarray, shape (n,), int64
     apart : float
         How far the lights of the views are their own, 0 to 1.
@@ -156,7 +156,7 @@ class Illumination:
     scene: int
     disagreements: list[float]
     gains: ViewGains
-    sheen: SpecularReflection | None
+    specular: SpecularReflection | None
     brightening: float
     light_of_view: np.ndarray
     apart: float
@@ -183,7 +183,7 @@ class Illumination:
             scene=explained.number,
             disagreements=explained.disagreements,
             gains=photos.gains,
-            sheen=explained.sheen,
+            specular=explained.specular,
             brightening=own.brightening,
             light_of_view=own.light_of_view,
             apart=own.apart,

@@ -1,4 +1,4 @@
-"""Estimation of all but the light, which is known: its turn, gains of the views, and their sheen."""
+"""Estimation of all but the light, which is known: its turn, gains of the views, and their specular."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def illumination_by(
     search = lit.search(scene)
     turn_deg = turn_of(search, known, settings.known_light, step)
     turned = Explanation(lit, scene, light_at(search, known, turn_deg))
-    now = _with_sheen(turned).without_specular()
+    now = _with_specular(turned).without_specular()
     if known.scale is None and settings.reflectance_is_found:
         now = _with_reflectance(now, known, turn_deg, step)
     now = _in_finer_directions(now, known, turn_deg, now.photos is not lit)
@@ -63,11 +63,11 @@ def _with_scale_of(known: KnownLight, photos: Observations) -> Observations:
     return replace(photos, settings=photos.settings.model_copy(update={"brightest": None}))
 
 
-def _with_sheen(now: Explanation) -> Explanation:
-    """Find the sheen under the light, if it is asked for; the photos still have it."""
-    if not now.photos.settings.sheen:
+def _with_specular(now: Explanation) -> Explanation:
+    """Find the specular under the light, if it is asked for; the photos still have it."""
+    if not now.photos.settings.specular.remove:
         return now
-    return replace(now, sheen=now.photos.sheen_in(now.scene, now.light), sheen_sought=True)
+    return replace(now, specular=now.photos.specular_in(now.scene, now.light), specular_sought=True)
 
 
 def _with_reflectance(

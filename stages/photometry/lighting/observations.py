@@ -14,27 +14,18 @@ from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.shared_or_own_lights import weight_of_own_lights
 from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.specular.chromaticity_clusters import chromaticity_clusters
-from stages.photometry.specular.highlights import (
-    DARKENED,
-    Linked,
-    brightening,
-    darker_outliers,
-    without_highlights,
-)
+from stages.photometry.specular.highlights import Linked, brightening, darker_outliers, without_highlights
 from stages.photometry.specular.specular_reflection import (
     Mirror,
     SpecularReflection,
     highlights_of,
     without_specular,
 )
-from stages.photometry.specular.view_differences import MOST_EXPLAINED, Differences, MirrorStrength
+from stages.photometry.specular.view_differences import Differences, MirrorStrength
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
 
-NEVER = 10.0  # power of `DARKENED` that nothing in a photo reaches
-TURNS = 2  # of taking the sheen off and finding light and sheen together
-PAINT_GLOSSY = 0.98  # one strength, that knows less of the light, leaves no more of a paint's differences
-STRENGTHS = (0.01, 1.0)  # of a mirror: less is not seen, more is views too near one another to tell
+NEVER = 10.0  # power of `DarkOutlierSettings.ratio` that nothing in a photo reaches
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +82,13 @@ class Observations:
 
         The less weight one light has, the darker a place must be: lights of their own darken places, too.
         """
-        looks = self.looks.without(
-            darker_outliers(linked, self.seen, DARKENED ** min(1 / (1 - self.apart), NEVER))
-        )
-        return replace(
-            self, looks=looks, diffuse=without_highlights(Linked.of(self.views, looks.trusted), self.seen)
-        )
+        power = min(1 / (1 - self.apart), NEVER)
+        looks = self.looks.without(darker_outliers(linked, self.seen, self.settings.dark_outliers, power))
+        return replace(self, looks=looks, diffuse=self._without_highlights(looks, self.seen))
+
+    def _without_highlights(self, looks: Viewing, seen: np.ndarray) -> np.ndarray:
+        how = self.settings.highlights
+        return without_highlights(Linked.of(self.views, looks.trusted, how), seen, how)
 
     def each_in_its_own_light(self) -> Observations:
         """Take the photos as they are seen: neither shadows nor highlights can be told."""
@@ -136,18 +128,20 @@ class Observations:
 
     def differences(self, scene: LitScene, found: LightEstimate) -> Differences:
         """How views differ under the one light found, and how mirrors would make them differ."""
-        views, looks, pixels = self.views, self.looks, scene.pixels
-        return Differences.of(
-            views, self.seen, looks.trusted, looks.towards, pixels, lambda some: found.shading_at(scene, some)
-        )
+        views, looks, pixels, how = self.views, self.looks, scene.pixels, self.settings.specular.differences
+
+        def shading_at(some: np.ndarray) -> np.ndarray:
+            return found.shading_at(scene, some)
+
+        return Differences.of(views, self.seen, looks.trusted, looks.towards, pixels, shading_at, how)
 
     def gloss(
         self, scene: LitScene, differences: Differences, found: LightEstimate
     ) -> tuple[SpecularReflection, Differences] | None:
-        """A first guess at the sheen, and how views of what has it differ; None where nothing is glossy.
+        """A first guess at the reflection, and how views of what has it differ; None where nothing is glossy.
 
-        Of all surface, if light in a mirror explains most of the differences; else of those paints whose
-        differences the light found explains in a mirror, though it is known by shading alone.
+        Of all surface, if light in a mirror explains most of the differences; else of those clusters of
+        albedo whose differences the light found explains in a mirror, though it is known by shading alone.
         """
         mirrored, light = differences.mirrored, found.radiance[0]
         if mirrored and mirrored.explains_most:
@@ -159,13 +153,12 @@ class Observations:
     def _gloss_of_paints(
         self, scene: LitScene, differences: Differences, found: LightEstimate
     ) -> tuple[SpecularReflection, Differences] | None:
-        """The sheen of those paints whose differences the light explains in a mirror; None if of none."""
+        """The reflection of those clusters whose differences light in a mirror explains; None if of none."""
         light = found.radiance[0]
-        paint = chromaticity_clusters(
-            self.views, self.diffuse, self.shading(scene, found), self.looks.trusted
-        )
+        how, shading = self.settings.specular.clusters, self.shading(scene, found)
+        paint = chromaticity_clusters(self.views, self.diffuse, shading, self.looks.trusted, how)
         of_paint = (paint == number for number in range(int(paint.max()) + 1))
-        shown = [own for own in of_paint if _shows(differences.within(own).strength(light))]
+        shown = [own for own in of_paint if self._shows(differences.within(own).strength(light))]
         if not shown:
             return None
         glossy = np.any(shown, axis=0)
@@ -175,69 +168,76 @@ class Observations:
             return None
         return SpecularReflection(of_all.strength, of_all.roughness, of_all.left, glossy), own
 
-    def sheen(
+    def specular(
         self,
         scene: LitScene,
         found: LightEstimate,
         differences: Differences,
         step: Callable[[], None],
     ) -> tuple[SpecularReflection, LightEstimate] | None:
-        """The sheen, and the light in which it and the paint are seen at once; None where nothing is glossy.
+        """Find specular reflection and the light at once; None where nothing is glossy.
 
         The mirror's light and that on the paint are one but for the mirror's strength. Differences alone do
         not tell all of it, nor do pairs while gloss is in what is seen; so they look for it together, and
-        what the sheen takes off the photos is found anew before each turn. Highlights are not compared until
-        the light is known: that costs more than a turn, and changes little.
+        what the reflection takes off the photos is found anew before each turn. Highlights are not compared
+        until the light is known: that costs more than a turn, and changes little.
         """
         gloss = self.gloss(scene, differences, found)
         if gloss is None:
             return None
-        sheen, own = gloss
-        mirror = own.in_mirror(sheen.roughness)
-        for _ in range(TURNS):
-            diffuse, _ = without_specular(self.seen, sheen.image(self.mirror(scene, found)))
+        specular, own = gloss
+        mirror = own.in_mirror(specular.roughness)
+        for _ in range(self.settings.specular.alternations):
+            diffuse, _ = without_specular(
+                self.seen, specular.image(self.mirror(scene, found)), self.settings.specular
+            )
             search = replace(self, diffuse=diffuse).search(scene)
             objective, start = search.objective(found), found.radiance
-            light = light_in_gloss(objective, mirror, sheen.strength, start, self.settings)
-            left, _ = mirror.left(sheen.strength * light[0])
+            light = light_in_gloss(objective, mirror, specular.strength, start, self.settings)
+            left, _ = mirror.left(specular.strength * light[0])
             settled = search.settled(light, found)
             dimmed = light.sum() / max(settled.radiance.sum(), 1e-12)
-            sheen, found = replace(sheen, strength=sheen.strength * dimmed, left=left), settled
+            specular, found = replace(specular, strength=specular.strength * dimmed, left=left), settled
             step()
-        explains = sheen.left < (MOST_EXPLAINED if sheen.glossy.all() else PAINT_GLOSSY)
-        return (sheen, found) if explains and _likely(sheen.strength) else None
+        how = self.settings.specular
+        most = how.differences.explained_residual if specular.glossy.all() else how.cluster_residual
+        return (specular, found) if specular.left < most and self._likely(specular.strength) else None
 
-    def sheen_in(self, scene: LitScene, found: LightEstimate) -> SpecularReflection | None:
-        """The sheen under a light that is known: of all surface, else of some paints; None if of none."""
+    def specular_in(self, scene: LitScene, found: LightEstimate) -> SpecularReflection | None:
+        """Find the reflection of a known light: of all surface, else of some clusters; None if of none."""
         differences = self.differences(scene, found)
         whole = differences.strength(found.radiance[0])
-        if whole is not None and whole.left < MOST_EXPLAINED and _likely(whole.strength):
+        how = self.settings.specular
+        explained = whole is not None and whole.left < how.differences.explained_residual
+        if whole is not None and explained and self._likely(whole.strength):
             return SpecularReflection(
                 whole.strength, whole.roughness, whole.left, np.ones(len(self.seen), bool)
             )
         gloss = self._gloss_of_paints(scene, differences, found)
         if gloss is None:
             return None
-        sheen, _ = gloss
-        return sheen if sheen.left < PAINT_GLOSSY and _likely(sheen.strength) else None
+        specular, _ = gloss
+        return specular if specular.left < how.cluster_residual and self._likely(specular.strength) else None
 
-    def without_specular(self, sheen: SpecularReflection, mirror: Mirror) -> Observations:
+    def without_specular(self, specular: SpecularReflection, mirror: Mirror) -> Observations:
         """The photos without it; what it hides in one view and not in another is no longer trusted."""
-        seen, share = without_specular(self.seen, sheen.image(mirror))
-        looks = self.looks.without(highlights_of(self.views, share, self.looks.trusted))
-        diffuse = without_highlights(Linked.of(self.views, looks.trusted), seen)
-        return replace(self, looks=looks, seen=seen, diffuse=diffuse)
+        how = self.settings.specular
+        seen, share = without_specular(self.seen, specular.image(mirror), how)
+        looks = self.looks.without(highlights_of(self.views, share, self.looks.trusted, how))
+        return replace(self, looks=looks, seen=seen, diffuse=self._without_highlights(looks, seen))
 
     def mirror(self, scene: LitScene, found: LightEstimate) -> Mirror:
         """What the one light found would show in the surface."""
         return Mirror(scene.pixels, found.radiance[0], self.looks.towards)
 
+    def _shows(self, fit: MirrorStrength | None) -> bool:
+        """Whether a cluster of albedo is specular."""
+        return (
+            fit is not None
+            and fit.left < self.settings.specular.cluster_residual
+            and self._likely(fit.strength)
+        )
 
-def _shows(fit: MirrorStrength | None) -> bool:
-    """Whether a paint is glossy."""
-    return fit is not None and fit.left < PAINT_GLOSSY and _likely(fit.strength)
-
-
-def _likely(strength: np.ndarray) -> bool:
-    weakest, strongest = STRENGTHS
-    return bool(weakest < strength.max() < strongest)
+    def _likely(self, strength: np.ndarray) -> bool:
+        how = self.settings.specular
+        return bool(how.min_strength < strength.max() < how.max_strength)

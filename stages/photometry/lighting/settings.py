@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import Literal
 
 from pydantic import ValidationInfo, field_validator, model_validator
 
 from pipeline import Settings, UserError, group, setting
 from stages.photometry.light_search.settings import LightSearchSettings
+from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSettings, SpecularSettings
 from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
 
 STILL = 2 / 3  # of `moving_light`: `still_light` by default
@@ -137,6 +139,8 @@ class KnownLightSettings(Settings):
 class LightingSettings(LightSearchSettings):
     """Settings of the `lighting` stage: light of at least 0 from all around, found before the albedo."""
 
+    moved = MappingProxyType({"sheen": "lighting.specular.remove"})
+
     lights: Literal["auto", "shared", "per-view"] = setting(
         "auto",
         "shared: one light for all views, with a gain per view and channel. per-view: a light each, as when "
@@ -158,12 +162,6 @@ class LightingSettings(LightSearchSettings):
         "none: two thirds of `moving_light`.",
         unit="typical difference of the logarithms",
         ge=0,
-    )
-    sheen: bool = setting(
-        True,
-        "One light for all views: whether the light's image in the surface, which is taken for a rough "
-        "mirror, is taken off where it explains how views differ: on all of it, or else on the paints where "
-        "it does. How views differ there then has a say in the light, too.",
     )
     known_turn_deg: float | None = setting(
         None,
@@ -194,6 +192,20 @@ class LightingSettings(LightSearchSettings):
     )
     known_light: KnownLightSettings = group(
         KnownLightSettings, "`--known-light`: the search for the turn of its picture about the vertical."
+    )
+    highlights: HighlightSettings = group(
+        HighlightSettings,
+        "One light for all views: what a view sees of its surface beyond what the others see of it is taken "
+        "off.",
+    )
+    dark_outliers: DarkOutlierSettings = group(
+        DarkOutlierSettings,
+        "One light for all views: pixels that most other views contradict, for they see the place far "
+        "brighter, are left out.",
+    )
+    specular: SpecularSettings = group(
+        SpecularSettings,
+        "One light for all views: specular reflection, the light's image in glossy surface.",
     )
     upright_within_deg: float = UPRIGHT_WITHIN_DEG
 

@@ -1,47 +1,43 @@
-"""Paints: which pixels have about the same albedo, as far as it is known before it is sought."""
+"""Clusters of pixels that have about the same albedo, as far as it is known before it is sought."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.cluster.vq import kmeans, vq
 
+from stages.photometry.specular.settings import ClusterSettings
 from stages.photometry.stack import StackedViews
-
-PALETTE = 10  # paints at most; more would part one where light is a little wrong
-BRIGHTNESS = 0.2  # of a step of colour: how much one of brightness counts, which light may feign
-FLOOR = 0.04  # of the typical brightness, under the logarithms
-DARK = 0.01  # of the scaled shading: a quotient by less says nothing
-SEEDS = 20_000  # pixels that the palette is made from, or up to twice as many
-DRAWS = 5  # of the palette; the best one counts
 
 
 def chromaticity_clusters(
-    views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray
+    views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, how: ClusterSettings
 ) -> np.ndarray:
-    """Number the paint of every pixel, (N,), int32, below `PALETTE`.
+    """Number the cluster of albedo that every pixel belongs to, (N,), int32, below `ClusterSettings.count`.
 
     Parameters
     ----------
     views : StackedViews
     image, shading : ndarray, shape (N, 3)
     trusted : ndarray, shape (N,), bool
-        At least one; others have the paint of what they are linked to, or any.
+        At least one; others have the cluster of what they are linked to, or any.
+    how : ClusterSettings
 
     Notes
     -----
-    k-means of ``(b/5, log R/G, log B/G)``, b the mean logarithm, of what a pixel and all that it is linked to
-    make of the albedo together, so that a highlight in one view is no paint of its own.
+    k-means of ``(w b, log R/G, log B/G)``, b the mean logarithm, w `brightness_weight`, of what a pixel and
+    all that it is linked to make of the albedo together, so that a highlight in one view is no cluster of its
+    own.
     """
-    albedo = _albedo_seen_together(views, image, shading, trusted)
-    colours = _colours(albedo, float(np.median(albedo[trusted].mean(axis=1))))
+    albedo = _albedo_seen_together(views, image, shading, trusted, how.min_shading)
+    colours = _colours(albedo, float(np.median(albedo[trusted].mean(axis=1))), how)
     seeds = colours[trusted]
-    seeds = seeds[:: max(1, len(seeds) // SEEDS)]
-    palette, _ = kmeans(seeds, min(PALETTE, len(seeds)), iter=DRAWS, rng=0)
+    seeds = seeds[:: max(1, len(seeds) // how.samples)]
+    palette, _ = kmeans(seeds, min(how.count, len(seeds)), iter=how.runs, rng=0)
     return vq(colours, palette)[0].astype(np.int32)
 
 
 def _albedo_seen_together(
-    views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray
+    views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, min_shading: float
 ) -> np.ndarray:
     """All light that a pixel and its like in other views send, by all that they are lit by, (N, 3)."""
     own = np.concatenate([np.maximum(image, 0), shading], axis=1) * trusted[:, None]
@@ -49,10 +45,10 @@ def _albedo_seen_together(
     for (i, j), block in views.links.items():
         together[views.view(i)] += block @ own[views.view(j)]
         together[views.view(j)] += block.T @ own[views.view(i)]
-    return together[:, :3] / np.maximum(together[:, 3:], DARK)
+    return together[:, :3] / np.maximum(together[:, 3:], min_shading)
 
 
-def _colours(albedo: np.ndarray, typical: float) -> np.ndarray:
-    floor = FLOOR * max(typical, 1e-6)
+def _colours(albedo: np.ndarray, typical: float, how: ClusterSettings) -> np.ndarray:
+    floor = how.log_floor * max(typical, 1e-6)
     red, green, blue = np.log(albedo.astype(np.float64) + floor).T
-    return np.stack([BRIGHTNESS * (red + green + blue) / 3, red - green, blue - green], axis=1)
+    return np.stack([how.brightness_weight * (red + green + blue) / 3, red - green, blue - green], axis=1)

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from stages.photometry.specular.ggx_lobes import mirrored_light
 from stages.photometry.specular.highlights import trusted_links
+from stages.photometry.specular.settings import SpecularSettings
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.directional_transport import DirectionalTransport
-
-KEPT = 0.2  # of the image, at least: highlights that lie a little beside where they are expected
-DARK = 0.01  # of the scaled image: the sheen's share in less says nothing
-HIGHLIGHT, BRIGHTER = 0.25, 3.0  # of a pixel's brightness; of what any other view has there
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +26,7 @@ class SpecularReflection:
     roughness : float
         α.
     left : float
-        What it leaves of the differences between the views of that surface: 1 would be no sheen.
+        What it leaves of the differences between the views of that surface: 1 would be no reflection.
     glossy : ndarray, shape (N,), bool
         Which pixels show that surface.
     """
@@ -39,7 +37,7 @@ class SpecularReflection:
     glossy: np.ndarray
 
     def image(self, mirror: Mirror) -> np.ndarray:
-        """What the sheen adds to the image, (N, 3), float32."""
+        """What the reflection adds to the image, (N, 3), float32."""
         added, own = np.zeros((len(self.glossy), 3), np.float32), np.flatnonzero(self.glossy)
         added[own] = self.strength.astype(np.float32) * mirror.image(self.roughness, own)
         return added
@@ -63,23 +61,27 @@ class Mirror:
     towards: np.ndarray
 
     def image(self, roughness: float, points: np.ndarray) -> np.ndarray:
-        """H of chosen points, (n, 3), float32; see `DirectionalTransport.mirrored`."""
-        return self.pixels.mirrored(self.radiance, self.towards, roughness, points)
+        """H of chosen points, (n, 3), float32; see `mirrored_light`."""
+        return mirrored_light(self.pixels, self.radiance, self.towards, roughness, points)
 
 
-def without_specular(seen: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The image without its sheen, (N, 3), nowhere above it; the sheen's share of the brightness, (N,).
+def without_specular(
+    seen: np.ndarray, added: np.ndarray, how: SpecularSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Take specular reflection off an image, (N, 3), never adding to it; also tell its share, (N,).
 
-    `added` is what the sheen adds, (N, 3), float32.
+    The share is that of the brightness. `added` is what the reflection adds, (N, 3), float32.
     """
-    share = added.mean(axis=1) / np.maximum(seen.mean(axis=1), DARK)
-    return np.maximum(seen - added, np.minimum(seen, KEPT * seen)), share
+    share = added.mean(axis=1) / np.maximum(seen.mean(axis=1), how.min_brightness)
+    return np.maximum(seen - added, np.minimum(seen, how.kept_share * seen)), share
 
 
-def highlights_of(views: StackedViews, share: np.ndarray, trusted: np.ndarray) -> np.ndarray:
-    """Pixels whose sheen has so large a share that another view, which has far less, knows better, (N,)."""
+def highlights_of(
+    views: StackedViews, share: np.ndarray, trusted: np.ndarray, how: SpecularSettings
+) -> np.ndarray:
+    """Find pixels with so large a specular share that another view, of far less, knows better, (N,)."""
     least = np.full(len(share), np.inf, np.float32)
     for one, other in trusted_links(views, trusted):
         for own, there in ((one, other), (other, one)):
             np.minimum.at(least, own, share[there])
-    return (share > HIGHLIGHT) & (share > BRIGHTER * least)
+    return (share > how.highlight_share) & (share > how.highlight_ratio * least)

@@ -8,26 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
+from stages.photometry.specular.ggx_lobes import lobes
+from stages.photometry.specular.settings import ViewDifferenceSettings
 from stages.photometry.stack import Pixels, StackedViews
 from stages.photometry.transport.directional_transport import DirectionalTransport
 from stages.photometry.transport.light_priors import contrast
 from stages.solvers.least_squares.non_negative import descend_above_zero
-
-ROUGHNESSES = (0.15, 0.2, 0.3)  # α of GGX: a sharper lobe falls between 256 directions
-MIDDLE = 1  # of them: what it hardly explains no other does
-LINKS = 15_000  # that are looked at, or up to twice as many
-FEWEST = 200  # of them for one strength: what fewer differ by is as well explained by chance
-FEWEST_PER_DIRECTION = 10  # of them for a light of its own: as many numbers per channel explain noise
-TOLD_APART = 256  # directions, at most, by lobes of these roughnesses
-LIT = 0.1  # of the mean shading, per channel: what a link's ends have at least
-ALIKE = 5.0  # times: what one end is lit by more than the other where they show the same surface
-NOISE = 0.02  # of the scaled image: differences below this count by their square
-SOME = 1e-3  # of `NOISE`: views that differ by less, typically, do not differ
-EVENNESS = 1e-3  # price of light that differs from direction to direction, where views do not tell
-STEPS = 60  # of the descent
-MOST_EXPLAINED = 0.7  # of the differences: light that leaves no more is that of a surface glossy all over
-HARDLY = 0.9  # of the differences: where the middle mirror leaves more, the others are not asked
-ROUNDS = 10  # of reweighting
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +28,14 @@ class MirroredLight:
         α.
     left : float
         What it leaves of the differences: 1 where it explains nothing.
+    explains_most : bool
+        Whether the surface is specular all over.
     """
 
     radiance: np.ndarray
     roughness: float
     left: float
-
-    @property
-    def explains_most(self) -> bool:
-        """Whether the surface is glossy all over."""
-        return self.left < MOST_EXPLAINED
+    explains_most: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,31 +68,35 @@ class InMirror:
     seen : ndarray, shape (L, 3), float32
         ``I_p − f I_q`` with ``f = S_p / S_q``, of the brightness.
     lobes : ndarray, shape (L, M), float32
-        ``m_p − f m_q``, m as `DirectionalTransport.lobes` has it: what light of each direction would add to
+        ``m_p − f m_q``, m of `ggx_lobes.lobes`: what light of each direction would add to
         `seen`.
     cells : ndarray, shape (M,)
         Share of all directions that each stands for.
+    how : ViewDifferenceSettings
     """
 
     roughness: float
     seen: np.ndarray
     lobes: np.ndarray
     cells: np.ndarray
+    how: ViewDifferenceSettings
 
     def left(self, radiance: np.ndarray) -> tuple[float, np.ndarray]:
         """What light (M, 3) in the mirror leaves, of 1 where it is dark, and the slope by the light.
 
-        ``Σ (√(d² + 0.02²) − 0.02)``, d what is not explained, over the same of what is seen.
+        ``Σ (√(d² + ε²) − ε)``, d what is not explained, ε the `noise`, over the same of what is seen.
         """
+        noise = self.how.noise
         off = self.seen - self.lobes @ radiance.astype(np.float32)
-        root = np.sqrt(off**2 + NOISE**2, dtype=np.float32)
-        left = float((root - NOISE).sum(dtype=np.float64))
+        root = np.sqrt(off**2 + noise**2, dtype=np.float32)
+        left = float((root - noise).sum(dtype=np.float64))
         slope = -(self.lobes.T @ (off / root)) / self._all
         return left / self._all, slope.astype(np.float64)
 
     @cached_property
     def _all(self) -> float:
-        size = np.sqrt(self.seen**2 + NOISE**2, dtype=np.float32) - NOISE
+        noise = self.how.noise
+        size = np.sqrt(self.seen**2 + noise**2, dtype=np.float32) - noise
         return max(float(size.sum(dtype=np.float64)), 1e-12)
 
     def light(self) -> MirroredLight:
@@ -120,11 +108,13 @@ class InMirror:
         def objective(radiance: np.ndarray) -> tuple[float, np.ndarray]:
             left, slope = self.left(radiance)
             price, own = contrast(radiance[None], self.cells)
-            return left + EVENNESS * price, slope + EVENNESS * own[0]
+            return left + self.how.evenness * price, slope + self.how.evenness * own[0]
 
         start = np.full((self.lobes.shape[1], 3), 0.1 * float(np.abs(self.seen).mean()))
-        radiance = descend_above_zero(objective, start, STEPS)
-        return MirroredLight(radiance, self.roughness, self.left(radiance)[0])
+        how = self.how
+        radiance = descend_above_zero(objective, start, how.max_iterations, how.slope_tolerance)
+        left = self.left(radiance)[0]
+        return MirroredLight(radiance, self.roughness, left, left < how.explained_residual)
 
     def strength(self, radiance: np.ndarray) -> MirrorStrength:
         """The strength k ≥ 0 for which ``Σ |seen − k H|`` is least, H of known light (M, 3).
@@ -133,10 +123,10 @@ class InMirror:
         """
         mirrored = self.lobes @ radiance.astype(np.float32)
         weight = np.ones_like(self.seen)
-        for _ in range(ROUNDS):
+        for _ in range(self.how.reweighting_rounds):
             squares = np.maximum((weight * mirrored**2).sum(axis=0), 1e-12)
             strength = np.maximum((weight * self.seen * mirrored).sum(axis=0) / squares, 0)
-            weight = 1 / np.maximum(np.abs(self.seen - strength * mirrored), NOISE / 2)
+            weight = 1 / np.maximum(np.abs(self.seen - strength * mirrored), self.how.noise / 2)
         before, after = np.abs(self.seen).sum(), np.abs(self.seen - strength * mirrored).sum()
         return MirrorStrength(strength, self.roughness, float(after / before) if before > 0 else 1.0)
 
@@ -150,12 +140,14 @@ class Differences:
     p, q : ndarray, shape (L,)
         Pixels.
     mirrors : tuple of InMirror
-        Of `ROUGHNESSES`.
+        Of `ViewDifferenceSettings.roughnesses`.
+    how : ViewDifferenceSettings
     """
 
     p: np.ndarray
     q: np.ndarray
     mirrors: tuple[InMirror, ...]
+    how: ViewDifferenceSettings
 
     @classmethod
     def of(
@@ -166,6 +158,7 @@ class Differences:
         towards: np.ndarray,
         pixels: DirectionalTransport,
         shading_at: Callable[[np.ndarray], np.ndarray],
+        how: ViewDifferenceSettings,
     ) -> Differences:
         """Along some of the links between pixels that are trusted, and lit in every channel.
 
@@ -181,25 +174,28 @@ class Differences:
         shading_at : callable
             Of chosen pixels by that light, as far as it is known: both ends of a link show one point, and
             are lit about alike by any light.
+        how : ViewDifferenceSettings
         """
-        p, q = some_links(views, trusted, LINKS)
+        p, q = some_links(views, trusted, how.links)
         of_p, of_q = shading_at(p), shading_at(q)
-        least = LIT * (of_p.mean(axis=0) + of_q.mean(axis=0)) / 2 if p.size else 0.0
+        least = how.min_shading * (of_p.mean(axis=0) + of_q.mean(axis=0)) / 2 if p.size else 0.0
         f = of_p.mean(axis=1) / np.maximum(of_q.mean(axis=1), 1e-12)
-        lit = (np.minimum(of_p, of_q) > least).all(axis=1) & (f < ALIKE) & (f > 1 / ALIKE)
+        most = how.max_shading_ratio
+        lit = (np.minimum(of_p, of_q) > least).all(axis=1) & (f < most) & (f > 1 / most)
         p, q, f = p[lit], q[lit], f[lit, None].astype(np.float32)
         apart = seen[p] - f * seen[q]
+        own_lobes = (lobes(pixels, towards, a, p) - f * lobes(pixels, towards, a, q) for a in how.roughnesses)
         mirrors = (
-            InMirror(a, apart, pixels.lobes(towards, a, p) - f * pixels.lobes(towards, a, q), pixels.cells)
-            for a in ROUGHNESSES
+            InMirror(a, apart, own, pixels.cells, how)
+            for a, own in zip(how.roughnesses, own_lobes, strict=True)
         )
-        return cls(p, q, tuple(mirrors))
+        return cls(p, q, tuple(mirrors), how)
 
     def within(self, glossy: np.ndarray) -> Differences:
         """Those with both ends among some of the pixels, (N,) bool."""
         both = glossy[self.p] & glossy[self.q]
         mirrors = (replace(each, seen=each.seen[both], lobes=each.lobes[both]) for each in self.mirrors)
-        return Differences(self.p[both], self.q[both], tuple(mirrors))
+        return Differences(self.p[both], self.q[both], tuple(mirrors), self.how)
 
     @cached_property
     def mirrored(self) -> MirroredLight | None:
@@ -207,12 +203,12 @@ class Differences:
 
         None where there are too few to tell, or views do not differ.
         """
-        middle = self.mirrors[MIDDLE]
-        enough = FEWEST_PER_DIRECTION * min(middle.lobes.shape[1], TOLD_APART)
-        if self.p.size < enough or np.abs(middle.seen).mean() < SOME * NOISE:
+        how, middle = self.how, self.mirrors[self.how.middle_roughness]
+        enough = how.min_links_per_direction * min(middle.lobes.shape[1], how.resolved_directions)
+        if self.p.size < enough or np.abs(middle.seen).mean() < how.min_difference * how.noise:
             return None
         found = middle.light()
-        if found.left >= HARDLY:
+        if found.left >= how.hopeless_residual:
             return found
         others = (mirror.light() for mirror in self.mirrors if mirror is not middle)
         return min((found, *others), key=lambda light: light.left)
@@ -222,13 +218,13 @@ class Differences:
 
         Three numbers instead of the hundreds of `mirrored`: for paints with few links.
         """
-        if self.p.size < FEWEST:
+        if self.p.size < self.how.min_links:
             return None
         found = (mirror.strength(radiance) for mirror in self.mirrors)
         return min(found, key=lambda fit: fit.left)
 
     def in_mirror(self, roughness: float) -> InMirror:
-        """That of one of `ROUGHNESSES`."""
+        """That of one of the roughnesses."""
         return next(mirror for mirror in self.mirrors if mirror.roughness == roughness)
 
 

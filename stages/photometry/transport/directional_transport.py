@@ -1,29 +1,18 @@
-"""Light from many directions all around, and how much of each reaches points that know what they can see."""
+"""Light from many directions all around, and how much of each reaches points of known sky visibility."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 
-from stages.photometry.transport.transport_kernels import (
-    gather_irradiance,
-    gather_lobes,
-    gather_mirrored,
-    gather_shares,
-)
+from stages.photometry.transport.irradiance_kernels import gather_irradiance, gather_shares
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-FARTHEST = np.float32(2 / 3)  # of the sphere's radius: nearer to it, the light would be endless
-AROUND = 6  # neighbours of a cell in a honeycomb
-LEANING = -0.2  # of the sphere's radius: a point's own normal may lean away from its vertices'
-
-
-# Rays, as origins and unit directions, (r, 3) float32 each, to whether something is in their way, (r,) bool.
-Blocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
+# Of the sphere's radius: nearer to it, light would have no bound; `transfer.light_distances` are 1.5 or more.
+FARTHEST = np.float32(2 / 3)
+AROUND = 6  # neighbours of a cell in a honeycomb: no choice
 
 # Of a sparse matrix: where rows begin, columns, values.
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -86,91 +75,6 @@ def honeycomb(directions: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return (np.cos(width) * directions[:, None] + np.sin(width) * off).reshape(-1, 3).astype(np.float32)
 
 
-def visible_directions(
-    positions: np.ndarray,
-    normals: np.ndarray,
-    blocked: Blocked,
-    directions: np.ndarray,
-    sphere: Sphere | None = None,
-    executor: Executor | None = None,
-    after_each: Callable[[], None] = lambda: None,
-) -> np.ndarray:
-    """Which directions points see the sky in.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (P, 3)
-        Where rays begin: a little off the surface.
-    normals : ndarray, shape (P, 3)
-        Unit. Directions well behind the surface are not looked at, and count as blocked.
-    blocked : callable
-    directions : ndarray, shape (M, 3)
-    sphere : Sphere or None
-        That the light comes from, in the frame of the positions; None: from infinitely far away.
-    executor : concurrent.futures.Executor or None
-        Threads that look in eight directions at a time; never changes the result.
-    after_each : callable
-        Called after every eight directions.
-
-    Returns
-    -------
-    ndarray, shape (P, ⌈M/8⌉), uint8
-        A bit per direction, the first in the highest bit.
-    """
-    origins, normals = np.asarray(positions, np.float32), np.asarray(normals, np.float32)
-    offsets = None if sphere is None else offsets_in(sphere, positions)
-    seen = np.zeros((len(origins), -(-len(directions) // 8)), np.uint8)
-
-    def look(byte: int) -> None:
-        for bit, direction in enumerate(np.asarray(directions[8 * byte : 8 * byte + 8], np.float32)):
-            towards = np.broadcast_to(direction, origins.shape) if offsets is None else direction - offsets
-            before = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > LEANING)
-            towards = towards[before]
-            if offsets is not None:
-                towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-            free = ~blocked(origins[before], towards)
-            seen[before[free], byte] |= np.uint8(128 >> bit)
-
-    for _ in (map if executor is None else executor.map)(look, range(seen.shape[1])):
-        after_each()
-    return seen
-
-
-@dataclass(frozen=True, eq=False)
-class VisibilityProbes:
-    """Points that look into the sky, and what is in their way.
-
-    Attributes
-    ----------
-    positions : ndarray, shape (P, 3)
-        A little off the surface, relative to the origin.
-    normals : ndarray, shape (P, 3)
-        Unit, world axes.
-    blocked : callable
-        Of rays relative to the origin.
-    origin : ndarray, shape (3,)
-        World.
-    executor : concurrent.futures.Executor or None
-    """
-
-    positions: np.ndarray
-    normals: np.ndarray
-    blocked: Blocked
-    origin: np.ndarray
-    executor: Executor | None = None
-
-    def see(
-        self, directions: np.ndarray, sphere: Sphere | None, after_each: Callable[[], None] = lambda: None
-    ) -> np.ndarray:
-        """Which directions they see the sky in, or the sphere, in world axes: `visible_directions`."""
-        there = None
-        if sphere is not None:
-            there = Sphere(tuple(np.array(sphere.centre) - self.origin), sphere.radius)
-        return visible_directions(
-            self.positions, self.normals, self.blocked, directions, there, self.executor, after_each
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class DirectionalTransport:
     """How light from M directions reaches N points: all of it that they see, by the cosine.
@@ -184,7 +88,7 @@ class DirectionalTransport:
     blend : csr_array, shape (N, P), float32
         Every point as a blend of vertices; one without any sees the whole sky.
     visible : ndarray, shape (P, ⌈M/8⌉), uint8
-        Of `visible_directions`.
+        Of `sky_visibility.visible_directions`.
     directions : ndarray, shape (M, 3), float32
     cells : ndarray, shape (M,), float32
         Share of all directions that each stands for; together 1.
@@ -221,7 +125,7 @@ class DirectionalTransport:
     def shares(self, points: np.ndarray) -> np.ndarray:
         """What each direction's light adds to the shading of chosen points, (n, M), float32."""
         out = np.empty((len(points), len(self.directions)), np.float32)
-        gather_shares(np.asarray(points), *self._geometry, out)
+        gather_shares(np.asarray(points), *self.geometry, out)
         out *= self._weight
         return out
 
@@ -237,28 +141,8 @@ class DirectionalTransport:
         )
         return out
 
-    def mirrored(
-        self, radiance: np.ndarray, towards: np.ndarray, roughness: float, points: np.ndarray
-    ) -> np.ndarray:
-        """What chosen points would show of light (M, C) were they a rough mirror, (n, C), float32.
-
-        The mean of the light within the mirror's lobe, which is 0 where something hides it. The ways
-        `towards` the cameras, (N, 3), are unit vectors; roughness is α of GGX.
-        """
-        out = np.empty((len(points), radiance.shape[1]), np.float32)
-        light = np.ascontiguousarray(radiance, np.float32)
-        mirror = towards, np.float32(roughness), self.cells
-        gather_mirrored(np.asarray(points), *self._geometry, *mirror, light, out)
-        return out
-
-    def lobes(self, towards: np.ndarray, roughness: float, points: np.ndarray) -> np.ndarray:
-        """What each direction's light adds to that, per unit, (n, M), float32; see `mirrored`."""
-        out = np.empty((len(points), len(self.directions)), np.float32)
-        gather_lobes(np.asarray(points), *self._geometry, towards, np.float32(roughness), self.cells, out)
-        return out
-
     @property
-    def _geometry(self) -> tuple[np.ndarray, np.ndarray, Rows, np.ndarray, np.ndarray]:
+    def geometry(self) -> tuple[np.ndarray, np.ndarray, Rows, np.ndarray, np.ndarray]:
         """What all loops over chosen points look at."""
         return self.normals, self.offsets, self._blend, self.visible, self.directions
 

@@ -12,11 +12,11 @@ from stages.formats.artefacts.transfer_file import StoredTransfer
 from stages.photometry.transport.directional_transport import (
     DirectionalTransport,
     Sphere,
-    VisibilityProbes,
     offsets_in,
     sphere_of,
 )
 from stages.photometry.transport.pixel_transfer import nearest_shown, without_opposed
+from stages.photometry.transport.sky_visibility import VisibilityProbes
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 
 

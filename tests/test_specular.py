@@ -1,4 +1,4 @@
-"""Sheen: the light's image in a rough mirror, foretold, measured by how views differ, and taken off."""
+"""Specular reflection: the light's image in a rough mirror, foretold, measured by views, taken off."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.light_from_pairs import PairObjective
 from stages.photometry.light_search.light_from_specular import light_in_gloss
 from stages.photometry.lighting.observations import Observations
+from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.trusted_pixels import Viewing
-from stages.photometry.specular.chromaticity_clusters import PALETTE, chromaticity_clusters
+from stages.photometry.specular.chromaticity_clusters import chromaticity_clusters
+from stages.photometry.specular.ggx_lobes import lobes
 from stages.photometry.specular.highlights import Linked
 from stages.photometry.specular.specular_reflection import (
     Mirror,
@@ -23,7 +25,7 @@ from stages.photometry.specular.specular_reflection import (
     highlights_of,
     without_specular,
 )
-from stages.photometry.specular.view_differences import MOST_EXPLAINED, Differences, some_links
+from stages.photometry.specular.view_differences import Differences, some_links
 from stages.photometry.stack import stack_views
 from stages.photometry.transport.directional_transport import Sphere, even_directions, offsets_in
 from stages.photometry.transport.lit_scenes import LitScene
@@ -31,17 +33,19 @@ from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import PAINTS, SphereScene, sphere_scene
 from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, in_shadow_of, looks, normals_of, open_scene
 
+DEFAULTS = LightingSettings()
+SPECULAR = DEFAULTS.specular
 STRENGTH, ROUGHNESS = np.array([0.12, 0.1, 0.08]), 0.2
 
 
 @pytest.fixture(scope="module")
 def glossy():
-    """Views of a painted sphere, matt and with sheen, under a lamp and an even light; the mirror is known."""
+    """Views of a painted sphere, matt and specular, under a lamp and an even light; the mirror is known."""
     scene = sphere_scene(view_count=3)
     sky, mirror, shading = _lit_by_a_lamp(scene)
     diffuse = np.stack(scene.true_channels(), axis=1) * shading
-    sheen = STRENGTH * mirror.image(ROUGHNESS, np.arange(len(diffuse)))
-    return scene.stacked(), sky, mirror, shading, *_scaled(diffuse, sheen)
+    specular = STRENGTH * mirror.image(ROUGHNESS, np.arange(len(diffuse)))
+    return scene.stacked(), sky, mirror, shading, *_scaled(diffuse, specular)
 
 
 def _lit_by_a_lamp(scene: SphereScene) -> tuple[LitScene, Mirror, np.ndarray]:
@@ -52,18 +56,26 @@ def _lit_by_a_lamp(scene: SphereScene) -> tuple[LitScene, Mirror, np.ndarray]:
     return sky, mirror, sky.pixels.shading(radiance)
 
 
-def _scaled(diffuse: np.ndarray, sheen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    scale = np.percentile(diffuse + sheen, 99)
-    return (diffuse / scale).astype(np.float32), (sheen / scale).astype(np.float32)
+def _scaled(diffuse: np.ndarray, specular: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    scale = np.percentile(diffuse + specular, 99)
+    return (diffuse / scale).astype(np.float32), (specular / scale).astype(np.float32)
 
 
 def differences_of(views, seen, shading, trusted, mirror) -> Differences:
-    return Differences.of(views, seen, trusted, mirror.towards, mirror.pixels, lambda some: shading[some])
+    return Differences.of(
+        views,
+        seen,
+        trusted,
+        mirror.towards,
+        mirror.pixels,
+        lambda some: shading[some],
+        SPECULAR.differences,
+    )
 
 
 def photos_of(views, seen, mirror) -> Observations:
     looked = Viewing(everything(seen), mirror.towards)
-    linked = Linked.of(views, looked.trusted)
+    linked = Linked.of(views, looked.trusted, DEFAULTS.highlights)
     how = FEW.model_copy(update={"lights": "shared"})
     return Observations.of(linked, looked, seen, 0.0, how).in_one_light(linked)
 
@@ -131,14 +143,14 @@ def test_the_lobe_is_that_of_facets_and_smiths_shadowing(glossy, sphere):
 def test_lobes_are_what_the_mirrored_image_is_made_of(glossy):
     mirror = glossy[2]
     some = np.arange(0, len(mirror.towards), 31)
-    lobes = mirror.pixels.lobes(mirror.towards, ROUGHNESS, some)
-    assert np.allclose(lobes @ mirror.radiance, mirror.image(ROUGHNESS, some), rtol=1e-4)
+    of_directions = lobes(mirror.pixels, mirror.towards, ROUGHNESS, some)
+    assert np.allclose(of_directions @ mirror.radiance, mirror.image(ROUGHNESS, some), rtol=1e-4)
 
 
 def test_how_views_differ_tells_the_mirror_and_what_is_seen_in_it(glossy):
     """Without any light to begin with; what all views have in common of it is not told."""
-    views, _, mirror, shading, diffuse, sheen = glossy
-    differences = differences_of(views, diffuse + sheen, shading, everything(diffuse), mirror)
+    views, _, mirror, shading, diffuse, specular = glossy
+    differences = differences_of(views, diffuse + specular, shading, everything(diffuse), mirror)
     found = differences.mirrored
     assert found.roughness == ROUGHNESS
     assert found.left < 0.2
@@ -147,8 +159,8 @@ def test_how_views_differ_tells_the_mirror_and_what_is_seen_in_it(glossy):
 
 
 def test_the_slope_of_what_a_light_leaves_is_that_of_its_value(glossy):
-    views, _, mirror, shading, diffuse, sheen = glossy
-    differences = differences_of(views, diffuse + sheen, shading, everything(diffuse), mirror)
+    views, _, mirror, shading, diffuse, specular = glossy
+    differences = differences_of(views, diffuse + specular, shading, everything(diffuse), mirror)
     rng = np.random.default_rng(0)
     light, way = 0.1 * rng.random((2, DIRECTIONS, 3))
     rough = differences.in_mirror(ROUGHNESS)
@@ -158,27 +170,27 @@ def test_the_slope_of_what_a_light_leaves_is_that_of_its_value(glossy):
     assert rough.left(0 * light)[0] == pytest.approx(1)
 
 
-def test_light_and_sheen_are_found_together(glossy):
+def test_light_and_specular_reflection_are_found_together(glossy):
     """From a light that is wrong by half: wherever it should be dim it is three times as bright."""
-    views, sky, mirror, shading, diffuse, sheen = glossy
-    photos, wrong = photos_of(views, diffuse + sheen, mirror), light_of(mirror)
+    views, sky, mirror, shading, diffuse, specular = glossy
+    photos, wrong = photos_of(views, diffuse + specular, mirror), light_of(mirror)
     wrong = replace(wrong, radiance=np.maximum(wrong.radiance, 1.0))
     differences = photos.differences(sky, wrong)
-    found, light = photos.sheen(sky, wrong, differences, lambda: None)
+    found, light = photos.specular(sky, wrong, differences, lambda: None)
     assert found.glossy.all()
     assert found.roughness == ROUGHNESS
     foretold, before = (
         replace(mirror, radiance=one.radiance[0]).image(ROUGHNESS, np.arange(len(diffuse)))
         for one in (light, wrong)
     )
-    assert error(foretold, sheen) < 0.1
-    assert error(before, sheen) > 3 * error(foretold, sheen)
+    assert error(foretold, specular) < 0.1
+    assert error(before, specular) > 3 * error(foretold, specular)
 
 
 def test_both_witnesses_are_heard(glossy):
     """What pairs and differences are left with together falls, and neither is left as it was."""
-    views, sky, mirror, shading, diffuse, sheen = glossy
-    photos, start = photos_of(views, diffuse + sheen, mirror), np.ones((1, DIRECTIONS, 3))
+    views, sky, mirror, shading, diffuse, specular = glossy
+    photos, start = photos_of(views, diffuse + specular, mirror), np.ones((1, DIRECTIONS, 3))
     even = LightEstimate(start, np.zeros((1, 1, 3), np.float32))
     objective = photos.search(sky).objective(even)
     assert isinstance(objective, PairObjective)
@@ -189,17 +201,17 @@ def test_both_witnesses_are_heard(glossy):
         assert loss(light) < loss(start)
 
 
-def test_what_is_taken_off_is_the_sheen_and_never_adds(glossy):
-    _, _, mirror, _, diffuse, sheen = glossy
-    scale = np.median(sheen / mirror.image(ROUGHNESS, np.arange(len(diffuse))), axis=0)
+def test_what_is_taken_off_is_the_reflection_and_never_adds(glossy):
+    _, _, mirror, _, diffuse, specular = glossy
+    scale = np.median(specular / mirror.image(ROUGHNESS, np.arange(len(diffuse))), axis=0)
     known = SpecularReflection(scale, ROUGHNESS, 0.1, everything(diffuse))
     added = known.image(mirror)
-    assert error(added, sheen) < 1e-3
-    seen, share = without_specular(diffuse + sheen, added)
-    assert error(seen, diffuse) < 0.2 * error(diffuse + sheen, diffuse)
-    below = np.where(np.arange(len(diffuse))[:, None] % 5, diffuse + sheen, -0.01).astype(np.float32)
-    assert np.all(without_specular(below, added)[0] <= below)
-    assert np.corrcoef(share, (sheen / (diffuse + sheen)).mean(axis=1))[0, 1] > 0.95
+    assert error(added, specular) < 1e-3
+    seen, share = without_specular(diffuse + specular, added, SPECULAR)
+    assert error(seen, diffuse) < 0.2 * error(diffuse + specular, diffuse)
+    below = np.where(np.arange(len(diffuse))[:, None] % 5, diffuse + specular, -0.01).astype(np.float32)
+    assert np.all(without_specular(below, added, SPECULAR)[0] <= below)
+    assert np.corrcoef(share, (specular / (diffuse + specular)).mean(axis=1))[0, 1] > 0.95
     half = replace(known, glossy=np.arange(len(diffuse)) % 2 == 0)
     assert not half.image(mirror)[1::2].any()
     assert half.as_json()["pixels"] == half.glossy.sum()
@@ -210,12 +222,12 @@ def test_matt_surface_has_none(glossy):
     differences = differences_of(views, diffuse, shading, everything(diffuse), mirror)
     assert differences.mirrored.left > 0.95
     photos = photos_of(views, diffuse, mirror)
-    assert photos.sheen(sky, light_of(mirror), differences, lambda: None) is None
+    assert photos.specular(sky, light_of(mirror), differences, lambda: None) is None
 
 
 def test_what_no_other_view_sees_tells_nothing(glossy):
-    views, sky, mirror, shading, diffuse, sheen = glossy
-    seen, trusted = diffuse + sheen, everything(diffuse)
+    views, sky, mirror, shading, diffuse, specular = glossy
+    seen, trusted = diffuse + specular, everything(diffuse)
     lamp = np.full_like(shading, 1e-6)
     lamp[0] = 1  # all else is dark beside it
     for untold in (
@@ -227,7 +239,7 @@ def test_what_no_other_view_sees_tells_nothing(glossy):
         assert untold.mirrored is None
         assert untold.strength(mirror.radiance) is None
         photos = photos_of(views, seen, mirror)
-        assert photos.sheen(sky, light_of(mirror), untold, lambda: None) is None
+        assert photos.specular(sky, light_of(mirror), untold, lambda: None) is None
 
 
 def test_as_many_links_are_looked_at_however_many_views_share_them():
@@ -255,39 +267,45 @@ def test_views_that_do_not_differ_show_no_mirror(glossy):
 
 @pytest.fixture(scope="module")
 def glossy_in_part():
-    """As before, larger, and only the second of the three paints has sheen; also which pixels those are."""
+    """As before, larger, and only the second of the three paints is specular; also which pixels those are."""
     scene = sphere_scene(view_count=3, width=240, height=200)
     sky, mirror, shading = _lit_by_a_lamp(scene)
     albedo = np.stack(scene.true_channels(), axis=1)
     part = np.all(albedo == PAINTS[1], axis=1)
-    sheen = part[:, None] * STRENGTH * mirror.image(ROUGHNESS, np.arange(len(albedo)))
-    return scene.stacked(), sky, mirror, shading, *_scaled(albedo * shading, sheen), part
+    specular = part[:, None] * STRENGTH * mirror.image(ROUGHNESS, np.arange(len(albedo)))
+    return scene.stacked(), sky, mirror, shading, *_scaled(albedo * shading, specular), part
 
 
-def test_a_paint_is_what_has_one_albedo_whatever_light_and_sheen_make_of_it(glossy_in_part):
-    views, _, _, shading, diffuse, sheen, _ = glossy_in_part
-    paint = chromaticity_clusters(views, diffuse + sheen, shading, everything(diffuse))
-    assert 3 <= len(np.unique(paint)) <= PALETTE
+def test_a_paint_is_what_has_one_albedo_whatever_light_and_gloss_make_of_it(glossy_in_part):
+    views, _, _, shading, diffuse, specular, _ = glossy_in_part
+    paint = chromaticity_clusters(views, diffuse + specular, shading, everything(diffuse), SPECULAR.clusters)
+    assert 3 <= len(np.unique(paint)) <= SPECULAR.clusters.count
     true = np.unique(np.round(diffuse / shading, 3), axis=0, return_inverse=True)[1].ravel()
     mixed = sum(len(of) - np.bincount(of).max() for of in (true[paint == k] for k in np.unique(paint)))
     assert mixed < 0.02 * len(paint)
     few = np.arange(len(paint)) % (len(paint) // 3) == 0
-    assert len(np.unique(chromaticity_clusters(views, diffuse + sheen, shading, few))) <= few.sum()
+    assert (
+        len(np.unique(chromaticity_clusters(views, diffuse + specular, shading, few, SPECULAR.clusters)))
+        <= few.sum()
+    )
     nothing = np.zeros_like(diffuse)
-    assert len(np.unique(chromaticity_clusters(views, nothing, nothing, everything(diffuse)))) == 1
+    assert (
+        len(np.unique(chromaticity_clusters(views, nothing, nothing, everything(diffuse), SPECULAR.clusters)))
+        == 1
+    )
 
 
-def test_what_is_matt_hides_no_sheen_of_other_paint(glossy_in_part):
-    views, sky, mirror, shading, diffuse, sheen, part = glossy_in_part
-    seen = diffuse + sheen
+def test_what_is_matt_hides_no_gloss_of_other_paint(glossy_in_part):
+    views, sky, mirror, shading, diffuse, specular, part = glossy_in_part
+    seen = diffuse + specular
     photos, light = photos_of(views, seen, mirror), light_of(mirror)
     differences = differences_of(views, seen, shading, everything(diffuse), mirror)
-    assert differences.mirrored.left > MOST_EXPLAINED
-    found, again = photos.sheen(sky, light, differences, lambda: None)
+    assert differences.mirrored.left > SPECULAR.differences.explained_residual
+    found, again = photos.specular(sky, light, differences, lambda: None)
     assert np.mean(found.glossy == part) > 0.99
     assert found.roughness == ROUGHNESS
     added = found.image(replace(mirror, radiance=again.radiance[0]))
-    assert error(added[part], sheen[part]) < 0.1
+    assert error(added[part], specular[part]) < 0.1
     assert differences.within(~part).strength(mirror.radiance).left > 0.99
 
 
@@ -302,7 +320,7 @@ def test_noise_is_no_mirror_however_few_links_there_are(glossy):
         ends = np.zeros(len(diffuse), bool)
         ends[differences.p[:count]] = ends[differences.q[:count]] = True
         few = differences.within(ends)
-        assert photos.sheen(sky, light_of(mirror), few, lambda: None) is None
+        assert photos.specular(sky, light_of(mirror), few, lambda: None) is None
 
 
 def test_some_pixels_always_stay_trusted():
@@ -318,11 +336,11 @@ def test_where_another_view_has_far_less_it_knows_better(glossy):
     one, other = next(iter(views.linked_pixels()))
     share[one[0]] = 0.5
     for pixels in (everything(share), np.arange(len(share)) != other[0]):
-        marked = highlights_of(views, share, pixels)
+        marked = highlights_of(views, share, pixels, SPECULAR)
         others = {int(q) for p, q in _both_ways(views) if p == one[0] and pixels[q]}
         assert marked[one[0]] == bool(others)
         assert marked.sum() == marked[one[0]]
-    assert not highlights_of(views, np.full_like(share, 0.9), everything(share)).any()
+    assert not highlights_of(views, np.full_like(share, 0.9), everything(share), SPECULAR).any()
 
 
 def _both_ways(views):
@@ -332,15 +350,15 @@ def _both_ways(views):
 
 
 def test_the_albedo_comes_nearer_the_paint(glossy):
-    views, sky, _, shading, diffuse, sheen = glossy
-    images = [np.ascontiguousarray((diffuse + sheen)[:, c]) for c in range(3)]
+    views, sky, _, shading, diffuse, specular = glossy
+    images = [np.ascontiguousarray((diffuse + specular)[:, c]) for c in range(3)]
     albedo = diffuse / shading
     with_it, without = (
-        decompose_by_sky(views, images, [sky], looks(everything(diffuse)), HOW.with_light(sheen=sheen))
-        for sheen in (True, False)
+        decompose_by_sky(views, images, [sky], looks(everything(diffuse)), HOW.with_specular(remove))
+        for remove in (True, False)
     )
-    assert with_it.light.sheen is not None
-    assert without.light.sheen is None
+    assert with_it.light.specular is not None
+    assert without.light.specular is None
     assert error(with_it.albedo, albedo) < 0.8 * error(without.albedo, albedo)
     assert error(with_it.light.observations.seen, diffuse) < error(without.light.observations.seen, diffuse)
     two_threads = decompose_by_sky(views, images, [sky], looks(everything(diffuse)), HOW, threads=2)

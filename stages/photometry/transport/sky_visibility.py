@@ -1,0 +1,101 @@
+"""Visibility of the sky from points: which of many directions nothing is in the way of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.photometry.transport.directional_transport import Sphere, offsets_in
+
+LEANING = -0.2  # of the sphere's radius: a point's own normal may lean away from its vertices'
+
+# Rays, as origins and unit directions, (r, 3) float32 each, to whether something is in their way, (r,) bool.
+Blocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def visible_directions(
+    positions: np.ndarray,
+    normals: np.ndarray,
+    blocked: Blocked,
+    directions: np.ndarray,
+    sphere: Sphere | None = None,
+    executor: Executor | None = None,
+    after_each: Callable[[], None] = lambda: None,
+) -> np.ndarray:
+    """Tell in which directions points see the sky.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (P, 3)
+        Where rays begin: a little off the surface.
+    normals : ndarray, shape (P, 3)
+        Unit. Directions well behind the surface are not looked at, and count as blocked.
+    blocked : callable
+    directions : ndarray, shape (M, 3)
+    sphere : Sphere or None
+        That the light comes from, in the frame of the positions; None: from infinitely far away.
+    executor : concurrent.futures.Executor or None
+        Threads that look in eight directions at a time; never changes the result.
+    after_each : callable
+        Called after every eight directions.
+
+    Returns
+    -------
+    ndarray, shape (P, ⌈M/8⌉), uint8
+        A bit per direction, the first in the highest bit.
+    """
+    origins, normals = np.asarray(positions, np.float32), np.asarray(normals, np.float32)
+    offsets = None if sphere is None else offsets_in(sphere, positions)
+    seen = np.zeros((len(origins), -(-len(directions) // 8)), np.uint8)
+
+    def look(byte: int) -> None:
+        for bit, direction in enumerate(np.asarray(directions[8 * byte : 8 * byte + 8], np.float32)):
+            towards = np.broadcast_to(direction, origins.shape) if offsets is None else direction - offsets
+            before = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > LEANING)
+            towards = towards[before]
+            if offsets is not None:
+                towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+            free = ~blocked(origins[before], towards)
+            seen[before[free], byte] |= np.uint8(128 >> bit)
+
+    for _ in (map if executor is None else executor.map)(look, range(seen.shape[1])):
+        after_each()
+    return seen
+
+
+@dataclass(frozen=True, eq=False)
+class VisibilityProbes:
+    """Points that sky visibility is asked of, and what is in their way.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (P, 3)
+        A little off the surface, relative to the origin.
+    normals : ndarray, shape (P, 3)
+        Unit, world axes.
+    blocked : callable
+        Of rays relative to the origin.
+    origin : ndarray, shape (3,)
+        World.
+    executor : concurrent.futures.Executor or None
+    """
+
+    positions: np.ndarray
+    normals: np.ndarray
+    blocked: Blocked
+    origin: np.ndarray
+    executor: Executor | None = None
+
+    def see(
+        self, directions: np.ndarray, sphere: Sphere | None, after_each: Callable[[], None] = lambda: None
+    ) -> np.ndarray:
+        """Tell in which directions they see the sky, or the sphere, in world axes: `visible_directions`."""
+        there = None
+        if sphere is not None:
+            there = Sphere(tuple(np.array(sphere.centre) - self.origin), sphere.radius)
+        return visible_directions(
+            self.positions, self.normals, self.blocked, directions, there, self.executor, after_each
+        )
