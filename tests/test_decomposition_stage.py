@@ -26,7 +26,8 @@ from stages.formats.artefacts.view_files import (
 )
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import write_mask
-from stages.lighting import _unclipped
+from stages.photometry.lighting.settings import TrustedPixelSettings
+from stages.photometry.lighting.trusted_pixels import unclipped
 from stages.photometry.paper.harmonics import shading_basis
 from stages.scene.cameras import Camera
 from stages.scene.upright import mean_camera_up
@@ -196,8 +197,8 @@ def test_pairs_of_views_without_links_take_no_room(tmp_path):
 def test_what_is_clipped_is_a_matter_of_its_view():
     """A glint in one linear image says nothing about the white of another photo."""
     photo = np.array([[0.5, 0.5, 0.5], [1.0, 0.9, 0.8], [0.99, 0.2, 0.2]])
-    assert _unclipped(photo).tolist() == [True, False, False]
-    assert _unclipped(np.vstack([photo, [7.0, 7.0, 7.0]])).all()
+    assert unclipped(photo, TrustedPixelSettings()).tolist() == [True, False, False]
+    assert unclipped(np.vstack([photo, [7.0, 7.0, 7.0]]), TrustedPixelSettings()).all()
 
 
 def test_pixels_that_are_not_numbers_are_refused_by_name(linked, scene, tmp_path):
