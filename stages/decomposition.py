@@ -208,7 +208,8 @@ def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solv
     directions, lights = solved.sampled_light()
     upright = directions @ upright_from_world(cameras).T
     names = [camera.name for camera in cameras]
-    pictures = {name: picture_of_light(upright, one) for name, one in zip(names, lights, strict=True)}
+    how = job.settings.light_pictures
+    pictures = {name: picture_of_light(upright, one, how) for name, one in zip(names, lights, strict=True)}
     write_pictures_of_light(job.outputs["light_pictures"], pictures)
 
 

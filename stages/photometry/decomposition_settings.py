@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipeline import Settings, UserError, setting
+from pipeline import Settings, UserError, group, setting
+from stages.photometry.transport.settings import LightPictureSettings, ReflectanceScaleSettings
 
 Share = Annotated[float, Field(ge=0, le=4)]
 
@@ -74,7 +75,8 @@ class DecompositionSettings(Settings):
     )
     brightest: float | None = setting(
         None,
-        "`light: harmonics`: what the brightest material is taken to reflect; none: 0.9.",
+        "`light: harmonics`: what the brightest material is taken to reflect; none: "
+        "`reflectance_scale.usual_brightest`.",
         ge=0.01,
         le=0.95,
     )
@@ -222,6 +224,13 @@ class DecompositionSettings(Settings):
         "directions`.",
         unit="rounds",
         ge=1,
+    )
+    reflectance_scale: ReflectanceScaleSettings = group(
+        ReflectanceScaleSettings,
+        "`light: harmonics`: the absolute scale of the albedo, which says how much light bounces.",
+    )
+    light_pictures: LightPictureSettings = group(
+        LightPictureSettings, "`light: harmonics`: pictures of all directions of the light that is found."
     )
 
     @property

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 BEST_ON_FIG_3 = {"paper": (40.0, 1.0), "fast": (12.0, 0.2)}  # λ, μ by solver (docs/paper)
 PAPER_SIDE = 720.0  # px: of 540 × 960, were it a square
 OWN_SIDE = 180.0  # px: of the views that λ of `mode: transfer` is stated for
-HARMONICS_BRIGHTEST = 0.9  # with `light: harmonics`, where it is not found
 OWN_LAMBDA, OWN_MU = 3.0, 1.0  # of `mode: transfer`
 
 
@@ -72,9 +71,11 @@ def as_transfer(settings: DecompositionSettings, weights: EnergyWeights) -> Tran
     from stages.photometry.joint.transfer_alternation import TransferAlternation
     from stages.photometry.transport.pixel_transfer import Bounces
 
+    scale = settings.reflectance_scale
     bounces = Bounces(
         int(given_or(settings.bounces, LightingSettings().bounces)),
-        given_or(settings.brightest, HARMONICS_BRIGHTEST),
+        given_or(settings.brightest, scale.usual_brightest),
+        scale.brightest_quantile,
     )
     return TransferAlternation(as_fast(settings, weights), bounces)
 

@@ -9,6 +9,11 @@ from pydantic import ValidationInfo, field_validator
 
 from pipeline import Settings, UserError, group, setting
 from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSettings, SpecularSettings
+from stages.photometry.transport.settings import (
+    EnvironmentMapSettings,
+    LightPictureSettings,
+    VisibilitySettings,
+)
 
 STILL = 2 / 3  # of `moving_light`
 
@@ -95,6 +100,16 @@ class LightingSettings(Settings):
     specular: SpecularSettings = group(
         SpecularSettings,
         "One light for all views: specular reflection, the light's image in glossy surface.",
+    )
+    visibility: VisibilitySettings = group(
+        VisibilitySettings,
+        "In which of the finer directions, where light is bright, vertices see the sky; as of `transfer`.",
+    )
+    environment_map: EnvironmentMapSettings = group(
+        EnvironmentMapSettings, "`--known-light`: the picture of all directions that the light is given as."
+    )
+    light_pictures: LightPictureSettings = group(
+        LightPictureSettings, "Pictures of all directions of the light that is found."
     )
 
     @field_validator("still_light")
