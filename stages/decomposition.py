@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage, json_text, settings_that_matter
-from stages.photometry.decomposition_settings import HARMONICS_BRIGHTEST, DecompositionSettings, given_or
+from stages.photometry.decomposition_settings import DecompositionSettings, given_or
 from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.solver_settings import weights_at
 from stages.scene.distributions import OPEN3D, PICTURES
@@ -151,7 +151,8 @@ def _by_transfer(
     )
     bounces = Bounces(
         int(given_or(settings.bounces, LightingSettings().bounces)),
-        given_or(settings.brightest, HARMONICS_BRIGHTEST),
+        given_or(settings.brightest, settings.reflectance_scale.usual_brightest),
+        settings.reflectance_scale.brightest_quantile,
     )
     with job.progress("rounds", settings.stopping.max_rounds) as step:
         solved = transfer_solutions.solve_by_transfer(
@@ -225,7 +226,8 @@ def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solv
     directions, lights = solved.sampled_light(job.settings.harmonics.picture_directions)
     upright = directions @ upright_from_world(cameras, job.settings.upright_within_deg).T
     names = [camera.name for camera in cameras]
-    pictures = {name: picture_of_light(upright, one) for name, one in zip(names, lights, strict=True)}
+    how = job.settings.light_pictures
+    pictures = {name: picture_of_light(upright, one, how) for name, one in zip(names, lights, strict=True)}
     write_pictures_of_light(job.outputs["light_pictures"], pictures)
 
 
@@ -265,6 +267,8 @@ OF_HARMONICS = (
     "bounces",
     "brightest",
     "harmonics",
+    "reflectance_scale",
+    "light_pictures",
     "confidence.half_shading",
     "confidence.half_residual",
     "upright_within_deg",  # of the pictures of its light

@@ -143,7 +143,7 @@ def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -
 
     scale = 1 / opened.scale if settings.known_scale == "fixed" else None
     upright = upright_from_world(opened.cameras, settings.upright_within_deg)
-    return KnownLight.of(picture, upright, settings.known_turn_deg, scale)
+    return KnownLight.of(picture, upright, settings.known_turn_deg, scale, settings.environment_map)
 
 
 def _eyes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityProbes:
@@ -154,7 +154,12 @@ def _eyes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityProbe
 
     proxy = Occluders(Surface(stored.vertices, stored.faces), job.threads)
     return VisibilityProbes(
-        stored.eyes - proxy.origin, stored.normals, proxy.blocked, proxy.origin, job.executor
+        stored.eyes - proxy.origin,
+        stored.normals,
+        proxy.blocked,
+        proxy.origin,
+        job.settings.visibility,
+        job.executor,
     )
 
 
@@ -240,7 +245,8 @@ def _write(
     names = [camera.name for camera in opened.cameras] if len(lights) > 1 else ["shared"]
     upright = directions @ upright_from_world(opened.cameras, job.settings.upright_within_deg).T
     pictures = {
-        name: picture_of_light(upright, one, found.cells) for name, one in zip(names, lights, strict=True)
+        name: picture_of_light(upright, one, job.settings.light_pictures, found.cells)
+        for name, one in zip(names, lights, strict=True)
     }
     write_pictures_of_light(job.outputs["light_pictures"], pictures)
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pipeline import Artefact, Job, Settings, Stage, setting
+from pipeline import Artefact, Job, Settings, Stage, group, setting
+from stages.photometry.transport.settings import EnvironmentMapSettings, ReflectanceScaleSettings
 from stages.scene.distributions import OPEN3D, PICTURES
 from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
-
-BRIGHT = 0.9  # what the brightest material reflects, where nobody knows
 
 
 class RelightSettings(Settings):
@@ -21,11 +20,18 @@ class RelightSettings(Settings):
     brightest: float | None = setting(
         None,
         "What the brightest material is taken to reflect; it says how much light bounces. none: as the stage "
-        "`lighting` has it; 0.9 where that has not told.",
+        "`lighting` has it; `reflectance_scale.usual_brightest` where that has not told.",
         gt=0,
         le=0.95,
     )
     upright_within_deg: float = UPRIGHT_WITHIN_DEG
+    reflectance_scale: ReflectanceScaleSettings = group(
+        ReflectanceScaleSettings,
+        "The absolute scale of the albedo, where it is known up to a factor: it says how much light bounces.",
+    )
+    environment_map: EnvironmentMapSettings = group(
+        EnvironmentMapSettings, "The picture of all directions that the light is given as."
+    )
 
 
 def run(job: Job[RelightSettings]) -> None:
@@ -40,6 +46,7 @@ def run(job: Job[RelightSettings]) -> None:
     from stages.geometry.vertex_interpolation import pixels_on_proxy
     from stages.photometry.transport.environment import turned_light
     from stages.photometry.transport.lit_scenes import scenes_by_distance
+    from stages.photometry.transport.pixel_transfer import Bounces
     from stages.photometry.transport.relighting import relit
     from stages.scene.upright import upright_from_world
     from stages.solvers.kernels.threading_layer import use_threads
@@ -57,21 +64,24 @@ def run(job: Job[RelightSettings]) -> None:
     (scene,), opposed = scenes_by_distance(far, blend, normals)
     use_threads(job.threads)
     upright = upright_from_world(cameras, settings.upright_within_deg)
-    light = turned_light(picture, settings.turn_deg, upright, scene.pixels.directions)
-    radiance, shading = relit(scene, albedo, light, settings.bounces, _brightest(job))
+    light = turned_light(
+        picture, settings.turn_deg, upright, scene.pixels.directions, settings.environment_map
+    )
+    bounces = Bounces(settings.bounces, _brightest(job), settings.reflectance_scale.brightest_quantile)
+    radiance, shading = relit(scene, albedo, light, bounces)
     write_maps(job.outputs["relit"], cameras, masks, radiance)
     write_previews(job.outputs["relit"], cameras, masks, radiance)
     job.note(opposed_pixels=opposed, mean_shading=np.round(shading.mean(axis=0, dtype=float), 6).tolist())
 
 
 def _brightest(job: Job[RelightSettings]) -> float:
-    """What the brightest material reflects: as asked for, as found with the light, or bright."""
+    """What the brightest material reflects: as asked for, as found with the light, or as is usual."""
     from stages.formats.artefacts.light_npz import read_light
 
     asked: float | None = job.settings.brightest
     if asked is None and "found_light" in job.inputs:
         asked = read_light(job.inputs["found_light"]).brightest
-    return asked or BRIGHT
+    return asked or job.settings.reflectance_scale.usual_brightest
 
 
 RELIGHT = Stage(

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from pipeline import Artefact, Job, Settings, Stage, group, setting
 from stages.geometry.settings import ProxySettings
+from stages.photometry.transport.settings import VisibilitySettings
 from stages.scene.distributions import OPEN3D
 
 if TYPE_CHECKING:
@@ -82,6 +83,14 @@ class TransferSettings(Settings):
     proxy: ProxySettings = group(
         ProxySettings, "The smaller mesh in place of a large one, which rays are cast from and at."
     )
+    outlier_share: float = setting(
+        0.005,
+        "Share of the mesh's vertices that does not count at either end of each axis, where its middle and "
+        "its radius (half the diagonal of its box) are measured: strays.",
+        ge=0,
+        lt=0.5,
+    )
+    visibility: VisibilitySettings = group(VisibilitySettings, "Which directions vertices see the sky in.")
 
 
 def run(job: Job[TransferSettings]) -> None:
@@ -97,16 +106,21 @@ def run(job: Job[TransferSettings]) -> None:
 
     settings = job.settings
     mesh = read_mesh(job.inputs["mesh"])
-    longest = settings.longest_edge * _middle(mesh)[1]
+    longest = settings.longest_edge * _middle(mesh, settings.outlier_share)[1]
     short, proxy = short_edged_with_proxy(mesh, longest, settings.max_vertices, settings.proxy)
     normals = vertex_normals(proxy.vertices, proxy.faces)
     places = proxy.vertices + settings.lift * roughness_of(mesh, proxy, short.longest) * normals
     occluders = Occluders(proxy, job.threads)
     eyes = VisibilityProbes(
-        places - occluders.origin, normals, occluders.blocked, occluders.origin, job.executor
+        places - occluders.origin,
+        normals,
+        occluders.blocked,
+        occluders.origin,
+        settings.visibility,
+        job.executor,
     )
     seen = _surface_seen(eyes, occluders, job)
-    centre, radius = _middle(proxy)
+    centre, radius = _middle(proxy, settings.outlier_share)
     radii = [np.inf, *(radius * distance for distance in settings.light_distances)]
     visible = _sky_seen(eyes, centre, radii, job)
     own_normals = vertex_normals(short.surface.vertices, short.surface.faces)
@@ -156,11 +170,11 @@ def _sky_seen(
         return np.stack([eyes.see(directions, sphere_of(centre, radius), step) for radius in radii])
 
 
-def _middle(surface: Surface) -> tuple[np.ndarray, float]:
-    """Middle and half the diagonal of its box, without the outermost hundredth: strays do not count."""
+def _middle(surface: Surface, outlier_share: float) -> tuple[np.ndarray, float]:
+    """Middle and half the diagonal of its box, without a share of the vertices at either end: strays."""
     import numpy as np
 
-    low, high = np.quantile(surface.vertices, [0.005, 0.995], axis=0)
+    low, high = np.quantile(surface.vertices, [outlier_share, 1 - outlier_share], axis=0)
     return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
 
 

@@ -21,6 +21,7 @@ from stages.photometry.transport.directional_transport import (
 from stages.photometry.transport.environment import picture_of_light
 from stages.photometry.transport.light_priors import contrast
 from stages.photometry.transport.lit_scenes import LitScene
+from stages.photometry.transport.settings import LightPictureSettings, VisibilitySettings
 from stages.photometry.transport.sky_visibility import VisibilityProbes
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.by_sky import decompose_by_sky
@@ -41,7 +42,9 @@ def behind_a_wall(x: float):
 def scene_of(blocked, sphere: Sphere | None = None) -> LitScene:
     """Three vertices that face up and aside, shown by a pixel each."""
     normals = np.array([[0.0, 0, 1], [0.6, 0, 0.8], [0, 1, 0]])
-    eyes = VisibilityProbes(-ORIGIN + np.zeros((3, 3), np.float32), normals, blocked, ORIGIN)
+    eyes = VisibilityProbes(
+        -ORIGIN + np.zeros((3, 3), np.float32), normals, blocked, ORIGIN, VisibilitySettings()
+    )
     none = sp.csr_array((3, 3), dtype=np.float32)
     proxy = Proxy(np.zeros((3, 3)), normals.astype(np.float32), Occlusion(np.zeros((3, 9)), none, none))
     own = sp.csr_array(np.eye(3, dtype=np.float32))
@@ -144,7 +147,7 @@ def test_the_picture_holds_all_the_light_where_some_cells_are_finer():
         (same.radiance[0], finer.pixels.cells, finer.pixels.directions),
         (alone, finer.pixels.cells, finer.pixels.directions),
     ):
-        picture = picture_of_light(directions, light, cells).reshape(64 * 128, -1)
+        picture = picture_of_light(directions, light, LightPictureSettings(), cells).reshape(64 * 128, -1)
         held = light.mean(axis=0) if cells is None else cells @ light
         assert (solid * picture).sum(axis=0) == pytest.approx(held, rel=0.03)
 
@@ -160,7 +163,10 @@ def under_a_roof():
     """Views of a painted sphere; a sun between three directions, and a roof that shades a part."""
     shown = sphere_scene(view_count=3)
     views, normals, albedo = shown.stacked(), normals_of(shown), np.stack(shown.true_channels(), axis=1)
-    eyes, points = VisibilityProbes(normals, normals, below_a_roof, np.zeros(3)), len(normals)
+    eyes, points = (
+        VisibilityProbes(normals, normals, below_a_roof, np.zeros(3), VisibilitySettings()),
+        len(normals),
+    )
     own, none = sp.eye_array(points, dtype=np.float32, format="csr"), sp.csr_array((points, points))
     proxy = Proxy(normals, normals.astype(np.float32), Occlusion(np.zeros((points, 9)), none, none))
     seen = eyes.see(even_directions(DIRECTIONS), None)

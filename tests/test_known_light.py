@@ -17,10 +17,12 @@ from stages.photometry.lighting.known_light import KnownLight, _lowest
 from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.transport.environment import directions_of_picture
+from stages.photometry.transport.settings import EnvironmentMapSettings
 from tests.rendered_scene import TINY, artefact, unshade, write_config
 from tests.sphere_scene import sphere_scene
 from tests.test_sky_light import error, normals_of, open_scene
 
+MAP = EnvironmentMapSettings()
 HOW = LightingSettings(samples=3000, bounces=0, still_light=0.1, moving_light=0.2)
 SEEN = {"views": 4, "width_px": 54, "height_px": 96, "arc_deg": 90.0, "noise": 0.03, "spacing": 0.02}
 ROLLED = 25  # of the picture's 128 columns
@@ -57,7 +59,7 @@ def illuminated(sphere, known: KnownLight, image: np.ndarray):
 
 def photo_in(sphere, picture: np.ndarray, turn_deg: float) -> np.ndarray:
     _, sky, albedo, _ = sphere
-    light = KnownLight(picture, np.eye(3), turn_deg, 1.0)
+    light = KnownLight(picture, np.eye(3), turn_deg, 1.0, MAP)
     return (albedo * sky.pixels.shading(light.radiance(sky.pixels.directions, turn_deg))).astype(np.float32)
 
 
@@ -67,7 +69,7 @@ def test_the_turn_is_found_whatever_unit_and_white_balance_the_picture_has(spher
     picture = sun_and_sky(sharpness)
     image = photo_in(sphere, picture, turn_deg)
     in_another_unit = KnownLight.of(
-        picture * np.array([20, 10, 4], np.float32), np.eye(3), turn_deg=None, scale=None
+        picture * np.array([20, 10, 4], np.float32), np.eye(3), turn_deg=None, scale=None, how=MAP
     )
     found = illuminated(sphere, in_another_unit, image)
     assert turn_between(found.turn_deg, turn_deg) <= 2 * HOW.known_light.fine_turn_step_deg
@@ -77,7 +79,7 @@ def test_the_turn_is_found_whatever_unit_and_white_balance_the_picture_has(spher
 
 def test_a_turn_that_is_given_is_kept(sphere):
     picture = sun_and_sky(20.0)
-    known = KnownLight.of(picture, np.eye(3), turn_deg=200.0, scale=None)
+    known = KnownLight.of(picture, np.eye(3), turn_deg=200.0, scale=None, how=MAP)
     assert known.turns(HOW.known_light) == 0
     assert illuminated(sphere, known, photo_in(sphere, picture, 10.0)).turn_deg == 200.0
 
@@ -86,9 +88,9 @@ def test_in_the_photos_unit_the_albedo_is_absolute(sphere):
     """Images are compared scaled, here by 3; the light comes back in its own unit."""
     picture = sun_and_sky(20.0)
     image = photo_in(sphere, picture, 75.0)
-    found = illuminated(sphere, KnownLight.of(picture, np.eye(3), 75.0, scale=1 / 3), image / 3)
+    found = illuminated(sphere, KnownLight.of(picture, np.eye(3), 75.0, scale=1 / 3, how=MAP), image / 3)
     assert np.allclose(image / found.light.shading, sphere[2], rtol=0.02)
-    expected = KnownLight(picture, np.eye(3), 75.0, 1.0).radiance(found.directions, 75.0)
+    expected = KnownLight(picture, np.eye(3), 75.0, 1.0, MAP).radiance(found.directions, 75.0)
     assert np.allclose(found.light.radiance[0], expected, rtol=1e-4)
 
 

@@ -58,26 +58,32 @@ def test_the_direct_basis_is_the_open_skys_less_what_is_blocked(transfer):
 
 def test_black_surface_sends_nothing_on_and_each_channel_has_its_own_bounces(transfer):
     albedo = np.ones((PIXELS, 3)) * [0.0, 0.4, 0.8]
-    basis = transfer.with_bounces(albedo, Bounces(count=3, brightest=0.8))
+    basis = transfer.with_bounces(albedo, Bounces(count=3, brightest=0.8, quantile=0.99))
     assert basis.shape == (PIXELS, 4, 3)
     assert np.array_equal(basis[:, :, 0], transfer.direct())
-    once = transfer.with_bounces(albedo, Bounces(count=1, brightest=0.8)) - transfer.direct()[:, :, None]
+    once = (
+        transfer.with_bounces(albedo, Bounces(count=1, brightest=0.8, quantile=0.99))
+        - transfer.direct()[:, :, None]
+    )
     assert np.allclose(once[:, :, 2], 2 * once[:, :, 1], atol=1e-6)
-    assert np.array_equal(basis, transfer.with_bounces(3 * albedo, Bounces(count=3, brightest=0.8)))
+    assert np.array_equal(
+        basis, transfer.with_bounces(3 * albedo, Bounces(count=3, brightest=0.8, quantile=0.99))
+    )
 
 
 def test_no_surface_sends_on_more_than_95_percent_however_bright_a_speck_is(transfer):
     speck = np.ones((PIXELS, 3))
     speck[0] = 50
     most, own = (
-        transfer.with_bounces(albedo, Bounces(count=3, brightest=0.95)) for albedo in (0 * speck + 1, speck)
+        transfer.with_bounces(albedo, Bounces(count=3, brightest=0.95, quantile=0.99))
+        for albedo in (0 * speck + 1, speck)
     )
     sent_on = np.abs(own - transfer.direct()[:, :, None]).max()
     assert 0 < sent_on <= np.abs(most - transfer.direct()[:, :, None]).max() + 1e-6
 
 
 def test_without_bounces_the_channels_share_the_direct_basis(transfer):
-    basis = transfer.with_bounces(np.ones((PIXELS, 3)), Bounces(count=0, brightest=0.8))
+    basis = transfer.with_bounces(np.ones((PIXELS, 3)), Bounces(count=0, brightest=0.8, quantile=0.99))
     assert all(np.array_equal(basis[:, :, c], transfer.direct()) for c in range(3))
 
 
@@ -102,10 +108,10 @@ def test_between_pixels_that_lie_apart_a_fine_mesh_has_the_paint_of_the_nearest(
 
 def test_the_brightest_material_reflects_what_is_said():
     albedo = np.linspace(0, 2, 1000).reshape(-1, 1) * np.ones(3)
-    scaled = on_absolute_scale(albedo, 0.8)
+    scaled = on_absolute_scale(albedo, 0.8, 0.99)
     assert np.quantile(scaled, 0.99) == pytest.approx(0.8)
-    assert on_absolute_scale(-albedo, 0.8).min() == 0
-    assert not on_absolute_scale(np.zeros((4, 3)), 0.8).any()
+    assert on_absolute_scale(-albedo, 0.8, 0.99).min() == 0
+    assert not on_absolute_scale(np.zeros((4, 3)), 0.8, 0.99).any()
 
 
 def test_pixels_are_blends_of_their_faces_corners():

@@ -14,7 +14,9 @@ from stages.formats.images.photos import read_mask, write_png_srgb8
 from stages.photometry.transport.directional_transport import even_directions
 from stages.photometry.transport.environment import directions_of_picture, light_of_picture, picture_of_light
 from stages.photometry.transport.lit_scenes import LitScene
+from stages.photometry.transport.pixel_transfer import Bounces
 from stages.photometry.transport.relighting import relit
+from stages.photometry.transport.settings import EnvironmentMapSettings, LightPictureSettings
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from stages.scene.upright import upright_from_world
 from stages.synthetic.lights import SKY_DOME, dome_picture
@@ -23,29 +25,31 @@ from tests.sphere_scene import camera_looking_at_origin
 
 NAMES = ["000", "001", "002"]
 COUNT = 256
+MAP = EnvironmentMapSettings()
 
 
 def test_light_of_a_picture_keeps_its_power_and_its_place():
     rng = np.random.default_rng(0)
     picture = rng.random((40, 80, 3))
-    light = light_of_picture(picture, even_directions(COUNT))
+    light = light_of_picture(picture, even_directions(COUNT), MAP)
     angle = np.sin(np.pi * (np.arange(40) + 0.5) / 40)[:, None, None]
     power = (picture * angle).sum(axis=(0, 1)) / (angle.sum() * 80)
     assert np.allclose(light.mean(axis=0), power, rtol=0.02)
     smooth = np.maximum(directions_of_picture(40) @ np.array([0.6, 0.0, 0.8]), 0)[..., None] * np.ones(3)
     expected = np.maximum(even_directions(COUNT) @ np.array([0.6, 0.0, 0.8]), 0)
-    assert np.allclose(light_of_picture(smooth, even_directions(COUNT))[:, 0], expected, atol=0.05)
+    assert np.allclose(light_of_picture(smooth, even_directions(COUNT), MAP)[:, 0], expected, atol=0.05)
     slanted = np.maximum(directions_of_picture(1200) @ np.array([0.5, -0.6, 0.62]), 0)[..., None] * np.ones(3)
     expected = np.maximum(even_directions(COUNT) @ np.array([0.5, -0.6, 0.62]), 0)
-    assert np.allclose(light_of_picture(slanted, even_directions(COUNT))[:, 0], expected, atol=0.05)
-    coarse = light_of_picture(picture[:4, :8], even_directions(COUNT))
+    assert np.allclose(light_of_picture(slanted, even_directions(COUNT), MAP)[:, 0], expected, atol=0.05)
+    coarse = light_of_picture(picture[:4, :8], even_directions(COUNT), MAP)
     assert np.isfinite(coarse).all()
     assert coarse.min() > 0
 
 
 def test_a_light_comes_back_from_its_picture():
     radiance = np.maximum(even_directions(COUNT) @ np.array([[0.6], [0.0], [0.8]]), 0) * np.ones(3)
-    back = light_of_picture(picture_of_light(even_directions(COUNT), radiance), even_directions(COUNT))
+    picture = picture_of_light(even_directions(COUNT), radiance, LightPictureSettings())
+    back = light_of_picture(picture, even_directions(COUNT), MAP)
     assert np.allclose(back, radiance, atol=0.05)
 
 
@@ -66,7 +70,9 @@ def test_under_even_light_open_surface_shows_its_albedo():
     )
     albedo = np.linspace(0.1, 1.0, 1200).reshape(400, 3)
     albedo[7] = [9.0, 7.0, 5.0]  # a label, far brighter than all else
-    shown, shading = relit(scene, albedo, np.full((COUNT, 3), 2.0), bounces=3, brightest=0.5)
+    shown, shading = relit(
+        scene, albedo, np.full((COUNT, 3), 2.0), Bounces(count=3, brightest=0.5, quantile=0.99)
+    )
     assert np.allclose(shading, 2, rtol=0.02)
     ratio = shown / albedo
     assert np.allclose(ratio, ratio[0, 0], rtol=0.03)

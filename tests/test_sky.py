@@ -16,6 +16,7 @@ from stages.photometry.transport.directional_transport import (
     offsets_in,
 )
 from stages.photometry.transport.environment import directions_of_picture, picture_of_light
+from stages.photometry.transport.settings import LightPictureSettings, VisibilitySettings
 from stages.photometry.transport.sky_visibility import visible_directions
 from tests.bowls import bowl
 
@@ -67,7 +68,9 @@ def test_deep_in_a_bowl_the_open_part_of_the_sky_is_what_arrives():
     normals = vertex_normals(surface.vertices, surface.faces).astype(np.float64)
     occluders = Occluders(surface)
     lifted = surface.vertices - occluders.origin + 1e-3 * normals
-    visible = visible_directions(lifted, normals, occluders.blocked, even_directions(COUNT))
+    visible = visible_directions(
+        lifted, normals, occluders.blocked, even_directions(COUNT), VisibilitySettings()
+    )
     own = sp.csr_array(sp.eye_array(len(lifted), dtype=np.float32, format="csr"))
     transport = DirectionalTransport.of(normals, np.zeros(lifted.shape, np.float32), own, visible, COUNT)
     arriving = transport.shading(np.ones((COUNT, 1)))[0, 0]
@@ -114,5 +117,5 @@ def test_the_picture_of_the_light_shows_every_direction_in_its_place():
     assert middle[1] < -0.99  # −y
     assert towards[16, 40, 0] < 0  # to the right of it lies −x
     radiance = np.maximum(even_directions(COUNT) @ np.array([[0.6], [0.0], [0.8]]), 0) ** 4
-    picture = picture_of_light(even_directions(COUNT), radiance, rows=32)[:, :, 0]
+    picture = picture_of_light(even_directions(COUNT), radiance, LightPictureSettings(rows=32))[:, :, 0]
     assert np.allclose(picture, np.maximum(towards @ np.array([0.6, 0.0, 0.8]), 0) ** 4, atol=0.05)

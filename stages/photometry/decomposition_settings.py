@@ -11,9 +11,8 @@ from stages.photometry.albedo.settings import ConfidenceSettings, EdgeSettings
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.settings import FastSettings, HarmonicsSettings, KindOfLight, Stopping
 from stages.photometry.paper.settings import PaperSettings
+from stages.photometry.transport.settings import LightPictureSettings, ReflectanceScaleSettings
 from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
-
-HARMONICS_BRIGHTEST = 0.9  # `brightest` of `light: harmonics`, which does not find it
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,7 @@ class DecompositionSettings(Settings):
     brightest: float | None = setting(
         None,
         "`light: harmonics`: what the brightest material is taken to reflect; none: "
-        f"{HARMONICS_BRIGHTEST:g}.",
+        "`reflectance_scale.usual_brightest`.",
         ge=0.01,
         le=0.95,
     )
@@ -140,6 +139,13 @@ class DecompositionSettings(Settings):
     )
     confidence: ConfidenceSettings = group(
         ConfidenceSettings, "`mode: transfer`: the confidence of every pixel's albedo, 0 to 1."
+    )
+    reflectance_scale: ReflectanceScaleSettings = group(
+        ReflectanceScaleSettings,
+        "`light: harmonics`: the absolute scale of the albedo, which says how much light bounces.",
+    )
+    light_pictures: LightPictureSettings = group(
+        LightPictureSettings, "`light: harmonics`: pictures of all directions of the light that is found."
     )
 
     @property

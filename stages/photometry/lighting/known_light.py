@@ -14,6 +14,7 @@ from stages.photometry.light_search.pair_sampling import Pairs
 from stages.photometry.light_search.search import Search
 from stages.photometry.lighting.settings import KnownLightSettings
 from stages.photometry.transport.environment import turned_light
+from stages.photometry.transport.settings import EnvironmentMapSettings
 
 NO_LIGHT = 1e-12  # mean shading of a channel: one that the picture has no light in stays dark
 
@@ -33,12 +34,14 @@ class KnownLight:
     scale : float or None
         What its values are to be multiplied by for the unit of the scaled images. None: that is not known,
         and each channel has a factor of its own: its mean is 1 here.
+    how : EnvironmentMapSettings
     """
 
     picture: np.ndarray
     upright_from_world: np.ndarray
     turn_deg: float | None
     scale: float | None
+    how: EnvironmentMapSettings
 
     @classmethod
     def of(
@@ -47,16 +50,17 @@ class KnownLight:
         upright_from_world: np.ndarray,
         turn_deg: float | None,
         scale: float | None,
+        how: EnvironmentMapSettings,
     ) -> KnownLight:
         """As above, the picture in its own unit."""
         if scale is None:
             mean = picture.mean(axis=(0, 1), dtype=np.float64)
             picture = picture / np.where(mean > 0, mean, 1.0).astype(np.float32)
-        return cls(picture, upright_from_world, turn_deg, scale)
+        return cls(picture, upright_from_world, turn_deg, scale, how)
 
     def radiance(self, directions: np.ndarray, turn_deg: float) -> np.ndarray:
         """From each of the world's directions, (M, 3), at a turn."""
-        light = turned_light(self.picture, turn_deg, self.upright_from_world, directions)
+        light = turned_light(self.picture, turn_deg, self.upright_from_world, directions, self.how)
         return light if self.scale is None else self.scale * light
 
     def reduced(self, rows: int) -> KnownLight:

@@ -10,6 +10,11 @@ from pydantic import ValidationInfo, field_validator, model_validator
 from pipeline import Settings, UserError, group, setting
 from stages.photometry.light_search.settings import LightSearchSettings
 from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSettings, SpecularSettings
+from stages.photometry.transport.settings import (
+    EnvironmentMapSettings,
+    LightPictureSettings,
+    VisibilitySettings,
+)
 from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
 
 STILL = 2 / 3  # of `moving_light`: `still_light` by default
@@ -208,6 +213,16 @@ class LightingSettings(LightSearchSettings):
         "One light for all views: specular reflection, the light's image in glossy surface.",
     )
     upright_within_deg: float = UPRIGHT_WITHIN_DEG
+    visibility: VisibilitySettings = group(
+        VisibilitySettings,
+        "In which of the finer directions, where light is bright, vertices see the sky; as of `transfer`.",
+    )
+    environment_map: EnvironmentMapSettings = group(
+        EnvironmentMapSettings, "`--known-light`: the picture of all directions that the light is given as."
+    )
+    light_pictures: LightPictureSettings = group(
+        LightPictureSettings, "Pictures of all directions of the light that is found."
+    )
 
     @field_validator("still_light")
     @classmethod

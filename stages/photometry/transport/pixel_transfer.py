@@ -12,8 +12,7 @@ from stages.photometry.paper.harmonics import shading_basis
 from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 
-BRIGHT_QUANTILE = 0.99  # of all albedo values: what counts as the brightest material; specks are brighter
-WHITEST = 0.95  # no surface gives back more: bounces would not die out
+WHITEST = 0.95  # no surface gives back more, or bounces would not die out: of `brightest` the bound, too
 
 
 @dataclass(frozen=True)
@@ -27,10 +26,13 @@ class Bounces:
     brightest : float
         What the brightest material is taken to reflect, since images do not tell: in the channel where it is
         brightest. Under coloured light the others are underestimated by as much.
+    quantile : float
+        Of all albedo values, that counts as the brightest material.
     """
 
     count: int
     brightest: float
+    quantile: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +101,7 @@ class PixelTransfer:
         -------
         ndarray, shape (N, K, 3), float32
         """
-        absolute = np.minimum(on_absolute_scale(albedo, bounces.brightest), WHITEST)
+        absolute = np.minimum(on_absolute_scale(albedo, bounces.brightest, bounces.quantile), WHITEST)
         direct, of_vertices = self.direct(), self.vertex_sky - self.seen.blocked
         basis = np.empty((*direct.shape, albedo.shape[1]), np.float32)
         for c in range(albedo.shape[1]):
@@ -151,7 +153,10 @@ def without_opposed(
     return kept, int(np.count_nonzero(~facing))
 
 
-def on_absolute_scale(albedo: np.ndarray, brightest: float) -> np.ndarray:
-    """Scale it, all channels alike, at least 0, so that the brightest material reflects so much."""
-    bright = float(np.quantile(albedo, BRIGHT_QUANTILE)) if albedo.size else 0.0
+def on_absolute_scale(albedo: np.ndarray, brightest: float, quantile: float) -> np.ndarray:
+    """Scale it, all channels alike, at least 0, so that the brightest material reflects so much.
+
+    What counts as that is a quantile of all values.
+    """
+    bright = float(np.quantile(albedo, quantile)) if albedo.size else 0.0
     return np.maximum(albedo * (brightest / bright if bright > 0 else 0.0), 0.0)

@@ -6,11 +6,11 @@ import numpy as np
 
 from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.lit_scenes import LitScene
-from stages.photometry.transport.pixel_transfer import WHITEST, at_vertices, on_absolute_scale
+from stages.photometry.transport.pixel_transfer import WHITEST, Bounces, at_vertices, on_absolute_scale
 
 
 def relit(
-    scene: LitScene, albedo: np.ndarray, light: np.ndarray, bounces: int, brightest: float
+    scene: LitScene, albedo: np.ndarray, light: np.ndarray, bounces: Bounces
 ) -> tuple[np.ndarray, np.ndarray]:
     """Radiance that the pixels would show: Eq. 1 under another light.
 
@@ -22,23 +22,20 @@ def relit(
         On any scale, the channels alike.
     light : ndarray, shape (M, 3)
         Radiance from the scene's directions.
-    bounces : int
-        How often light is passed on between surfaces.
-    brightest : float
-        What the brightest material reflects.
+    bounces : Bounces
 
     Returns
     -------
     tuple of two ndarray, shape (N, 3), float32
         ``ρ S`` with ρ on the absolute scale, and S itself.
     """
-    absolute = on_absolute_scale(np.maximum(albedo, 0), brightest)
+    absolute = on_absolute_scale(np.maximum(albedo, 0), bounces.brightest, bounces.quantile)
     shading, of_vertices = scene.pixels.shading(light), scene.vertices.shading(light)
     blend = scene.pixels.blend
-    for c in range(3 if bounces and len(absolute) else 0):
+    for c in range(3 if bounces.count and len(absolute) else 0):
         values = np.minimum(absolute[:, c], WHITEST)
         there, typical = at_vertices(blend, scene.nearest_shown, values), float(np.median(values))
         own = np.ascontiguousarray(of_vertices[:, c : c + 1])
-        total = bounced(own, scene.proxy.seen, there.astype(np.float32), typical, bounces)
+        total = bounced(own, scene.proxy.seen, there.astype(np.float32), typical, bounces.count)
         shading[:, c] += (blend @ (total - own))[:, 0]
     return (absolute * shading).astype(np.float32), shading

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.photometry.transport.directional_transport import Sphere, offsets_in
-
-LEANING = -0.2  # of the sphere's radius: a point's own normal may lean away from its vertices'
+from stages.photometry.transport.settings import VisibilitySettings
 
 # Rays, as origins and unit directions, (r, 3) float32 each, to whether something is in their way, (r,) bool.
 Blocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -21,6 +20,7 @@ def visible_directions(
     normals: np.ndarray,
     blocked: Blocked,
     directions: np.ndarray,
+    how: VisibilitySettings,
     sphere: Sphere | None = None,
     executor: Executor | None = None,
     after_each: Callable[[], None] = lambda: None,
@@ -35,6 +35,7 @@ def visible_directions(
         Unit. Directions well behind the surface are not looked at, and count as blocked.
     blocked : callable
     directions : ndarray, shape (M, 3)
+    how : VisibilitySettings
     sphere : Sphere or None
         That the light comes from, in the frame of the positions; None: from infinitely far away.
     executor : concurrent.futures.Executor or None
@@ -54,7 +55,7 @@ def visible_directions(
     def look(byte: int) -> None:
         for bit, direction in enumerate(np.asarray(directions[8 * byte : 8 * byte + 8], np.float32)):
             towards = np.broadcast_to(direction, origins.shape) if offsets is None else direction - offsets
-            before = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > LEANING)
+            before = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > how.min_cosine)
             towards = towards[before]
             if offsets is not None:
                 towards /= np.linalg.norm(towards, axis=1, keepdims=True)
@@ -80,6 +81,7 @@ class VisibilityProbes:
         Of rays relative to the origin.
     origin : ndarray, shape (3,)
         World.
+    how : VisibilitySettings
     executor : concurrent.futures.Executor or None
     """
 
@@ -87,6 +89,7 @@ class VisibilityProbes:
     normals: np.ndarray
     blocked: Blocked
     origin: np.ndarray
+    how: VisibilitySettings
     executor: Executor | None = None
 
     def see(
@@ -97,5 +100,12 @@ class VisibilityProbes:
         if sphere is not None:
             there = Sphere(tuple(np.array(sphere.centre) - self.origin), sphere.radius)
         return visible_directions(
-            self.positions, self.normals, self.blocked, directions, there, self.executor, after_each
+            self.positions,
+            self.normals,
+            self.blocked,
+            directions,
+            self.how,
+            there,
+            self.executor,
+            after_each,
         )
