@@ -1,4 +1,4 @@
-"""Cameras and poses that no photo was taken with, found before they spread."""
+"""Checks of a model's cameras and poses against what lenses can be."""
 
 from __future__ import annotations
 

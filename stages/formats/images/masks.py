@@ -11,7 +11,7 @@ from stages.formats.images.photos import read_mask
 
 
 def kept_at(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """What the user keeps of a view, at `shape` (height, width); everything where there is no mask file.
+    """Read the mask of what is kept of a view, at `shape` (height, width); everything without a mask file.
 
     A reduced pixel is kept only if all that it averages is: otherwise background would leak into it.
     """

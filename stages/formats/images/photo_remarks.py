@@ -1,4 +1,4 @@
-"""What the header of a photo says and the decoder does not deliver, in words, with what was done about it."""
+"""Remarks on what a photo's header says and the decoder does not deliver, and how it was taken."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ TURNS = {2: "mirrored", 3: "turned by 180°", 4: "mirrored upside down", 5: "mir
 
 
 def remarks_on(path: Path, as_stored: bool) -> list[str]:
-    """Phrases such as "an embedded profile (Adobe RGB (1998)): taken as sRGB", empty where all is delivered.
+    """Describe what is not delivered, as in "an embedded profile (Adobe RGB (1998)): taken as sRGB".
+
+    Empty where all is delivered.
 
     Parameters
     ----------
