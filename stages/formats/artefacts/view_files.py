@@ -14,7 +14,7 @@ from stages.formats.images.photos import read_mask, write_png_srgb8
 from stages.formats.images.resize import reduce_by_area
 from stages.scene.cameras import Camera, rays_in_world
 
-PREVIEW_WHITE = 0.99
+PREVIEW_WHITE = 0.99  # quantile that is white in previews, which people look at and nothing reads
 
 Item = TypeVar("Item")
 Made = TypeVar("Made")
