@@ -43,13 +43,13 @@ def run(job: Job[AdoptModelSettings]) -> None:
     model = read_model(folder)
     photos = _photo_of_each(job, [image.name for image in registered(model)], folder)
     posed, rescaled, as_stored = [], [], []
-    told = read_as_stored(folder) if says_which(folder) else None
+    listed_as_stored = read_as_stored(folder) if says_which(folder) else None
     for image in registered(model):
         if image.name not in photos:
             continue
         path = job.inputs["images"] / photos[image.name]
         camera = model.cameras[image.camera_id]
-        size, turned = _size_in_model(path, photos[image.name], camera, job.settings, told)
+        size, turned = _size_in_model(path, photos[image.name], camera, job.settings, listed_as_stored)
         as_stored += [photos[image.name]] * turned
         if size != (camera.width, camera.height):
             rescaled.append(photos[image.name])
@@ -94,18 +94,22 @@ def _photo_of_each(job: Job[AdoptModelSettings], names: list[str], source: Path)
 
 
 def _size_in_model(
-    path: Path, name: str, camera: pycolmap.Camera, settings: AdoptModelSettings, told: frozenset[str] | None
+    path: Path,
+    name: str,
+    camera: pycolmap.Camera,
+    settings: AdoptModelSettings,
+    listed_as_stored: frozenset[str] | None,
 ) -> tuple[tuple[int, int], bool]:
     """Width and height of a photo as the model means it; whether that is as stored, though tagged as turned.
 
-    `told` are the names of those that a model of our own means as stored.
+    `listed_as_stored` are the names of those that a model of our own means as stored, if it says so.
     """
     from stages.formats.images.photos import orientation_of, photo_size
 
     upright, stored = photo_size(path), photo_size(path, as_stored=True)
     fits = [_off_px(size, camera) <= settings.size_tolerance_px for size in (stored, upright)]
-    if told is not None:
-        fits = [fits[0] and name in told, fits[1] and name not in told]
+    if listed_as_stored is not None:
+        fits = [fits[0] and name in listed_as_stored, fits[1] and name not in listed_as_stored]
     elif all(fits):
         fits[0] = settings.turned_photos == "as_stored"
     if fits[0] and orientation_of(path) != 1:

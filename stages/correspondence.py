@@ -1,4 +1,4 @@
-"""Which pixels of two views show the same surface point (Eq. 5, 6, 8): one sparse matrix per pair i < j."""
+"""Correspondences between pixels of two views (Eq. 5, 6, 8): one sparse matrix per pair i < j."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What people open: PNGs at one common scale, a COLMAP workspace of albedo maps, a contact sheet."""
+"""Results for people: PNGs at one common scale, a COLMAP workspace of albedo maps, a contact sheet."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def common_white(
 
 
 def tell_dark_pictures(job: Job[DeliverSettings], kind: str, white: float, middle: float) -> None:
-    """Say so where half of what is shown is so far below white that one sees nothing of it."""
+    """Warn where half of a picture is so far below white that one sees nothing of it."""
     if middle < job.settings.pictures.dark_median * white:
         job.warn(
             f"The PNGs of {kind} look black: white stands for {white:.3g}, and half of all pixels lie below "
@@ -111,7 +111,7 @@ def run(job: Job[DeliverSettings]) -> None:
 
 
 def evenly(names: list[str], count: int) -> list[str]:
-    """At most `count` of the names, evenly spaced, the first and the last among them."""
+    """Choose at most `count` of the names, evenly spaced, the first and the last among them."""
     if len(names) <= count:
         return names
     last = len(names) - 1
@@ -129,7 +129,7 @@ def deliver_maps(job: Job[DeliverSettings], kind: str, name: str, white: float) 
 
 
 def deliver_dense_view(job: Job[DeliverSettings], camera: Camera, albedo: np.ndarray) -> None:
-    """One view of the albedo workspace: its image, and the mesh's depth and normals as COLMAP maps.
+    """Write one view of the albedo workspace: its image, and the mesh's depth and normals as COLMAP maps.
 
     With the maps there, COLMAP's `stereo_fusion` makes an albedo-coloured point cloud of it.
     """
@@ -148,7 +148,7 @@ def deliver_dense_view(job: Job[DeliverSettings], camera: Camera, albedo: np.nda
 def sheet_row(
     job: Job[DeliverSettings], camera: Camera, albedo: np.ndarray, shading: np.ndarray
 ) -> list[np.ndarray]:
-    """Photo, albedo, shading and normals of one view as 8-bit pictures."""
+    """Convert photo, albedo, shading and normals of one view to 8-bit pictures."""
     from stages.formats.images.exr import read_exr
     from stages.formats.images.photos import encode_srgb8, read_mask
     from stages.formats.images.resize import reduce_by_area
@@ -163,7 +163,7 @@ def sheet_row(
 
 
 def write_dense_model(job: Job[DeliverSettings], cameras: list[Camera]) -> None:
-    """The sparse model and settings that turn the albedo images into a COLMAP workspace."""
+    """Write the sparse model and settings that turn the albedo images into a COLMAP workspace."""
     from stages.formats.colmap.dense_workspace import write_stereo_settings
     from stages.formats.colmap.model import pinhole_model, read_model, write_model
 
@@ -173,7 +173,7 @@ def write_dense_model(job: Job[DeliverSettings], cameras: list[Camera]) -> None:
 
 
 def write_scales(path: Path, whites: dict[str, float]) -> None:
-    """The scale that leads from a PNG back to the EXR."""
+    """Write the scale that leads from a PNG back to the EXR."""
 
     about = "PNG white (sRGB-decoded 1.0) stands for this value in the EXR, the same for all views"
     path.write_text(json_text({"about": about, "png_white": whites}, indent=1) + "\n", encoding="utf-8")

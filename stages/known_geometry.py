@@ -1,4 +1,4 @@
-"""What an experiment is told of the shape: the true mesh, or a smoothed one (the paper's Figs. 2 and 7)."""
+"""Given geometry of an experiment: the true mesh, or a smoothed one (the paper's Figs. 2 and 7)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class KnownGeometrySettings(Settings):
 
 
 def run(job: Job[KnownGeometrySettings]) -> None:
-    """Read the true mesh, smooth it, keep it as the mesh that every later stage believes."""
+    """Read the true mesh, smooth it, keep it as the mesh of every later stage."""
     import numpy as np
 
     from stages.formats.meshes.triangle_meshes import read_mesh, write_mesh

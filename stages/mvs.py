@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def engine_of(settings: MvsSettings) -> Mapping[str, str]:
-    """Which engine computes depth on this machine: part of the key."""
+    """Choose the engine that computes depth on this machine: part of the key."""
     if settings.engine != "auto":
         return {"engine": settings.engine}
     import pycolmap
@@ -48,7 +48,7 @@ def run(job: Job[MvsSettings]) -> None:
 
 
 def compute_with(engine: str) -> Callable[[Job[MvsSettings], Workspace], FusedPoints]:
-    """The engine's function: from a job and its opened workspace to the fused cloud; it writes the maps."""
+    """Look up the engine's function of a job and its opened workspace: writes maps, returns the cloud."""
     if engine == "cuda":
         from stages.stereo import colmap_stereo
 

@@ -1,4 +1,4 @@
-"""What each view sees of the mesh (n^i, Ω^i, π⁻¹ in the paper): depth, normals, masks, triangles."""
+"""Ray casting of the mesh in each view (n^i, Ω^i, π⁻¹ in the paper): depth, normals, masks, triangles."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class RaycastSettings(Settings):
 
 
 def chosen_views(names: list[str], patterns: tuple[str, ...]) -> list[str]:
-    """The names that fit a pattern, in their own order; all for no patterns.
+    """Choose the names that fit a pattern, in their own order; all for no patterns.
 
     Raises
     ------

@@ -108,7 +108,7 @@ def run(job: Job[UndistortSettings]) -> None:
 
 @dataclass(frozen=True)
 class Undistorted:
-    """What one view's photo was like.
+    """Outcome of undistorting one view's photo.
 
     Attributes
     ----------

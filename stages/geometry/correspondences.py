@@ -1,4 +1,4 @@
-"""Which pixel of another view shows the same surface point, judged by depth alone."""
+"""Correspondences of pixels between two views, by depth alone."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def correspondences(
     *,
     epsilon: float,
 ) -> sp.csr_array:
-    """C_ij of two views, at most one 1 per row: what Eq. 5 sums over.
+    """Find the correspondences C_ij of two views, at most one 1 per row: what Eq. 5 sums over.
 
     Eq. 6: ``C_ij(p^i, p^j) = 1`` if p^i and p^j correspond to the same surface point, 0 otherwise; decided by
 
@@ -70,7 +70,7 @@ def correspondences(
 
 
 def _numbers(usable: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Place of every usable pixel among the mask's pixels, row by row; −1 elsewhere."""
+    """Index of every usable pixel among the mask's pixels, row by row; −1 elsewhere."""
     numbers = np.full(mask.shape, -1, np.int64)
     numbers[mask] = np.arange(np.count_nonzero(mask))
     return np.where(usable, numbers, -1)
@@ -78,7 +78,7 @@ def _numbers(usable: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _nearest_points(points_i, xy, footprint_i, points_j, footprint_j, number_j, epsilon):
-    """For every point, the place of its partner in j's mask, or −1; linear in the number of points.
+    """For every point, the index of its partner in j's mask, or −1; linear in the number of points.
 
     `points_i` (P, 3), `xy` (P, 2) their image coordinates in j, `footprint_i` (P,); `points_j` (h, w, 3),
     `footprint_j` and `number_j` (h, w).

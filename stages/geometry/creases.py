@@ -1,4 +1,4 @@
-"""Which corners of faces share a vertex, told from the shape: for meshes whose files do not say."""
+"""Shared vertices from the shape of a mesh, for files that give every face its own."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stages.formats.meshes.triangle_meshes import Surface, joined
 
 
 def shared_corners(surface: Surface, crease_deg: float) -> Surface:
-    """Vertices that lie on one another become one, but not across a crease.
+    """Join vertices that lie on one another, but not across a crease.
 
     STL, and OBJ and GLB with a texture, give every face corners of its own: the normals of their vertices
     are those of faces, and a sphere is a lantern. Joined without regard, a box would be a cushion.
@@ -45,7 +45,7 @@ def shared_corners(surface: Surface, crease_deg: float) -> Surface:
 
 
 def _neighbours_alike(labels: np.ndarray) -> np.ndarray:
-    """Pairs of places, (2, n), next to one another among those that hold the same label."""
+    """Pairs of indices, (2, n), consecutive among those with the same label."""
     order = np.argsort(labels, kind="stable")
     alike = labels[order][1:] == labels[order][:-1]
     return np.stack([order[:-1][alike], order[1:][alike]])

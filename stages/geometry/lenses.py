@@ -1,4 +1,4 @@
-"""From a photo through its lens to what a pinhole camera at the same place would have seen."""
+"""Resampling of photos from COLMAP's lens models to pinhole cameras at the same place."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Lens = dict[str, Any]  # a COLMAP camera as keywords, which a worker can be sent
 
 
 def lens_of(camera: pycolmap.Camera) -> Lens:
-    """A COLMAP camera as keywords."""
+    """Write a COLMAP camera as keywords."""
     return {
         "model": camera.model_name,
         "width": camera.width,
@@ -25,7 +25,7 @@ def lens_of(camera: pycolmap.Camera) -> Lens:
 
 
 def focal_px_of(lens: Lens) -> float:
-    """Mean focal length, pixels."""
+    """Compute the mean focal length, pixels."""
     return pycolmap.Camera(**lens).mean_focal_length()
 
 

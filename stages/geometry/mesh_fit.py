@@ -1,4 +1,4 @@
-"""Whether a mesh lies where the sparse points say that the surface is."""
+"""Distances between a mesh and the sparse points."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from stages.scene.cameras import Camera, project
 
 
 def gaps_at_points(camera: Camera, depth: np.ndarray, x_in_world: np.ndarray) -> np.ndarray:
-    """How far the mesh is before or behind the points that fall on it, (m,), model units.
+    """Measure the gaps in depth between a mesh and the points that fall on it, (m,), model units.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Rays from one part of a mesh to another: what stands in the way of the sky."""
+"""Rays between points of a mesh: occlusion of the sky, nearest faces."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Occluders:
         self._scene, self.origin = scene_of(surface, threads)
 
     def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What rays meet first.
+        """Cast rays and find what each meets first.
 
         Parameters
         ----------
@@ -42,13 +42,13 @@ class Occluders:
         return vertex, behind
 
     def blocked(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Whether rays, as for `cast`, meet anything at all: shape (r,), bool."""
+        """Test whether rays, as for `cast`, meet anything at all: shape (r,), bool."""
         packed = np.concatenate([origins, directions], axis=1)
         return self._scene.test_occlusions(o3d.core.Tensor.from_numpy(packed), nthreads=self._threads).numpy()
 
 
 def scene_of(surface: Surface, threads: int = 0) -> tuple[o3d.t.geometry.RaycastingScene, np.ndarray]:
-    """A surface for open3d's rays, and the origin, (3,), that its float32 coordinates are relative to.
+    """Build open3d's scene of a surface; return it and the origin, (3,), of its float32 coordinates.
 
     The mean of the vertices: a georeferenced model with coordinates in the millions keeps its millimetres.
     """
@@ -62,15 +62,15 @@ def scene_of(surface: Surface, threads: int = 0) -> tuple[o3d.t.geometry.Raycast
 
 
 def nearest_faces(
-    scene: o3d.t.geometry.RaycastingScene, places: np.ndarray, normals: np.ndarray
+    scene: o3d.t.geometry.RaycastingScene, points: np.ndarray, normals: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find the face of a surface that is nearest to each place.
+    """Find the face of a surface that is nearest to each point.
 
     Parameters
     ----------
     scene : RaycastingScene
         Of the surface: `scene_of`.
-    places : ndarray, shape (n, 3), float32
+    points : ndarray, shape (n, 3), float32
         Relative to the scene's origin.
     normals : ndarray, shape (n, 3)
 
@@ -82,7 +82,7 @@ def nearest_faces(
     facing : ndarray, shape (n,), bool
         Whether the face is turned the way of the normal.
     """
-    nearest = scene.compute_closest_points(o3d.core.Tensor.from_numpy(places))
+    nearest = scene.compute_closest_points(o3d.core.Tensor.from_numpy(points))
     u, v = nearest["primitive_uvs"].numpy().T
     weights = np.clip(np.stack([1 - u - v, u, v], axis=1), 0, 1)
     facing = np.einsum("vk,vk->v", nearest["primitive_normals"].numpy(), normals) >= 0
@@ -96,5 +96,5 @@ def distances_to(surface: Surface, points: np.ndarray) -> np.ndarray:
         o3d.core.Tensor.from_numpy(surface.vertices.astype(np.float32)),
         o3d.core.Tensor.from_numpy(surface.faces.astype(np.uint32)),
     )
-    places = o3d.core.Tensor.from_numpy(np.ascontiguousarray(points, np.float32))
-    return scene.compute_distance(places).numpy()
+    packed = np.ascontiguousarray(points, np.float32)
+    return scene.compute_distance(o3d.core.Tensor.from_numpy(packed)).numpy()

@@ -1,4 +1,4 @@
-"""A smaller mesh in place of a large one, and how values on the small one reach the vertices of the large."""
+"""A decimated mesh in place of a large one, and interpolation from it to the large one's vertices."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def short_edged_with_proxy(
 
 
 def roughness_of(mesh: Surface, proxy: Surface, longest_edge: float) -> float:
-    """How coarse the facets are that hide the light from each other, as the length of an edge.
+    """Measure how coarse the facets are that occlude each other, as the length of an edge.
 
     Halves of a face have the slope of the whole, so cutting makes nothing smoother: it is the mean edge of
     the mesh as it was, or of its proxy if that is longer, but no more than edges of large flat faces were
@@ -64,7 +64,7 @@ def roughly_decimated(surface: Surface, faces: int, settings: ProxySettings) -> 
 
 
 def faces_of_fewer_vertices(surface: Surface, vertices: int) -> int:
-    """Number of faces at which the surface has about so many vertices, at as many faces per vertex as now.
+    """Estimate how many faces leave about so many vertices, at as many faces per vertex as now.
 
     Two of a closed mesh, fewer where there are holes and borders.
     """
@@ -72,7 +72,7 @@ def faces_of_fewer_vertices(surface: Surface, vertices: int) -> int:
 
 
 def welded(surface: Surface) -> Surface:
-    """The same, `joined`, without faces that have become lines: otherwise nothing could be decimated."""
+    """Join vertices and drop faces that have become lines: otherwise nothing could be decimated."""
     whole, _ = joined(surface)
     if whole is surface:
         return surface
@@ -107,10 +107,10 @@ def blend_of(
         own = np.repeat(np.arange(count, dtype=np.int32)[:, None], 3, axis=1)
         return own, np.tile(np.array([1, 0, 0], np.float32), (count, 1))
     scene, origin = scene_of(proxy, threads)
-    places = (surface.vertices - origin).astype(np.float32)
-    faces, weights, facing = nearest_faces(scene, places, normals)
+    points = (surface.vertices - origin).astype(np.float32)
+    faces, weights, facing = nearest_faces(scene, points, normals)
     if not facing.all():
         offset = settings.sheet_offset * mean_edge(proxy)
-        above = places[~facing] + offset * normals[~facing].astype(np.float32)
+        above = points[~facing] + offset * normals[~facing].astype(np.float32)
         faces[~facing], weights[~facing], _ = nearest_faces(scene, above, normals[~facing])
     return proxy.faces[faces].astype(np.int32), weights

@@ -80,7 +80,7 @@ class RayCaster:
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Area-weighted unit normals, shape (v, 3) float32; zero at a vertex without area around it."""
+    """Compute area-weighted unit normals, shape (v, 3) float32; zero at a vertex without area around it."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     twice_area = np.cross(b - a, c - a)
     summed = np.stack(

@@ -1,4 +1,4 @@
-"""A mesh whose edges are short enough for what is known at vertices only, as shadows are."""
+"""A mesh with edges short enough for what is known at vertices only, as shadows are."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Cut:
     longest: np.ndarray
 
     def carried(self, faces: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points by face, (n,), and shares of its corners, (n, 3), on the faces after the cut."""
-        place = np.full(self.before, -1, np.int32)
-        place[self.faces] = np.arange(len(self.faces))
-        at = np.flatnonzero(place[faces] >= 0)
-        cut = place[faces[at]]
+        """Carry points, by face, (n,), and barycentric shares, (n, 3), to the faces after the cut."""
+        index = np.full(self.before, -1, np.int32)
+        index[self.faces] = np.arange(len(self.faces))
+        at = np.flatnonzero(index[faces] >= 0)
+        cut = index[faces[at]]
         a, b, c = np.take_along_axis(shares[at], _corners_from(self.longest[cut]), axis=1).T
         beyond = b > a
         faces, shares = faces.copy(), shares.copy()
@@ -47,7 +47,7 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class ShortEdged:
-    """A mesh with short edges in place of another, and the way from one to the other.
+    """A mesh with short edges in place of another, and the map from one to the other.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class ShortEdged:
     def carried(
         self, faces: Sequence[np.ndarray], barycentric: Sequence[np.ndarray]
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Points on the other mesh, on this one.
+        """Carry points from the other mesh to this one.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class _Middles:
         self._first, self._ends = first, np.zeros(0, np.int64)
 
     def of(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The middles' numbers, (n,), and the ends of those that are new, (k, 2)."""
+        """Number the middles of edges, (n,), and list the ends of those that are new, (k, 2)."""
         ends = np.minimum(a, b).astype(np.int64) << 32 | np.maximum(a, b)
         fresh = np.setdiff1d(ends, self._ends)
         self._ends = np.concatenate([self._ends, fresh])

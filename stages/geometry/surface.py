@@ -1,4 +1,4 @@
-"""A surface from oriented points: Poisson reconstruction, its depth from extent and footprint."""
+"""Surface reconstruction from oriented points: Poisson, its depth from extent and footprint."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class OrientedPoints:
         return len(self.x_in_world)
 
     def chosen(self, keep: np.ndarray) -> OrientedPoints:
-        """The points of a boolean mask or index array."""
+        """Choose the points of a boolean mask or index array."""
         return OrientedPoints(self.x_in_world[keep], self.normals[keep], self.footprints[keep])
 
 
 def smallest_footprints(x_in_world: np.ndarray, cameras: list[Camera]) -> np.ndarray:
-    """Smallest z/f over the views whose image holds each point, shape (n,); infinite where none does."""
+    """Compute points' smallest z/f over the views whose image holds them, (n,); infinite where none does."""
     smallest = np.full(len(x_in_world), np.inf)
     for camera in cameras:
         xy, depth = project(camera, x_in_world)
@@ -66,7 +66,7 @@ def octree_depth(points: OrientedPoints, cell_footprints: float, shallowest: int
 
 
 def poisson(points: OrientedPoints, depth: int) -> Surface:
-    """Screened Poisson surface; on one thread, since more move vertices from run to run."""
+    """Reconstruct a screened Poisson surface; on one thread, since more move vertices from run to run."""
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.x_in_world))
     cloud.normals = o3d.utility.Vector3dVector(points.normals)
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
@@ -78,7 +78,7 @@ def trim_to_points(
 ) -> Surface:
     """Drop surface farther from every point than `reach_footprints` of that point's footprints.
 
-    Poisson closes what nobody saw; this takes such inventions away again.
+    Poisson closes holes where no view has seen surface; this opens them again.
     """
     distance, nearest = cKDTree(points.x_in_world).query(surface.vertices, workers=threads)
     supported = distance <= reach_footprints * points.footprints[nearest]
@@ -93,27 +93,27 @@ def without_crumbs(surface: Surface, smallest_share: float) -> Surface:
 
 
 def smoothed(surface: Surface, iterations: int) -> Surface:
-    """Taubin smoothing: takes off roughness without shrinking."""
+    """Smooth a surface by Taubin's filter, which does not shrink it."""
     if iterations == 0:
         return surface
     return from_open3d(to_open3d(surface).filter_smooth_taubin(number_of_iterations=iterations))
 
 
 def decimated(surface: Surface, target_faces: int | None) -> Surface:
-    """Quadric decimation to about `target_faces`; None leaves the surface as it is."""
+    """Decimate a surface to about `target_faces` by quadrics; None leaves it as it is."""
     if target_faces is None or len(surface.faces) <= target_faces:
         return surface
     return from_open3d(to_open3d(surface).simplify_quadric_decimation(target_faces))
 
 
 def with_faces(surface: Surface, keep: np.ndarray) -> Surface:
-    """The faces of a boolean mask, and only the vertices that they use."""
+    """Keep the faces of a boolean mask, and only the vertices that they use."""
     faces = surface.faces[keep]
     used, renumbered = np.unique(faces, return_inverse=True)
     return Surface(surface.vertices[used], renumbered.reshape(faces.shape).astype(np.int32))
 
 
 def mean_edge(surface: Surface) -> float:
-    """Mean length of the faces' first edges, model units."""
+    """Compute the mean length of the faces' first edges, model units."""
     ends = surface.vertices[surface.faces[:, :2]]
     return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())

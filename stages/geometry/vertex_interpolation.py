@@ -1,4 +1,4 @@
-"""Every pixel as a blend of the vertices that the light is looked for at."""
+"""Interpolation of values at the proxy's vertices to pixels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SurfacePoints = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # faces, bary
 
 
 def pixels_on_proxy(stored: StoredTransfer, mesh: Surface, points: SurfacePoints) -> sp.csr_array:
-    """Every pixel, at a point of the mesh, as a blend of the proxy's vertices, (N, P)."""
+    """Interpolate the proxy's vertices at every pixel's point of the mesh: weights, (N, P)."""
     short = with_short_edges(mesh, float(stored.longest_edge))
     carried, faces = short.carried(*points), short.surface.faces
     return blend_of_pixels(*carried, faces, stored.corners, stored.weights, len(stored.blocked))
@@ -29,7 +29,7 @@ def blend_of_pixels(
     weights: np.ndarray,
     vertex_count: int,
 ) -> sp.csr_array:
-    """Every pixel as a blend of a proxy's vertices.
+    """Build the matrix that interpolates a proxy's vertices at every pixel.
 
     Parameters
     ----------

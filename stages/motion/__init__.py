@@ -1,1 +1,1 @@
-"""Structure from motion: what COLMAP is told about the photos, and how its mappers are asked."""
+"""Structure from motion by COLMAP: its database, features, matches and mappers."""

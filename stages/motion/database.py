@@ -14,12 +14,12 @@ from stages.motion.features import Features
 
 
 def working_name(index: int) -> str:
-    """Name of the photo with this index while COLMAP works: its list of pairs is split at spaces."""
+    """Name the photo of this index while COLMAP works, whose list of pairs is split at spaces."""
     return f"{index:06d}"
 
 
 def copy_name(index: int) -> str:
-    """File name of the reduced copy of the photo with this index."""
+    """Name the file of the reduced copy of the photo with this index."""
     return f"{index:06d}.png"
 
 

@@ -1,4 +1,4 @@
-"""SIFT per photo: on 8-bit copies of bounded size, reported in coordinates of the full photo."""
+"""SIFT features of photos: on 8-bit copies of bounded size, in coordinates of the full photo."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def detect(copies: Sequence[Path], database: Path, max_features: int, threads: i
 
 
 def read_features(database: pycolmap.Database, copy: Path, width: int, height: int) -> Features:
-    """Features of one reduced copy, carried to the full photo of `width` × `height` pixels."""
+    """Read features of one reduced copy, scaled to the full photo of `width` × `height` pixels."""
     image = database.read_image_with_name(copy.name)
     if image is None:
         raise LookupError(f"no features were sought in {copy.name}")
@@ -76,7 +76,7 @@ def read_features(database: pycolmap.Database, copy: Path, width: int, height: i
 
 
 def in_full_photo(keypoints: np.ndarray, scale_x: float, scale_y: float) -> np.ndarray:
-    """Keypoints (n, 6) of a reduced copy in the full photo's pixels: a product, for centres are at 0.5."""
+    """Scale keypoints (n, 6) of a reduced copy to the full photo: a product, for centres are at 0.5."""
     return keypoints * np.array([scale_x, scale_y, scale_x, scale_x, scale_y, scale_y], np.float32)
 
 

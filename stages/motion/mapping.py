@@ -1,4 +1,4 @@
-"""Poses and points from matches: COLMAP's mappers, asked so that they answer the same every time."""
+"""Poses and points from matches: COLMAP's mappers and bundle adjustment, reproducible to the bit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FEWEST_PHOTOS = 2  # of a model: with one there is no depth
 
 @contextmanager
 def quiet_colmap() -> Iterator[None]:
-    """Keep COLMAP's log off the terminal; what matters of it is checked and said by us."""
+    """Keep COLMAP's log off the terminal; what matters of it is checked and reported here."""
     level = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     try:
@@ -120,7 +120,7 @@ def map_incrementally(
 def map_globally(
     database: Path, scratch: Path, seed: int, hold_cameras: bool, calibrate: bool
 ) -> list[pycolmap.Reconstruction]:
-    """COLMAP's global mapper; `calibrate` when focal lengths are guesses: it needs them from the start."""
+    """Run COLMAP's global mapper; `calibrate` where focal lengths are guesses: it needs them at once."""
     pycolmap.set_random_seed(seed)
     if calibrate:
         pycolmap.calibrate_view_graph(database, pycolmap.ViewGraphCalibrationOptions(random_seed=seed))
@@ -139,7 +139,7 @@ def map_globally(
 
 
 def by_size(models: Iterable[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
-    """Models with at least two posed photos, the largest first (photos, then points)."""
+    """Sort models with at least two posed photos, the largest first (photos, then points)."""
     useful = [model for model in models if model.num_reg_images() >= FEWEST_PHOTOS]
     return sorted(useful, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 
@@ -147,7 +147,7 @@ def by_size(models: Iterable[pycolmap.Reconstruction]) -> list[pycolmap.Reconstr
 def adjust(
     model: pycolmap.Reconstruction, held_cameras: Iterable[int], *, free_principal_point: bool = False
 ) -> None:
-    """Bundle adjustment of poses, points and cameras but `held_cameras` (ids), in place, on one thread."""
+    """Bundle-adjust poses, points and cameras but `held_cameras` (ids), in place, on one thread."""
     options = pycolmap.BundleAdjustmentOptions(
         refine_principal_point=free_principal_point, print_summary=False
     )
@@ -165,7 +165,7 @@ def adjust(
 
 @dataclass(frozen=True)
 class PrincipalPoint:
-    """What became of the principal point.
+    """Outcome of freeing the principal point.
 
     Attributes
     ----------
@@ -188,7 +188,7 @@ class PrincipalPoint:
 def free_principal_point(
     model: pycolmap.Reconstruction, largest_share: float, fewest_views: int
 ) -> PrincipalPoint:
-    """Adjust once more with the principal point free, and keep that if it is believable.
+    """Adjust once more with the principal point free, and keep that if the shift is plausible.
 
     Lenses and stabilisers put it off centre; held at the centre, it is the rotations that give way (on
     fountain-P11, 0.49° against 0.055°). With few or planar views it trades against translation: so the gates.

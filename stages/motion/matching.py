@@ -1,4 +1,4 @@
-"""Which photos are compared, and their comparison by COLMAP."""
+"""Selection of pairs of photos, and their matching by COLMAP."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ BATCH, BLOCK = 256, 16  # pairs per call, and photos along a side of a block of 
 
 
 def all_pairs(count: int) -> list[tuple[int, int]]:
-    """All pairs i < j of `count` photos."""
+    """List all pairs i < j of `count` photos."""
     return list(itertools.combinations(range(count), 2))
 
 
 def sequential_pairs(count: int, overlap: int) -> list[tuple[int, int]]:
-    """Pairs of photos taken one after the other: up to `overlap` apart, and at powers of two up to 2^overlap.
+    """List pairs of a sequence of photos: up to `overlap` apart, and at powers of two up to 2^overlap.
 
     The powers of two tie a long sequence together, where neighbours alone would let it drift.
     """
@@ -28,7 +28,7 @@ def sequential_pairs(count: int, overlap: int) -> list[tuple[int, int]]:
 
 
 def in_batches(pairs: Sequence[tuple[int, int]], batch: int = BATCH) -> list[list[tuple[int, int]]]:
-    """Pairs in batches that each touch few photos: COLMAP indexes a photo's descriptors once per call."""
+    """Batch pairs so that each touches few photos: COLMAP indexes a photo's descriptors once per call."""
     ordered = sorted(pairs, key=lambda pair: (pair[0] // BLOCK, pair[1] // BLOCK, pair))
     return [ordered[start : start + batch] for start in range(0, len(ordered), batch)]
 

@@ -1,4 +1,4 @@
-"""The photos as structure from motion sees them: upright sizes, focal priors, and who shares a camera."""
+"""Photos for structure from motion: upright sizes, focal priors, and shared cameras."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Photo:
 
 
 def survey(folder: Path, name: str, copy: Path, max_size_px: int, samples: int) -> Photo | str:
-    """Decode a photo, so as to know that it is whole, and write the reduced copy that features are sought in.
+    """Decode a photo, which shows whether it is whole, and write the reduced copy for feature detection.
 
     Returns the sentence that says what is wrong if it cannot be read: it runs in a worker, and a sentence
     travels better than an exception. A linear photo's copy has to wait for the exposure of the set, which
@@ -63,12 +63,12 @@ def survey(folder: Path, name: str, copy: Path, max_size_px: int, samples: int) 
 
 
 def write_linear_copy(path: Path, copy: Path, max_size_px: int, exposure: float) -> None:
-    """Reduced copy of an EXR or HDR photo, brought into [0, 1] by `exposure`."""
+    """Write the reduced copy of an EXR or HDR photo, brought into [0, 1] by `exposure`."""
     write_reduced(np.nan_to_num(read_photo(path) * np.float32(exposure)), copy, max_size_px)
 
 
 def focal_prior(path: Path) -> float | None:
-    """Focal length in pixels from EXIF: 35 mm equivalent, or COLMAP's table of sensors; None without both."""
+    """Read the focal length, px, from EXIF: 35 mm equivalent, or COLMAP's table of sensors; else None."""
     try:
         camera = pycolmap.infer_camera_from_image(path)
     except (RuntimeError, ValueError):  # a file that COLMAP's reader does not know
@@ -77,7 +77,7 @@ def focal_prior(path: Path) -> float | None:
 
 
 def exposure_for_matching(photos: Sequence[Photo], percentile: float) -> float:
-    """One factor that brings the linear photos of a set into [0, 1], for features only.
+    """Find one factor that brings the linear photos of a set into [0, 1], for features only.
 
     SIFT sees 8-bit sRGB, but rendered or merged images have no set white. A high percentile goes to 1: a lamp
     or a glint may clip, surfaces do not. One factor for all, so that their relative exposure survives.
@@ -90,7 +90,7 @@ def exposure_for_matching(photos: Sequence[Photo], percentile: float) -> float:
 
 
 def camera_groups(photos: Sequence[Photo], sharing: str) -> list[int]:
-    """Index of each photo's camera, counted from 0 in order of first use.
+    """Assign photos to cameras: each photo's index, counted from 0 in order of first use.
 
     Photos share a camera (``"shared"``: all of them, ``"per_folder"``, ``"per_image"``: none) only if size,
     orientation and EXIF focal length agree: a zoom or a turned camera is another camera.
@@ -111,7 +111,7 @@ def initial_cameras(
     params: Sequence[float] | None,
     focal_factor: float,
 ) -> list[pycolmap.Camera]:
-    """COLMAP cameras to start from, one per group, ids from 1.
+    """Create the COLMAP cameras to start from, one per group, ids from 1.
 
     `params`, as many as the model takes, if given, else the EXIF focal length, else `focal_factor` × the
     longest side.

@@ -1,4 +1,4 @@
-"""How dark a surface may be for its true albedo to say something."""
+"""The smallest true albedo that measures are taken of."""
 
 from __future__ import annotations
 

@@ -52,40 +52,40 @@ class Camera:
         return float(self.intrinsics[0, 0] + self.intrinsics[1, 1]) / 2
 
     def scaled(self, width: int, height: int) -> Camera:
-        """The same camera at another image size (pixels); COLMAP's half-pixel makes this a plain product."""
+        """Scale the camera to another image size (pixels); COLMAP's half-pixel makes this a plain product."""
         scale = np.diag([width / self.width, height / self.height, 1.0])
         return replace(self, width=width, height=height, intrinsics=scale @ self.intrinsics)
 
 
 def view_name(image_name: str) -> str:
-    """View name of a COLMAP image name: its extension dropped, its sub-folders kept."""
+    """Derive the view name of a COLMAP image name: its extension dropped, its sub-folders kept."""
     return str(PurePosixPath(image_name).with_suffix(""))
 
 
 def pixel_centres(width: int, height: int) -> np.ndarray:
-    """Image coordinates of all pixel centres, shape (height, width, 2): (x + 0.5, y + 0.5)."""
+    """List image coordinates of all pixel centres, shape (height, width, 2): (x + 0.5, y + 0.5)."""
     return np.stack(np.meshgrid(centres_along(width), centres_along(height)), axis=-1)
 
 
 def centres_along(count: int) -> np.ndarray:
-    """Image coordinates of the pixel centres along one side of an image, shape (count,): 0.5, 1.5, …"""
+    """List image coordinates of the pixel centres along one side of an image, shape (count,): 0.5, 1.5, …"""
     return np.arange(count) + 0.5
 
 
 def xy_for_integer_centres(xy: np.ndarray) -> np.ndarray:
-    """The same place for those who put the centre of the first pixel at (0, 0): OpenCV, array indices."""
+    """Shift image coordinates to put the first pixel's centre at (0, 0), as for OpenCV and array indices."""
     return xy - 0.5
 
 
 def intrinsics_for_integer_centres(intrinsics: np.ndarray) -> np.ndarray:
-    """K for those who put the centre of the first pixel at (0, 0): OpenCV, array indices in kernels."""
+    """Shift K to put the first pixel's centre at (0, 0), as for OpenCV and array indices in kernels."""
     shifted = intrinsics.copy()
     shifted[:2, 2] -= 0.5
     return shifted
 
 
 def rays_in_world(camera: Camera) -> np.ndarray:
-    """Direction of every pixel's ray, shape (height, width, 3), world axes, **z = 1 in the camera**.
+    """Compute the direction of every pixel's ray, (height, width, 3), world axes, **z = 1 in the camera**.
 
     A point at z-depth d on the ray is ``centre + d * ray``: no ray length ever needs converting.
     """
@@ -95,12 +95,12 @@ def rays_in_world(camera: Camera) -> np.ndarray:
 
 
 def back_project(camera: Camera, depth: np.ndarray) -> np.ndarray:
-    """π⁻¹ of Eq. 8: world points behind all pixels, (height, width, 3); `depth` is z, (height, width)."""
+    """Apply π⁻¹ of Eq. 8 to all pixels: world points, (height, width, 3); `depth` is z, (height, width)."""
     return camera.centre_in_world + rays_in_world(camera) * depth[..., None]
 
 
 def project(camera: Camera, x_in_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """π of Eq. 7: ``[p, 1] ~ K (R X + t)``.
+    """Project by π of Eq. 7: ``[p, 1] ~ K (R X + t)``.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def project(camera: Camera, x_in_world: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def footprint(camera: Camera, depth: np.ndarray | float) -> np.ndarray | float:
-    """Length on a fronto-parallel surface that one pixel covers, z/f, model units."""
+    """Compute the length on a fronto-parallel surface that one pixel covers, z/f, model units."""
     return depth / camera.focal_px
 
 

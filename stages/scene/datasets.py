@@ -17,7 +17,7 @@ DATA_VARIABLE = "UNSHADE_DATA"
 
 
 def dataset_folder(name: str, fetch: bool = True) -> Path:
-    """The folder that holds a data set's files, every checksum verified.
+    """Find or fetch the folder that holds a data set's files, every checksum verified.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def _verify(folder: Path, checksums: dict[str, str]) -> None:
 
 
 def _refuse(url: str, *_: Any) -> NoReturn:
-    """What is called instead of a download by those who only look."""
+    """Raise in place of a download, where only a plan is asked for."""
     raise UserError(
         f"{url} is not on this machine yet, and a plan fetches nothing; `unshade run` fetches it."
     )

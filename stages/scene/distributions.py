@@ -1,4 +1,4 @@
-"""What the libraries that many stages lean on are called where they are installed: for `Stage.tools`.
+"""Names under which the libraries of many stages are installed: for `Stage.tools`.
 
 Of a line with several names one is installed; the others count as absent.
 """

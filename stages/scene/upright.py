@@ -1,4 +1,4 @@
-"""Which way is up: the frame in which a picture of all directions has a meaning."""
+"""The upright frame of pictures of all directions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stages.scene.cameras import Camera
 
 
 def mean_camera_up(cameras: Sequence[Camera]) -> np.ndarray:
-    """World up as the photographers held it: unit mean of the cameras' up (−y) axes, shape (3,)."""
+    """Average the cameras' up (−y) axes: unit, world axes, shape (3,)."""
     up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
     length = float(np.linalg.norm(up))
     return up / length if length > 1e-6 else -cameras[0].rotation[1]

@@ -8,7 +8,7 @@ from pipeline import Job, Settings
 
 
 def listed(names: Sequence[str], at_most: int = 12) -> str:
-    """``a, b, c``, and how many more there are beyond `at_most`.
+    """List names as ``a, b, c``, and how many more there are beyond `at_most`.
 
     >>> listed(["a", "b", "c"], at_most=2)
     'a, b and 1 more'

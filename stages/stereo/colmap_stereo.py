@@ -45,7 +45,7 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
 
 
 def patch_match_options(settings: MvsSettings) -> pycolmap.PatchMatchOptions:
-    """PatchMatch with a geometric pass and its filter, our threshold of consistency."""
+    """Set up PatchMatch with a geometric pass and its filter, and our threshold of consistency."""
     options = pycolmap.PatchMatchOptions()
     options.geom_consistency = True
     options.filter = True
@@ -55,7 +55,7 @@ def patch_match_options(settings: MvsSettings) -> pycolmap.PatchMatchOptions:
 
 
 def fusion_options(settings: MvsSettings) -> pycolmap.StereoFusionOptions:
-    """Fusion with our thresholds of agreement."""
+    """Set up fusion with our thresholds of agreement."""
     options = pycolmap.StereoFusionOptions()
     options.min_num_pixels = settings.fusion_views
     options.max_reproj_error = settings.consistent_px

@@ -154,8 +154,8 @@ class MvsSettings(Settings):
 
     engine: Literal["auto", "cpu", "cuda", "sparse"] = setting(
         "auto",
-        "Who computes depth: our own stereo (cpu), COLMAP's PatchMatch (cuda), or nobody, the sparse points "
-        "being taken as they are (sparse). auto: cuda where pycolmap has it, else cpu.",
+        "What computes depth: our own stereo (cpu), COLMAP's PatchMatch (cuda), or nothing: the sparse "
+        "points are taken as they are (sparse). auto: cuda where pycolmap has it, else cpu.",
     )
     sources: int = setting(
         5, "Views that each view is matched with; more cost time, fewer leave holes.", ge=1, le=20
@@ -206,7 +206,7 @@ class MvsSettings(Settings):
         le=20,
     )
     geometric_iterations: int = setting(
-        1, "Rounds that also look at the other views' depth maps; a second changed nothing.", ge=0, le=20
+        1, "Rounds that also compare with the other views' depth maps; a second changed nothing.", ge=0, le=20
     )
     patch_radius_px: int = setting(
         4,

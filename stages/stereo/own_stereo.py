@@ -1,4 +1,4 @@
-"""Dense stereo on the CPU: the stage's settings handed to `depth.dense_stereo`, view by view."""
+"""Dense stereo on the CPU: `depth.dense_stereo`, view by view."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stages.stereo.workspace import Workspace, write_depth_maps
 
 
 def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
-    """Depth maps of all views, written; returns the fused cloud."""
+    """Compute and write the depth maps of all views; returns the fused cloud."""
     use_threads(job.threads)
     began = time.process_time()
     scene, lonely = plan_scene(job, workspace)
@@ -55,7 +55,7 @@ def plan_scene(job: Job[MvsSettings], workspace: Workspace) -> tuple[stereo.Scen
     plans = []
     for view in range(len(cameras)):
         sources = select_sources(cameras, points, view, settings)
-        # A lonely view may look away from every point, and is never asked for a depth.
+        # A view without sources may have no point in front of it, and gets no depth.
         near, far = _range_of(workspace, points, view, settings) if sources else (0.0, 0.0)
         plans.append(stereo.ViewPlan(sources, near, far))
     scene = stereo.Scene(
@@ -90,7 +90,7 @@ def find_planes(job: Job[MvsSettings], scene: stereo.Scene, views: list[int], st
 def reconcile(job: Job[MvsSettings], scene: stereo.Scene, views: list[int], step: Any) -> None:
     """Refine with the others' maps; puts new planes and costs into the scene."""
     after = ArrayStore(job.scratch / "planes_after")
-    for view in views:  # all look at the maps of the round before, so that their order does not matter
+    for view in views:  # by the maps of the round before, so that the order does not matter
         after[view], scene.costs[view] = stereo.refine_view(scene, view, job.settings, geometric=True)
         step()
     scene.planes = after

@@ -1,4 +1,4 @@
-"""No dense stereo at all: the sparse points, with normals, as the fused cloud."""
+"""The sparse points, with normals, in place of dense stereo's cloud."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stages.stereo.workspace import Workspace, write_depth_maps
 
 
 def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
-    """Empty depth maps, written, and the sparse points as a cloud; says so.
+    """Write empty depth maps and return the sparse points as a cloud, with a warning.
 
     Raises
     ------

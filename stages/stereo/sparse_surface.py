@@ -1,4 +1,4 @@
-"""The fallback when dense stereo is not to be had: sparse points with estimated normals."""
+"""Normals of sparse points, estimated from their neighbours."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stages.stereo.view_selection import SparsePoints
 
 
 def oriented_normals(cameras: list[Camera], points: SparsePoints, neighbours: int) -> np.ndarray:
-    """Normals of sparse points, shape (n, 3), float32, unit, world axes, towards the cameras that see them.
+    """Estimate unit normals of sparse points, (n, 3), float32, world axes, towards the observing cameras.
 
     The direction of least spread of the `neighbours` nearest points; turned to the mean direction of the
     cameras that observe the point.

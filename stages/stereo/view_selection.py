@@ -1,4 +1,4 @@
-"""Which views to match a view with, over which depths: from shared sparse points, or the poses alone."""
+"""Selection of source views and depth ranges, from shared sparse points or the poses alone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stages.stereo.mvs_settings import MvsSettings, PosePointsSettings
 
 @dataclass(frozen=True, eq=False)
 class SparsePoints:
-    """Points and who sees them.
+    """Points and the views that observe them.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ def points_from_poses(cameras: list[Camera], settings: PosePointsSettings) -> Sp
 
 
 def falls_inside(camera: Camera, x_in_world: np.ndarray) -> np.ndarray:
-    """Whether each point projects into the view's image, shape (n,), bool (no test of occlusion)."""
+    """Test whether each point projects into the view's image, shape (n,), bool (no test of occlusion)."""
     xy, depth = project(camera, x_in_world)
     return (depth > 0) & np.all((xy >= 0) & (xy < [camera.width, camera.height]), axis=-1)
 
@@ -113,7 +113,7 @@ def select_sources(
 def depth_range(
     camera: Camera, x_in_world: np.ndarray, outliers: float, margin: float
 ) -> tuple[float, float]:
-    """Near and far z-depth that hold the view's points, widened.
+    """Find near and far z-depth that hold the view's points, widened.
 
     Parameters
     ----------

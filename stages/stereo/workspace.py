@@ -42,7 +42,7 @@ class Workspace:
     colours: np.ndarray
 
     def image_reader(self):
-        """A function from a view's index to its image, (h, w, 3), uint8, RGB, that remembers the last few."""
+        """Make a function from a view's index to its image, (h, w, 3), uint8, RGB; it caches the last few."""
         return lru_cache(maxsize=IMAGES_HELD)(self._read_image)
 
     def _read_image(self, view: int) -> np.ndarray:

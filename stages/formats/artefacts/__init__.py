@@ -1,1 +1,1 @@
-"""What the stages leave for one another."""
+"""Files that stages write for one another."""

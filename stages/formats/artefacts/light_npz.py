@@ -32,7 +32,7 @@ class StoredLight:
     trusted : bool
         Whether there were trusted pixels; if there were none, all had to do, and the albedo is a guess.
     brightest : float
-        What the brightest material reflects, as far as that was told or given; 0 where it was not.
+        What the brightest material reflects, as far as that was found or given; 0 where it was not.
     """
 
     around: LightAround
@@ -46,7 +46,7 @@ class StoredLight:
 
 
 def write_light(path: Path, light: StoredLight) -> None:
-    """Write it, uncompressed."""
+    """Write the light, uncompressed."""
     around = {field.name: getattr(light.around, field.name) for field in fields(LightAround)}
     own = {field.name: getattr(light, field.name) for field in fields(StoredLight) if field.name != "around"}
     np.savez(path, **around, **own)

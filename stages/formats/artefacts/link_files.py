@@ -14,7 +14,7 @@ from stages.scene.cameras import Camera
 
 
 def read_links(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
-    """What the `correspondence` stage wrote, by the names of the two views.
+    """Read the matrices of the `correspondence` stage, by the names of the two views.
 
     Raises
     ------
@@ -32,9 +32,9 @@ def read_links(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
 
 
 def numbered_links(folder: Path, cameras: Sequence[Camera]) -> dict[tuple[int, int], sp.csr_array]:
-    """The same by the places of the two views among the cameras: C_ij of Eq. 18; only what holds links.
+    """Read them by the indices of the two cameras: C_ij of Eq. 18; only those that hold links.
 
     An empty matrix takes a number per row, and of many views most see nothing of most others.
     """
-    place = {camera.name: i for i, camera in enumerate(cameras)}
-    return {(place[i], place[j]): block for (i, j), block in read_links(folder).items() if block.nnz}
+    index = {camera.name: i for i, camera in enumerate(cameras)}
+    return {(index[i], index[j]): block for (i, j), block in read_links(folder).items() if block.nnz}

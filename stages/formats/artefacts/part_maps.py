@@ -13,7 +13,7 @@ from stages.formats.images.photos import DECODING_FAILED
 
 
 def read_part_names(path: Path) -> tuple[str, ...]:
-    """Names of the parts 1, 2, …, from ``{"parts": ["hair", …]}``.
+    """Read the names of the parts 1, 2, …, from ``{"parts": ["hair", …]}``.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def read_part_names(path: Path) -> tuple[str, ...]:
 
 
 def read_part_map(path: Path, part_count: int) -> np.ndarray:
-    """Number of the part at each pixel, shape (h, w), uint8: 0 for none, else 1 to `part_count`.
+    """Read the number of the part at each pixel, (h, w), uint8: 0 for none, else 1 to `part_count`.
 
     Raises
     ------

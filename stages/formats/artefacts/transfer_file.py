@@ -1,4 +1,4 @@
-"""`transfer.npz`: what stands between a mesh and the sky, and how its pixels find it."""
+"""`transfer.npz`: visibility and form factors at a proxy's vertices, and interpolation to a mesh's."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class StoredTransfer:
 
 
 def write_transfer(path: Path, transfer: StoredTransfer) -> None:
-    """Write it uncompressed: form factors hardly shrink."""
+    """Write the transfer uncompressed: form factors hardly shrink."""
     arrays = {field.name: getattr(transfer, field.name) for field in fields(transfer)}
     for name in MATRICES:
         matrix = arrays.pop(name)

@@ -1,4 +1,4 @@
-"""The views as the flow leaves them on disk: masks, normals, linear values, maps, arrays of their pixels."""
+"""The views' files: masks, normals, linear values, maps, arrays of their pixels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stages.formats.images.photos import read_mask, write_png_srgb8
 from stages.formats.images.resize import reduce_by_area
 from stages.scene.cameras import Camera, rays_in_world
 
-PREVIEW_WHITE = 0.99
+PREVIEW_WHITE = 0.99  # quantile that is white in previews, which people look at and nothing reads
 
 Item = TypeVar("Item")
 Made = TypeVar("Made")
@@ -81,7 +81,7 @@ def read_maps(
 def read_surface_points(
     paths: Mapping[str, Path], cameras: Sequence[Camera], masks: Sequence[np.ndarray]
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Where on the mesh the masked pixels of every view are.
+    """Read where on the mesh the masked pixels of every view are.
 
     Returns
     -------
@@ -128,14 +128,14 @@ def scaled_channels(pixels: np.ndarray) -> tuple[list[np.ndarray], float]:
 
 
 def ways_to_cameras(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> np.ndarray:
-    """Unit vector from every masked pixel's surface to its camera, world axes, (N, 3), float32."""
+    """Compute unit vectors from masked pixels' surface to their camera, world axes, (N, 3), float32."""
     rays = [rays_in_world(camera)[mask] for camera, mask in zip(cameras, masks, strict=True)]
     towards = -np.concatenate(rays)
     return (towards / np.linalg.norm(towards, axis=1, keepdims=True)).astype(np.float32)
 
 
 def images_of(masks: Sequence[np.ndarray], stacked: np.ndarray) -> Iterator[np.ndarray]:
-    """Images (h_i, w_i, …), float32, 0 outside the masks, one after the other, from stacked values (N, …)."""
+    """Unstack values (N, …) into images (h_i, w_i, …), float32, 0 outside the masks, one after the other."""
     for mask, own in zip(masks, _by_view(masks, stacked), strict=True):
         yield image_of(mask, own)
 
@@ -214,7 +214,7 @@ def _by_view(masks: Sequence[np.ndarray], stacked: np.ndarray) -> list[np.ndarra
 
 
 def image_of(mask: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Put one view's values, (·, …), in their places: (h, w, …), float32, 0 outside the mask."""
+    """Scatter one view's values, (·, …), to its pixels: (h, w, …), float32, 0 outside the mask."""
     image = np.zeros((*mask.shape, *own.shape[1:]), np.float32)
     image[mask] = own
     return image

@@ -56,7 +56,7 @@ def assemble(
 
 
 def points2d_of(image: pycolmap.Image) -> np.ndarray:
-    """2-D points of an image, shape (n, 2), float64, pixels."""
+    """Read the 2-D points of an image, shape (n, 2), float64, pixels."""
     return np.array([point.xy for point in image.points2D], float).reshape(-1, 2)
 
 

@@ -25,7 +25,7 @@ class _Reader:
         self.data, self.at = data, 0
 
     def take(self, kind: str) -> int:
-        """The next whole number."""
+        """Take the next whole number."""
         (value,) = struct.unpack_from(f"<{kind}", self.data, self.at)
         self.at += struct.calcsize(f"<{kind}")
         return value

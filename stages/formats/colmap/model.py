@@ -1,4 +1,4 @@
-"""COLMAP's sparse models: found, read with suspicion, turned into our cameras, and built again as PINHOLE."""
+"""COLMAP's sparse models: found, read and checked, turned into our cameras, and built again as PINHOLE."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COUNTED = ("cameras", "images", "points3D")  # in the comments of text models
 
 
 def find_model(folder: Path) -> Path:
-    """The folder that holds ``cameras`` and ``images`` (.bin or .txt) of a COLMAP project.
+    """Find the folder that holds ``cameras`` and ``images`` (.bin or .txt) of a COLMAP project.
 
     Looks at `folder`, then `folder/sparse`, then numbered sub-folders of both (``sparse/0``, ``sparse/1``):
     of several numbered models, the one with the most images; the lowest number among equals.
@@ -118,12 +118,12 @@ def check_image_name(name: str, source: Path | str) -> None:
 
 
 def registered(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
-    """The images that have a pose, sorted by name."""
+    """List the images that have a pose, sorted by name."""
     return sorted((model.images[i] for i in model.reg_image_ids()), key=lambda image: image.name)
 
 
 def cameras_of(model: pycolmap.Reconstruction) -> list[Camera]:
-    """Our cameras of a pinhole model's posed images, sorted by image name.
+    """Convert a pinhole model's posed images to our cameras, sorted by image name.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def cameras_of(model: pycolmap.Reconstruction) -> list[Camera]:
 
 
 def camera_of(image: pycolmap.Image, camera: pycolmap.Camera) -> Camera:
-    """Our camera from a posed COLMAP image and a pinhole COLMAP camera; both count pixels alike."""
+    """Convert a posed COLMAP image and a pinhole COLMAP camera to our camera; both count pixels alike."""
     return Camera(
         name=view_name(image.name),
         width=camera.width,
@@ -191,7 +191,7 @@ def pinhole_model(
 
 
 def carried_points(image: pycolmap.Image, camera: pycolmap.Camera, to_intrinsics: np.ndarray) -> np.ndarray:
-    """2-D points of an image, moved along their rays into a pinhole camera K at the same pose.
+    """Move 2-D points of an image along their rays into a pinhole camera K at the same pose.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Cameras and poses that no photo was taken with, found before they spread."""
+"""Checks of a model's cameras and poses against what lenses can be."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ import pycolmap
 
 from pipeline import UserError
 
+# Bounds of what a lens can be. They check input, far outside of what any camera has, and shape no result: a
+# model that is refused has to be exported again, whatever the bound. So they are no settings.
 SAMPLES = 9  # across and down the image, where a lens is tried
 FARTHEST_CENTRE = 4.0  # focal lengths, 76°, from the middle of the image: it may be a crop or a tile
 WIDEST, NARROWEST = 11.0, 5e-5  # focal lengths from the middle to a corner: 170° in all, and some 20"
 MOST_STRETCHED = 4.0  # what a lens with a rim makes of a distance from its centre, against a pinhole
+FAR_OUT = 0.25  # diagonals from the centre, where the drawing out of the image is measured
+UNDONE_PX = 1  # a pixel that comes back so near has been undone
 LEAST_INVERTIBLE = 0.2  # share of the image; fitted lenses fold in corners that no point was seen in
 WIDE = ("FISHEYE", "FOV", "EUCM")  # in their names: a pinhole is no measure of them
 
@@ -79,14 +83,14 @@ def _fault_of_lens(camera: pycolmap.Camera, centre: np.ndarray) -> str:
     with np.errstate(all="ignore"):
         rays = np.asarray(camera.cam_from_img(pixels), float)
         back = np.asarray(camera.img_from_cam(np.concatenate([rays, np.ones((len(rays), 1))], axis=1)), float)
-        undone = np.linalg.norm(back - pixels, axis=1) < 1
+        undone = np.linalg.norm(back - pixels, axis=1) < UNDONE_PX
         if undone.mean() < LEAST_INVERTIBLE:
             return f"its lens can be undone over {undone.mean():.0%} of the image only"
         if any(word in camera.model_name for word in WIDE):
             return ""
         from_centre = np.linalg.norm(pixels - centre, axis=1)
         ideal = np.linalg.norm(rays * camera.mean_focal_length(), axis=1)
-        far = undone & (from_centre > 0.25 * np.hypot(camera.width, camera.height))
+        far = undone & (from_centre > FAR_OUT * np.hypot(camera.width, camera.height))
         stretched = float(np.median(from_centre[far] / ideal[far])) if far.any() else 1.0
     if not 1 / MOST_STRETCHED <= stretched <= MOST_STRETCHED:
         return f"its lens draws the image out by a factor of {stretched:.3g}"

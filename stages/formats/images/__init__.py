@@ -1,1 +1,1 @@
-"""Photos, masks and float images: the door where light becomes linear."""
+"""Readers and writers of photos, masks and float images; photos become linear light here."""

@@ -6,7 +6,7 @@ import numpy as np
 
 
 def linear_from_srgb(encoded: np.ndarray) -> np.ndarray:
-    """Linear light, float32 in [0, 1], from sRGB-encoded values in [0, 1], any shape."""
+    """Decode sRGB values in [0, 1], any shape, to linear light, float32 in [0, 1]."""
     encoded = np.asarray(encoded, np.float32)
     return np.where(
         encoded <= np.float32(0.04045),
@@ -16,7 +16,7 @@ def linear_from_srgb(encoded: np.ndarray) -> np.ndarray:
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
-    """sRGB-encoded values, float32 in [0, 1], from linear light, any shape; clipped to [0, 1] first."""
+    """Encode linear light, any shape, as sRGB, float32 in [0, 1]; clipped to [0, 1] first."""
     linear = np.clip(np.asarray(linear, np.float32), 0, 1)
     return np.where(
         linear <= np.float32(0.0031308),

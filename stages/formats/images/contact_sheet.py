@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-MARGIN_PX = 6
+MARGIN_PX = 6  # of the layout, as is the next
 CAPTION_PX = 18
 INK, PAPER = (40, 40, 40), (255, 255, 255)
 

@@ -1,4 +1,4 @@
-"""Photos with their masks, checked against what the model says of them, without values that are no light."""
+"""Photos with their masks, checked against the model's sizes, without values that are no light."""
 
 from __future__ import annotations
 

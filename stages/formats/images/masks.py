@@ -9,9 +9,11 @@ import numpy as np
 
 from stages.formats.images.photos import read_mask
 
+ALL_KEPT = 0.999  # share of a reduced pixel: all, but for rounding
+
 
 def kept_at(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """What the user keeps of a view, at `shape` (height, width); everything where there is no mask file.
+    """Read the mask of what is kept of a view, at `shape` (height, width); everything without a mask file.
 
     A reduced pixel is kept only if all that it averages is: otherwise background would leak into it.
     """
@@ -21,4 +23,4 @@ def kept_at(path: Path, shape: tuple[int, int]) -> np.ndarray:
     if kept.shape == shape:
         return kept
     height, width = shape
-    return cv2.resize(kept.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0.999
+    return cv2.resize(kept.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > ALL_KEPT

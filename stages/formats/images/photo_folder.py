@@ -1,4 +1,4 @@
-"""Which photos and masks lie in a folder."""
+"""Photos and masks of a folder."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UNREAD = (".heic", ".heif", ".cr2", ".cr3", ".nef", ".arw", ".dng", ".raf", ".or
 
 
 def find_photos(folder: Path) -> list[str]:
-    """Photos below `folder`: relative paths with ``/``, sorted; hidden files and folders skipped.
+    """Find photos below `folder`: relative paths with ``/``, sorted; hidden files and folders skipped.
 
     They are the files that the key of a result knows: linked folders are followed.
 
@@ -45,7 +45,7 @@ def find_photos(folder: Path) -> list[str]:
 
 
 def unread_photos(folder: Path, read: Sequence[str]) -> str:
-    """A sentence on the photos below `folder` of kinds that are not read, empty without any.
+    """Report the photos below `folder` of kinds that are not read, in a sentence; empty without any.
 
     Those that lie there in a kind that is `read` as well, as cameras write them, are not missed.
     """
@@ -69,7 +69,7 @@ def _check_name(name: str, folder: Path) -> None:
 
 
 def find_mask(folder: Path, image_name: str) -> Path | None:
-    """Mask of a photo: its name, its stem with ``.png``, or COLMAP's ``name.ext.png``; None without one."""
+    """Find a photo's mask: its name, its stem with ``.png``, or COLMAP's ``name.ext.png``; else None."""
     for name in (image_name, view_name(image_name) + ".png", image_name + ".png"):
         if (folder / name).is_file():
             return folder / name

@@ -1,4 +1,4 @@
-"""What the header of a photo says and the decoder does not deliver, in words, with what was done about it."""
+"""Remarks on what a photo's header says and the decoder does not deliver, and how it was taken."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ SRGB_CODING = bytes([1, 13])  # primaries and transfer of PNG's cICP
 LONGEST_CHUNK = 1 << 24  # bytes
 TRIED = np.array([[[0, 0, 0], [20, 20, 20], [70, 70, 70], [128, 128, 128], [200, 200, 200], [255, 255, 255],
                    [200, 60, 60], [60, 200, 60], [60, 60, 200], [180, 180, 60]]], np.uint8)  # fmt: skip
+# Tolerances decide about a remark only, never about a value.
+GAMMA_OFF, PRIMARIES_OFF = 0.01, 0.005
 NEARLY = 3  # codes: sRGB as several programs round it
 EXIF_COLOUR_SPACE, EXIF_INTEROPERABILITY, INTEROPERABILITY_INDEX = 0xA001, 0xA005, 1
 EXIF_DETAILS = 0x8769
@@ -28,7 +30,9 @@ TURNS = {2: "mirrored", 3: "turned by 180°", 4: "mirrored upside down", 5: "mir
 
 
 def remarks_on(path: Path, as_stored: bool) -> list[str]:
-    """Phrases such as "an embedded profile (Adobe RGB (1998)): taken as sRGB", empty where all is delivered.
+    """Describe what is not delivered, as in "an embedded profile (Adobe RGB (1998)): taken as sRGB".
+
+    Empty where all is delivered.
 
     Parameters
     ----------
@@ -67,11 +71,11 @@ def _on_colour(image: Image.Image, chunks: Mapping[bytes, bytes]) -> list[str]:
         )
     if b"sRGB" in chunks:
         return []
-    if abs(image.info.get("gamma", SRGB_GAMMA) - SRGB_GAMMA) > 0.01:
+    if abs(image.info.get("gamma", SRGB_GAMMA) - SRGB_GAMMA) > GAMMA_OFF:
         return [f"a gamma of {image.info['gamma']:.3g}: taken as sRGB"]
     if b"cHRM" in chunks:
         white_first = np.frombuffer(chunks[b"cHRM"], ">u4")[:8] / 1e5
-        if not np.allclose(np.roll(white_first, -2), REC_709, atol=0.005):
+        if not np.allclose(np.roll(white_first, -2), REC_709, atol=PRIMARIES_OFF):
             return ["other primaries than sRGB's (cHRM): taken as sRGB's"]
     return ["Adobe RGB by its EXIF data: taken as sRGB"] if _is_adobe_by_exif(image) else []
 
@@ -132,7 +136,7 @@ def _on_exr(path: Path) -> list[str]:
     if parts > 1:
         remarks.append(f"{parts} parts in one file: the first is taken")
     primaries = header.get("chromaticities")
-    if primaries is not None and not np.allclose(np.ravel(primaries)[:8], REC_709, atol=0.005):
+    if primaries is not None and not np.allclose(np.ravel(primaries)[:8], REC_709, atol=PRIMARIES_OFF):
         remarks.append("other primaries than sRGB's (chromaticities): taken as sRGB's")
     if any(channel.name == "A" for channel in header["channels"]):
         remarks.append("an alpha channel: left out")

@@ -1,4 +1,4 @@
-"""Which photos a model takes as they are stored: COLMAP passes over the orientation in their header."""
+"""Photos that a model takes as they are stored: COLMAP passes over the orientation in their header."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def write_as_stored(model: Path, names: Iterable[str]) -> None:
 
 
 def says_which(model: Path) -> bool:
-    """Whether somebody wrote it there: such a model was made of photos as they are read here."""
+    """Test whether the folder holds this list: such a model was made of photos as they are read here."""
     return (model / AS_STORED).is_file()
 
 
 def read_as_stored(model: Path) -> frozenset[str]:
-    """Read these names; none where nobody wrote any: then all photos are meant upright."""
+    """Read these names; none where there is no list: then all photos are meant upright."""
     file = model / AS_STORED
     return frozenset(json.loads(file.read_text(encoding="utf-8")) if file.is_file() else ())

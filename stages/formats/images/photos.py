@@ -1,4 +1,4 @@
-"""The door: photographs come in as linear light, 8- and 16-bit sRGB goes out, masks both ways.
+"""Photographs, read as linear light; 8- and 16-bit sRGB pictures, written; masks, both ways.
 
 Pillow opens, measures and checks files (headers, integrity, EXIF, CMYK, palettes); OpenCV decodes what
 Pillow would cut to 8 bits. Decoding always works on bytes: OpenCV's own file access fails on some paths.
@@ -38,7 +38,7 @@ TIFF_BITS = (1, 2, 4, 8, 16)
 
 
 def photo_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
-    """Width and height, pixels, upright (EXIF orientation applied) or as stored; reads the header only.
+    """Read width and height, px, upright (EXIF orientation applied) or as stored, from the header only.
 
     Raises
     ------
@@ -134,12 +134,12 @@ def write_mask(path: Path, mask: np.ndarray) -> None:
 
 
 def encode_srgb8(linear: np.ndarray) -> np.ndarray:
-    """8-bit sRGB, uint8, from linear light, any shape; clipped to [0, 1] first."""
+    """Encode linear light, any shape, as 8-bit sRGB, uint8; clipped to [0, 1] first."""
     return np.rint(srgb_from_linear(linear) * np.float32(255)).astype(np.uint8)
 
 
 def encode_srgb16(linear: np.ndarray) -> np.ndarray:
-    """16-bit sRGB, uint16, from linear light, any shape; clipped to [0, 1] first."""
+    """Encode linear light, any shape, as 16-bit sRGB, uint16; clipped to [0, 1] first."""
     return np.rint(srgb_from_linear(linear) * np.float32(65535)).astype(np.uint16)
 
 

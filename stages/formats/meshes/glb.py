@@ -1,4 +1,4 @@
-"""GLB through trimesh, as far as that reads it right: what it passes over without a word is refused here."""
+"""GLB through trimesh, as far as that reads it right: what it passes over silently is refused here."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The door for meshes: what people bring, in five formats, comes in whole or not at all."""
+"""Mesh files of users, in five formats, read whole or refused."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from stages.formats.meshes.polygon_texts import read_obj, read_off
 from stages.formats.meshes.stl import read_stl
 from stages.formats.meshes.triangle_meshes import Surface, from_polygons
 
-# Each holds the whole mesh in one file; GLTF keeps its vertices in another, which nobody would digest.
+# Each holds the whole mesh in one file; GLTF keeps its vertices in another, which no digest would cover.
 READERS = {
     ".ply": lambda path: read_ply(path).polygons(),
     ".obj": read_obj,

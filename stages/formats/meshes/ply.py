@@ -72,17 +72,17 @@ class Ply:
     corners: np.ndarray
 
     def columns(self, *names: str) -> np.ndarray | None:
-        """Vertex properties side by side, (v, n), float64; None where one of them is missing."""
+        """Stack vertex properties, (v, n), float64; None where one of them is missing."""
         return self._side_by_side(names) if set(names) <= self.vertex.keys() else None
 
     @property
-    def places(self) -> np.ndarray:
+    def positions(self) -> np.ndarray:
         """Of the vertices, (v, 3), float64: no file is read that lacks them."""
         return self._side_by_side(("x", "y", "z"))
 
     def polygons(self) -> Polygons:
-        """The faces over the vertices' places."""
-        return Polygons(self.places, self.sizes, self.corners)
+        """Collect the faces over the vertices' positions."""
+        return Polygons(self.positions, self.sizes, self.corners)
 
     def _side_by_side(self, names: tuple[str, ...]) -> np.ndarray:
         return np.stack([np.asarray(self.vertex[name], np.float64) for name in names], axis=1)
@@ -220,14 +220,14 @@ class _BinaryRows:
         self._data, self._at, self._order = data, start, order
 
     def take(self, element: Element) -> dict[str, np.ndarray]:
-        """Columns of the next element; of a list (all its items, one after the other), and `NAME sizes`."""
+        """Take the columns of the next element; of a list, all its items in a row, and `NAME sizes`."""
         if not element.count or not element.properties:
             return _no_rows(element)
         uniform = self._with_lists_as_the_first(element)
         return self._one_by_one(element) if uniform is None else uniform
 
     def end(self) -> None:
-        """Refuse what nobody promised; some editors end every file with a line's end, some pad with zeros."""
+        """Refuse bytes beyond the header's rows, but for a line's end or zeros, as some editors leave."""
         left = self._data[self._at :]
         if left.strip(b"\0\r\n ") or len(left) > PADDING:
             raise ValueError(f"{len(left)} bytes are left over")
@@ -285,7 +285,7 @@ class _TextRows:
         self._at = 0
 
     def take(self, element: Element) -> dict[str, np.ndarray]:
-        """As `_BinaryRows.take`."""
+        """Take the columns of the next element, as `_BinaryRows.take`."""
         if not element.count or not element.properties:
             return _no_rows(element)
         uniform = self._with_lists_as_the_first(element)
@@ -315,7 +315,7 @@ class _TextRows:
         return {name: rows[:, place].reshape(-1).astype(kind) for name, kind, place in places}
 
     def end(self) -> None:
-        """Refuse what nobody promised."""
+        """Refuse lines beyond the header's rows."""
         if self._at != len(self._numbers):
             raise ValueError(f"{len(self._numbers) - self._at} numbers are left over")
 

@@ -44,4 +44,4 @@ def read_cloud(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     normals, colours = cloud.columns("nx", "ny", "nz"), cloud.columns("red", "green", "blue")
     if normals is None or colours is None:
         raise UserError(f"{path} has points without normals or colours; expected both. Fuse them again.")
-    return cloud.places, normals.astype(np.float32), colours.astype(np.uint8)
+    return cloud.positions, normals.astype(np.float32), colours.astype(np.uint8)

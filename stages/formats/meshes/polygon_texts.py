@@ -29,7 +29,7 @@ def read_obj(path: Path) -> Polygons:
     UserError
         A line cannot be read, or a face has fewer than three corners or one that is not there.
     """
-    places: list[list[float]] = []
+    positions: list[list[float]] = []
     sizes: list[int] = []
     corners: list[tuple[int, ...]] = []
     seen = {b"v": 0, b"vt": 0, b"vn": 0}
@@ -38,7 +38,7 @@ def read_obj(path: Path) -> Polygons:
             if words[0] in seen:
                 seen[words[0]] += 1
             if words[0] == b"v":
-                places.append(_place(words))
+                positions.append(_position(words))
             elif words[0] in CURVES:
                 raise ValueError("curved surface is not read")
             elif words[0] in FACES:
@@ -49,7 +49,7 @@ def read_obj(path: Path) -> Polygons:
                 f"{path} cannot be read at line {number}, {b' '.join(words)[:60]!r} ({error}); it was cut "
                 "off or damaged. Export the mesh again."
             ) from error
-    vertices = np.array(places, np.float64).reshape(-1, 3)
+    vertices = np.array(positions, np.float64).reshape(-1, 3)
     triples, counts = np.array(corners, np.int64).reshape(-1, 3), np.array(sizes, np.int64)
     if not len(triples) or (triples[:, 1:] < 0).all() or triples[:, 0].max() >= len(vertices):
         return Polygons(vertices, counts, triples[:, 0])
@@ -76,7 +76,7 @@ def read_off(path: Path) -> Polygons:
             raise ValueError(
                 f"it promises {vertex_count} vertices and {face_count} faces and has {len(rest) - 1} lines"
             )
-        vertices = np.array([_place([b"v", *words]) for words in rest[1 : 1 + vertex_count]], np.float64)
+        vertices = np.array([_position([b"v", *words]) for words in rest[1 : 1 + vertex_count]], np.float64)
         faces = [[int(word) for word in words[1 : 1 + int(words[0])]] for words in rest[1 + vertex_count :]]
         sizes = np.array([int(words[0]) for words in rest[1 + vertex_count :]], np.int64)
         if any(len(face) != size or size < FEWEST_CORNERS for face, size in zip(faces, sizes, strict=True)):
@@ -109,9 +109,9 @@ def _lines_of(path: Path) -> Iterator[tuple[int, list[bytes]]]:
         yield number, begun
 
 
-def _place(words: list[bytes]) -> list[float]:
+def _position(words: list[bytes]) -> list[float]:
     if len(words) < 4:
-        raise ValueError("a place has three numbers")
+        raise ValueError("a position has three numbers")
     return [float(word) for word in words[1:4]]
 
 
@@ -123,9 +123,9 @@ def _size(words: list[bytes]) -> int:
 
 def _corner(word: bytes, seen: tuple[int, ...]) -> tuple[int, ...]:
     """Place, texture coordinate and normal of ``7``, ``7/1``, ``7//3`` or ``7/1/3``, from 0; −1 for none."""
-    place, *others = word.split(b"/")
+    position, *others = word.split(b"/")
     indices = [_index(one, there) if one else -1 for one, there in zip(others, seen[1:], strict=False)]
-    return (_index(place, seen[0]), *indices, *[-1] * (2 - len(indices)))
+    return (_index(position, seen[0]), *indices, *[-1] * (2 - len(indices)))
 
 
 def _index(word: bytes, there: int) -> int:

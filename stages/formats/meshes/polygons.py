@@ -75,7 +75,7 @@ def _fans(vertices: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return best
 
 
-def _newell_normals(places: np.ndarray) -> np.ndarray:
+def _newell_normals(positions: np.ndarray) -> np.ndarray:
     """Normals, not normalised, (f, 3), of faces that need not be flat, (f, n, 3)."""
-    relative = places - places[:, :1]
+    relative = positions - positions[:, :1]
     return np.cross(relative, np.roll(relative, -1, axis=1)).sum(axis=1)

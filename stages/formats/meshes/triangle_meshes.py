@@ -72,7 +72,7 @@ def write_mesh(path: Path, surface: Surface, albedo: np.ndarray | None = None) -
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and normals of a PLY point cloud, each (n, 3) float64, without points that are not finite.
+    """Read positions and normals of a PLY point cloud, each (n, 3) float64; drop what is not finite.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
         It was cut off, or has no normals.
     """
     cloud = read_ply(path)
-    x_in_world, normals = cloud.places, cloud.columns("nx", "ny", "nz")
+    x_in_world, normals = cloud.positions, cloud.columns("nx", "ny", "nz")
     if normals is None:
         raise UserError(f"{path} has points without normals; expected nx, ny and nz. Fuse them again.")
     finite = np.isfinite(x_in_world).all(axis=1) & np.isfinite(normals).all(axis=1)
@@ -88,39 +88,39 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def joined(surface: Surface) -> tuple[Surface, np.ndarray]:
-    """One vertex where several lie on one another, as in STL or at the seams of a texture.
+    """Join vertices that lie on one another, as in STL or at the seams of a texture.
 
     Returns
     -------
     tuple of Surface, and ndarray, shape (V,)
         The surface itself where there are none; and of each of its vertices, which one that is there.
     """
-    places, number = np.unique(surface.vertices, axis=0, return_inverse=True)
-    if len(places) == len(surface.vertices):
-        return surface, np.arange(len(places))
+    positions, number = np.unique(surface.vertices, axis=0, return_inverse=True)
+    if len(positions) == len(surface.vertices):
+        return surface, np.arange(len(positions))
     number = number.reshape(-1)
-    return Surface(places, number[surface.faces].astype(np.int32)), number
+    return Surface(positions, number[surface.faces].astype(np.int32)), number
 
 
 def without_strays(surface: Surface) -> Surface:
-    """Without the vertices that no face has: they are no surface, but would count for its size."""
+    """Drop the vertices that no face has: they are no surface, but would count for its size."""
     return from_open3d(to_open3d(surface).remove_unreferenced_vertices())
 
 
 def to_open3d(surface: Surface) -> o3d.geometry.TriangleMesh:
-    """The same mesh for open3d."""
+    """Convert a mesh to open3d's."""
     return o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(surface.vertices), o3d.utility.Vector3iVector(surface.faces)
     )
 
 
 def from_open3d(mesh: o3d.geometry.TriangleMesh) -> Surface:
-    """The same mesh from open3d."""
+    """Convert a mesh from open3d's."""
     return Surface(np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles, np.int32).copy())
 
 
 def read_vertex_colours(path: Path) -> np.ndarray:
-    """Vertex colours of a PLY as linear albedo, (v, 3) float32; files hold them as sRGB.
+    """Read vertex colours of a PLY as linear albedo, (v, 3) float32; files hold them as sRGB.
 
     Raises
     ------

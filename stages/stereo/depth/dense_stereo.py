@@ -27,7 +27,7 @@ GREY = np.array([0.299, 0.587, 0.114], np.float32)  # luma of Rec. 601
 
 @dataclass(frozen=True)
 class ViewPlan:
-    """What a view is matched with: source views, best first, and the depths that it may have, model units."""
+    """Source views of a view, best first, and the range of its depth, model units."""
 
     sources: list[int]
     near: float
@@ -36,7 +36,7 @@ class ViewPlan:
 
 @dataclass
 class Scene:
-    """The views, and what has been found about them so far.
+    """The views, with their planes and costs so far.
 
     Attributes
     ----------
@@ -57,15 +57,15 @@ class Scene:
     costs: MutableMapping[int, np.ndarray] = field(default_factory=dict)
 
     def grey(self, view: int) -> np.ndarray:
-        """Grey values in [0, 1], (h, w), float32."""
+        """Compute a view's grey values in [0, 1], (h, w), float32."""
         return (self.colour_of(view) @ GREY / np.float32(255)).astype(np.float32)
 
     def projections(self, view: int) -> np.ndarray:
-        """`j_from_i` of the view's sources, shape (S, 3, 4)."""
+        """Stack `j_from_i` of the view's sources, shape (S, 3, 4)."""
         return np.stack([j_from_i(self.cameras[view], self.cameras[j]) for j in self.plans[view].sources])
 
     def step(self, view: int, parallax_quantile: float) -> float:
-        """Inverse depth per pixel of disparity at the middle of the view's range.
+        """Compute the inverse depth per pixel of disparity at the middle of the view's range.
 
         The disparity is that of the source at the `parallax_quantile` of speeds.
         """
@@ -76,7 +76,7 @@ class Scene:
 
 
 def padded(arrays: list[np.ndarray]) -> np.ndarray:
-    """Arrays of different heights and widths in one, zeros beyond their borders, shape (S, H, W, …)."""
+    """Stack arrays of different heights and widths, zeros beyond their borders, shape (S, H, W, …)."""
     height, width = (max(array.shape[axis] for array in arrays) for axis in (0, 1))
     stack = np.zeros((len(arrays), height, width, *arrays[0].shape[2:]), arrays[0].dtype)
     for slot, array in zip(stack, arrays, strict=True):
@@ -85,7 +85,7 @@ def padded(arrays: list[np.ndarray]) -> np.ndarray:
 
 
 def sizes_of(arrays: list[np.ndarray]) -> np.ndarray:
-    """(height, width) of each, shape (S, 2), int32."""
+    """List (height, width) of each, shape (S, 2), int32."""
     return np.array([array.shape[:2] for array in arrays], np.int32)
 
 
@@ -116,7 +116,7 @@ def sweep_view(scene: Scene, view: int, settings: MvsSettings) -> np.ndarray:
 
 
 def sources_of(scene: Scene, view: int, *, with_depth: bool) -> Sources:
-    """A view's sources for refinement, with their present inverse depths or without."""
+    """Collect a view's sources for refinement, with their present inverse depths or without."""
     chosen = scene.plans[view].sources
     images = [scene.grey(j) for j in chosen]
     back = np.stack([j_from_i(scene.cameras[j], scene.cameras[view]) for j in chosen])
@@ -172,7 +172,7 @@ def fuse_views(
 
 
 def world_normals(scene: Scene, view: int) -> np.ndarray:
-    """Normals of a view's planes in world axes, shape (h, w, 3), float32."""
+    """Compute normals of a view's planes in world axes, shape (h, w, 3), float32."""
     camera = scene.cameras[view]
     return normals_in_world(camera, normals_from_planes(scene.planes[view], camera)).astype(np.float32)
 

@@ -1,4 +1,4 @@
-"""Depth maps fused into one cloud: each surface element once, averaged over the views that agree."""
+"""Fusion of depth maps into one cloud: each surface element once, averaged over the views that agree."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class FusedPoints:
 
     @staticmethod
     def joined(parts: list[FusedPoints]) -> FusedPoints:
-        """Several clouds as one."""
+        """Concatenate clouds."""
         return FusedPoints(
             np.concatenate([part.x_in_world for part in parts]).reshape(-1, 3),
             np.concatenate([part.normals for part in parts]).reshape(-1, 3),

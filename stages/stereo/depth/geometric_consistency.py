@@ -1,4 +1,4 @@
-"""Which pixels of a depth map other depth maps confirm."""
+"""Geometric consistency of a depth map with those of other views."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _count(inverse, sizes, projections, back, inverse_depths, most_px):
 
 
 def consistent_views(inverse: np.ndarray, sources: Sources, most_px: float) -> np.ndarray:
-    """How many sources confirm each pixel, shape (h, w), uint8.
+    """Count the sources that confirm each pixel, shape (h, w), uint8.
 
     A source confirms a pixel when going there, taking the source's own depth and coming back ends within
     `most_px` of where it began. Pixels of unknown depth (0) count 0.
@@ -54,7 +54,7 @@ def consistent_views(inverse: np.ndarray, sources: Sources, most_px: float) -> n
 def confirmed(
     inverse: np.ndarray, costs: np.ndarray, count: np.ndarray, *, highest_cost: float, fewest: int
 ) -> np.ndarray:
-    """Pixels to keep, (h, w), bool: they match (cost at most `highest_cost`) and `fewest` sources agree.
+    """Mask the pixels to keep, (h, w), bool: cost at most `highest_cost`, and `fewest` sources agree.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ F = np.float32
 
 
 def j_from_i(camera_i: Camera, camera_j: Camera) -> np.ndarray:
-    """The projection of view i's pixels with inverse depth into view j, shape (3, 4), float64 (Eq. 7 twice).
+    """Build the projection of i's pixels with inverse depth into j, shape (3, 4), float64 (Eq. 7 twice).
 
     ``q = P @ [x, y, 1, 1/z]`` with (x, y) an array index of view i; ``q[:2] / q[2]`` is the array index in
     j, and q[2] is z_j / z_i. P = [K_j R_ji K_i⁻¹ | K_j t_ji].
@@ -35,7 +35,7 @@ def j_from_i(camera_i: Camera, camera_j: Camera) -> np.ndarray:
 
 
 def normals_from_planes(planes: np.ndarray, camera: Camera) -> np.ndarray:
-    """Unit normals in camera axes, towards the camera, (h, w, 3), float32; zero where w is not positive.
+    """Compute unit normals, camera axes, towards the camera, (h, w, 3), float32; zero unless w is positive.
 
     With 1/z = a·(x, y, 1) the plane is (Kᵀa)·X = 1, so the normal is −Kᵀa, normalised.
 
@@ -70,7 +70,7 @@ def _normals(planes, k):
 
 
 def depth_from_planes(planes: np.ndarray) -> np.ndarray:
-    """z-depth, shape (h, w), float32; 0 where the inverse depth is not positive."""
+    """Compute z-depth, shape (h, w), float32; 0 where the inverse depth is not positive."""
     inverse = planes[..., 0]
     return np.where(inverse > 0, F(1) / np.where(inverse > 0, inverse, F(1)), F(0)).astype(np.float32)
 
@@ -117,7 +117,7 @@ def fit_planes(inverse: np.ndarray, step: float, radius: int, tolerance: float) 
 
 
 def resample_planes(planes: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Planes at another image size: each pixel extends the plane of the nearest, (*shape, 3), float32."""
+    """Resample planes to another image size: each pixel extends the nearest's plane, (*shape, 3), float32."""
     height, width = planes.shape[:2]
     scale_x, scale_y = width / shape[1], height / shape[0]
     x = xy_for_integer_centres(centres_along(shape[1]) * scale_x)

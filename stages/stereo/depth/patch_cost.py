@@ -1,4 +1,4 @@
-"""What one surface element costs in one source view: a bilateral ZNCC and a reprojection error.
+"""Cost of one surface element in one source view: a bilateral ZNCC and a reprojection error.
 
 The element behind pixel p is a plane in inverse depth (`inverse_depth`). Its patch holds the pixels p + Δ
 on a regular grid, each weighted by closeness in space and in grey value to p, so that across a depth edge,
@@ -22,7 +22,7 @@ ONE = np.uint64(1)
 
 
 def patch_offsets(radius: int) -> np.ndarray:
-    """Offsets (Δx, Δy) of a patch's pixels, shape (32, 2), float32, reaching `radius` pixels (3 or more).
+    """Place a patch's pixels: offsets (Δx, Δy), (32, 2), float32, reaching `radius` pixels (3 or more).
 
     Radius 5 takes ±1, ±3, ±5 along either axis, corners left out.
     """
@@ -33,7 +33,7 @@ def patch_offsets(radius: int) -> np.ndarray:
 
 
 def spatial_weights(offsets: np.ndarray, sigma: float) -> np.ndarray:
-    """Gaussian weights of the offsets, shape (n,), float32; `sigma` in pixels."""
+    """Compute Gaussian weights of the offsets, shape (n,), float32; `sigma` in pixels."""
     return np.exp(-np.sum(offsets**2, axis=1) / (2 * sigma**2)).astype(np.float32)
 
 
@@ -72,7 +72,7 @@ def weigh_patch(image, y, x, spatial, grey_sigma, patch):
 def photometric_cost(
     flat, start, stride, height, width, p, s, y, x, w, slope_x, slope_y, patch, index, variance, noise
 ):
-    """1 − ZNCC of p's patch with its image in source s under the plane; OUTSIDE where p falls outside.
+    """Compute 1 − ZNCC of p's patch and its image in source s under the plane; OUTSIDE where p falls outside.
 
     The plane's homography is taken to first order around p. Three loops, coordinates, bilinear gather and
     sums: the first and last vectorise, and few arrays are passed because passing them costs as much as the
@@ -137,7 +137,7 @@ def photometric_cost(
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
 def reprojection_error(inverse_depths, height, width, p, back, s, y, x, w, most):
-    """Forward-backward error, pixels of view i, at most `most`: into source s, to its own depth, and back.
+    """Compute the forward-backward error, px of view i, at most `most`: into s, to its own depth, and back.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """PatchMatch refinement of depth and normal: try neighbours' planes and random changes, keep the better.
 
-Pixels are coloured like a chessboard; all red ones look only at black ones and the other way round, and
+Pixels are coloured like a chessboard; red ones depend only on black ones and the other way round, and
 every random number is a hash of pixel, pass and try. So rows can be shared among any number of threads
 without changing a bit.
 
@@ -117,16 +117,16 @@ def _choose_sources(sources, flat, y, x, plane, patch, index, variance, rules, c
     used = 0
     for s in range(sources.images.shape[0]):
         cost = _source_cost(sources, flat, s, y, x, plane, patch, index, variance, rules)
-        place = used
-        while place > 0 and chosen_cost[place - 1] > cost:
-            place -= 1
-        if place >= rules.best:
+        rank = used
+        while rank > 0 and chosen_cost[rank - 1] > cost:
+            rank -= 1
+        if rank >= rules.best:
             continue
-        for k in range(min(used, rules.best - 1), place, -1):
+        for k in range(min(used, rules.best - 1), rank, -1):
             chosen[k] = chosen[k - 1]
             chosen_cost[k] = chosen_cost[k - 1]
-        chosen[place] = s
-        chosen_cost[place] = cost
+        chosen[rank] = s
+        chosen_cost[rank] = cost
         used = min(used + 1, rules.best)
     total = F(0)
     for k in range(used):

@@ -1,4 +1,4 @@
-"""Which planes PatchMatch tries at a pixel, and what bending away from the neighbours costs.
+"""Candidate planes of PatchMatch at a pixel, and the charge for bending away from the neighbours.
 
 A plane is (w, slope x, slope y), see `inverse_depth`; `rules` is `patch_match.Rules`. All functions run
 inside the loops of `patch_match`.

@@ -1,4 +1,4 @@
-"""Plane sweep: how well every pixel matches its source views on each of a family of fronto-parallel planes.
+"""Plane sweep: matching costs of every pixel on each of a family of fronto-parallel planes.
 
 For one view i and inverse depths w_0 < … < w_(D−1), each source j is warped onto i by the plane's
 homography (the projection `inverse_depth.j_from_i` at constant w) and compared by zero-mean normalised
@@ -22,7 +22,7 @@ WORST = np.uint8(254)  # a cost: no correlation
 
 
 def pixels_per_inverse_depth(projections: np.ndarray, shape: tuple[int, int], inverse: float) -> np.ndarray:
-    """How fast each source's image of the central pixel moves with inverse depth, shape (S,), pixels × depth.
+    """Compute how fast each source's image of the central pixel moves with inverse depth, (S,), px × depth.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _column_sums(a, b, y, radius, columns):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def window_statistics(image, ones, radius, noise):
-    """Window mean and 1 / sqrt(variance + noise²), both (h, w) float32; borders replicated."""
+    """Compute window mean and 1 / sqrt(variance + noise²), both (h, w) float32; borders replicated."""
     height, width = image.shape
     mean = np.empty((height, width), np.float32)
     scale = np.empty((height, width), np.float32)
@@ -216,7 +216,7 @@ def matching_costs(
     best: int,
     noise: float,
 ) -> np.ndarray:
-    """Cost of every pixel on every plane, shape (h, w, D), uint8: 0 a perfect match, 254 none.
+    """Compute the cost of every pixel on every plane, shape (h, w, D), uint8: 0 a perfect match, 254 none.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ def aggregate(costs: np.ndarray, guide: np.ndarray, settings: MvsSettings) -> np
 
 @njit(cache=True, nogil=True, parallel=True)
 def winner(total: np.ndarray) -> np.ndarray:
-    """Plane of the smallest sum, refined by the parabola through its neighbours, (h, w), float32."""
+    """Find the plane of the smallest sum, refined by the parabola through its neighbours, (h, w), float32."""
     height, width, planes = total.shape
     index = np.empty((height, width), np.float32)
     for y in prange(height):
