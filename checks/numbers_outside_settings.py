@@ -4,7 +4,7 @@
 `numbers_outside_settings.yaml` does not list, where one is listed that is gone, and where more than
 `MOST_CHOICES` of those listed shape an answer. Numbers that say nothing by themselves (`SAY_NOTHING`) and
 guards against division by zero (up to `GUARD`) are not counted, unless a constant has them; nor are defaults
-and bounds of settings.
+and bounds of settings, and versions of stages.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ LIST = Path(__file__).with_suffix(".yaml")
 BEYOND = ("command", "evaluation", "synthetic")  # folders that print, judge and render: no answer is theirs
 SAY_NOTHING = frozenset({0, 1, 2, 3, 4, 0.5})  # identities, halves, axes, channels, neighbours
 SAYS_ITS_NAME = frozenset[float]()  # a constant is counted whatever its value is
+DECLARE = ("setting", "Stage", "replace")  # calls that state defaults and bounds, or a stage's version
 GUARD = 1e-6
 MOST_CHOICES = 60
 CHOICES, NO_CHOICES = "choices", "no choices"  # sections of the list
@@ -40,7 +41,7 @@ def numbers_of(tree: ast.Module) -> Iterator[tuple[str, int]]:
 
 def counted(node: ast.AST, but: frozenset[float] = SAY_NOTHING) -> Iterator[ast.Constant]:
     """Find the numbers in a piece of code, but for some, and for defaults and bounds of settings."""
-    if isinstance(node, ast.Call) and ast.unparse(node.func) == "setting" or is_settings(node):
+    if isinstance(node, ast.Call) and ast.unparse(node.func) in DECLARE or is_settings(node):
         return
     number = isinstance(node, ast.Constant) and type(node.value) in (int, float)
     if number and node.value not in but and (but is SAYS_ITS_NAME or abs(node.value) > GUARD):
@@ -59,7 +60,7 @@ def found_in(folder: Path) -> dict[str, dict[str, int]]:
     found: dict[str, dict[str, int]] = defaultdict(dict)
     for path in sorted(folder.rglob("*.py")):
         place = path.relative_to(folder)
-        if place.parts[0] not in BEYOND:
+        if place.parts[0] not in BEYOND and not place.stem.endswith("settings"):
             for name, line in numbers_of(ast.parse(path.read_text(encoding="utf-8"))):
                 found[place.as_posix()].setdefault(name, line)
     return dict(found)
