@@ -4,7 +4,7 @@ from pipeline.errors import UserError
 from pipeline.job import Job, Progress, Silence
 from pipeline.json_text import finite_or_null, json_text
 from pipeline.settings import Settings, group, setting, settings_that_matter
-from pipeline.stage import AnyStage, Artefact, Flow, Source, Stage, settings_of
+from pipeline.stage import AnyStage, Artefact, Flow, Source, Stage, former_names, settings_of
 
 __all__ = [
     "AnyStage",
@@ -18,6 +18,7 @@ __all__ = [
     "Stage",
     "UserError",
     "finite_or_null",
+    "former_names",
     "group",
     "json_text",
     "setting",

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -43,6 +44,7 @@ _Loader.add_implicit_resolver(
 )
 
 
+NOTHING_RENAMED: Mapping[str, str] = MappingProxyType({})
 A_LIST = 'a list, as in [1.5, 2] or ["001", "b"]'
 AS_ONE_WRITES_IT = {  # by pydantic's type of fault, where YAML may have made something else of what was meant
     "list_type": A_LIST,
@@ -71,7 +73,12 @@ class Config:
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
-def read_config(path: Path, source_names: Iterable[str], stage_names: Iterable[str]) -> Config:
+def read_config(
+    path: Path,
+    source_names: Iterable[str],
+    stage_names: Iterable[str],
+    renamed: Mapping[str, str] = NOTHING_RENAMED,
+) -> Config:
     """Read a YAML configuration: `workspace`, `sources`, and a section per stage. Paths are relative to it.
 
     Raises
@@ -87,7 +94,7 @@ def read_config(path: Path, source_names: Iterable[str], stage_names: Iterable[s
     sections = ["workspace", "sources", *stage_names]
     for name, section in values.items():
         if name not in sections:
-            raise UserError(f"{path} has an unknown section {name!r}; {near(name, sections)}")
+            raise UserError(f"{path} has an unknown section {name!r}; {near(name, sections, renamed)}")
         if name != "workspace" and not isinstance(section, dict):
             raise UserError(
                 f"{path}: the section {name!r} is {section!r}; expected `name: value` lines below it."
@@ -155,9 +162,11 @@ def override(settings: dict[str, dict[str, Any]], assignments: Iterable[str]) ->
 
 
 def check_settings(
-    declared: Mapping[str, type[Settings]], given: Mapping[str, Mapping[str, Any]]
+    declared: Mapping[str, type[Settings]],
+    given: Mapping[str, Mapping[str, Any]],
+    renamed: Mapping[str, str] = NOTHING_RENAMED,
 ) -> dict[str, Settings]:
-    """Settings of every stage, defaults filled in.
+    """Check the settings of every stage, and fill in the defaults. `renamed`: see `former_names`.
 
     Raises
     ------
@@ -166,7 +175,7 @@ def check_settings(
     """
     for stage in given:
         if stage not in declared:
-            raise UserError(f"There is no stage {stage!r} to set; {near(stage, declared)}")
+            raise UserError(f"There is no stage {stage!r} to set; {near(stage, declared, renamed)}")
     return {stage: _validated(stage, kind, given.get(stage, {})) for stage, kind in declared.items()}
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from pipeline.settings import Settings, near
-from pipeline.stage import Flow, Source
+from pipeline.stage import Flow, Source, former_names
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,8 @@ class Request:
         chosen = self.selection
         for name in (chosen.only, chosen.first, chosen.last):
             if name is not None and name not in names:
-                raise UserError(f"There is no stage {name!r} in this dataflow; {near(name, names)}")
+                hint = near(name, names, former_names(self.flow))
+                raise UserError(f"There is no stage {name!r} in this dataflow; {hint}")
         if chosen.only is not None:
             if bounds := chosen.bounds():
                 raise UserError(

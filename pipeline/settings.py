@@ -108,8 +108,10 @@ def _values(settings: Settings) -> Iterator[tuple[str, Any]]:
             yield public, values[public]
 
 
-def near(wrong: str, known: Iterable[str]) -> str:
-    """The sentence that helps after a name that does not exist."""
+def near(wrong: str, known: Iterable[str], renamed: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Complete a sentence about a name that does not exist: what it is called now, or the nearest ones."""
+    if wrong in renamed:
+        return f"it is called {renamed[wrong]!r} now."
     known = sorted(known)
     close = get_close_matches(wrong, known, n=1, cutoff=0.5)
     return f"did you mean {close[0]!r}?" if close else f"expected one of: {', '.join(known)}."

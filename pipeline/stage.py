@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -66,6 +66,8 @@ class Stage(Generic[S]):
         The adapter: opens the inputs, calls the core, saves the outputs.
     ignores : tuple of str
         Settings, or phases of them, that this variant of the stage does not look at: no part of the key.
+    formerly : tuple of str
+        Names that it had once; whoever types one is told the name of today.
     tools : tuple of str
         Distributions whose versions change the result: part of the key.
     machine : callable
@@ -82,12 +84,18 @@ class Stage(Generic[S]):
     run: Callable[[Job[S]], None]
     may_take: tuple[str, ...] = ()
     ignores: tuple[str, ...] = ()
+    formerly: tuple[str, ...] = ()
     tools: tuple[str, ...] = ()
     machine: Callable[[S], Mapping[str, str]] = field(default=no_facts)
 
 
 AnyStage = Stage[Any]  # one of a dataflow, whose stages differ in their settings: `settings_of` gives its own
 Flow = tuple[AnyStage, ...]
+
+
+def former_names(flow: Iterable[AnyStage]) -> dict[str, str]:
+    """Map names that stages had once to those of today."""
+    return {old: stage.name for stage in flow for old in stage.formerly}
 
 
 def settings_of(stage: Stage[S], settings: Mapping[str, Settings]) -> S:

@@ -16,7 +16,7 @@ from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
 from stages.correspondence import CORRESPONDENCE
 from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER, DECOMPOSITION_UNDER_LIGHT
-from stages.deliver import DELIVER
+from stages.export import EXPORT
 from stages.full_resolution import FULL_RESOLUTION
 from stages.known_geometry import KNOWN_GEOMETRY
 from stages.lighting import LIGHTING
@@ -62,7 +62,7 @@ DATAFLOW: Flow = (
     TRANSFER,  #        ν that knows what it can see; not in mode: paper
     LIGHTING,  #        σ, known once; not in mode: paper
     DECOMPOSITION_UNDER_LIGHT,  # Eq. 1–4, 9–18: ρ
-    DELIVER,  #         what people open
+    EXPORT,  #         what people open
 )
 ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_MESH)
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: scenes whose truth is known
@@ -96,7 +96,7 @@ def dataflow(given: Collection[str], light: str = "directions") -> Flow:
         )
     model = ADOPT_MODEL if "colmap" in given else SFM
     surface = (ADOPT_MESH,) if "mesh_file" in given else (MVS, MESH)
-    return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_paint(light), DELIVER)
+    return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_paint(light), EXPORT)
 
 
 def experiment(given: Collection[str], light: str = "directions") -> Flow:
@@ -112,7 +112,7 @@ def experiment(given: Collection[str], light: str = "directions") -> Flow:
             f"The settings of `render` ask for a rendered scene, but {', '.join(unwanted)} was given too; "
             "give one of the two."
         )
-    return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, *light_and_paint(light), DELIVER)
+    return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, *light_and_paint(light), EXPORT)
 
 
 def kind_of_light(settings: Mapping[str, Settings], given: Collection[str] = ()) -> str:

@@ -14,9 +14,9 @@ from pipeline import UserError, verbs
 from pipeline.key import tool_version
 from pipeline.terminal import Terminal
 from stages import IN_ORDER
+from stages.command.arguments import Clean, Command, Diff, Evaluate, Plan, Relight, Run, Show, Status
 from stages.command.evaluation import evaluate_verb
 from stages.command.request import existing_workspace, relighting_of, request_of
-from stages.command.words import Clean, Command, Diff, Evaluate, Plan, Relight, Run, Show, Status
 
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130
 ABOUT = (

@@ -34,14 +34,14 @@ def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsil
 
     from stages.formats.images.exr import read_exr
     from stages.formats.images.photos import read_mask
-    from stages.geometry.correspondences import correspondences
+    from stages.geometry.correspondences import find_correspondences
 
     def opened(camera: Camera) -> tuple[Camera, np.ndarray, np.ndarray]:
         return camera, read_exr(depth / f"{camera.name}.exr"), read_mask(mask / f"{camera.name}.png")
 
-    links = correspondences(*opened(camera_i), *opened(camera_j), epsilon=epsilon)
-    sp.save_npz(file, links)
-    return int(links.nnz)
+    correspondences = find_correspondences(*opened(camera_i), *opened(camera_j), epsilon=epsilon)
+    sp.save_npz(file, correspondences)
+    return int(correspondences.nnz)
 
 
 def run(job: Job[CorrespondenceSettings]) -> None:
@@ -67,7 +67,7 @@ def run(job: Job[CorrespondenceSettings]) -> None:
     rows = [{**pair, "links": count} for pair, count in zip(pairs, counts, strict=True)]
     (folder / "index.json").write_text(json_text(rows, indent=1) + "\n", encoding="utf-8")
     total = sum(counts)
-    job.note(pairs=len(pairs), links=total, pairs_without_links=counts.count(0))
+    job.note(pairs=len(pairs), correspondences=total, pairs_without_links=counts.count(0))
     if pairs and not total:
         job.warn(
             "No two views show a common surface point, so nothing ties their albedos together; "

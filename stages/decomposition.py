@@ -44,8 +44,8 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.artefacts.correspondence_files import numbered_correspondences
     from stages.formats.artefacts.light_npz import read_light
-    from stages.formats.artefacts.link_files import numbered_links
     from stages.formats.artefacts.view_files import read_arrays, read_maps
     from stages.formats.images.photos import read_mask
     from stages.photometry import transfer_solutions
@@ -54,10 +54,10 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
 
     cameras, light = read_cameras(job.inputs["cameras"]), read_light(job.inputs["found_light"])
     masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
-    views = stack_views(masks, None, numbered_links(job.inputs["correspondences"], cameras))
+    views = stack_views(masks, None, numbered_correspondences(job.inputs["correspondences"], cameras))
     mean = light.mean_shading.astype(np.float32)
     shading = read_maps(job.inputs["shading"], cameras, masks, job.executor.map) / mean
-    kinds = ("seen", "diffuse", "trusted")
+    kinds = ("observed", "diffuse", "trusted")
     observed = AlbedoData(
         **read_arrays(job.inputs["observations"], cameras, kinds, job.executor.map), glossy=light.glossy
     )
@@ -78,8 +78,8 @@ def _with_its_light(job: Job[DecompositionSettings]) -> None:
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.artefacts.correspondence_files import numbered_correspondences
     from stages.formats.artefacts.lighting_json import write_lighting
-    from stages.formats.artefacts.link_files import numbered_links
     from stages.formats.artefacts.view_files import read_views, scaled_channels, write_maps
     from stages.photometry.stack import stack_views
 
@@ -91,8 +91,8 @@ def _with_its_light(job: Job[DecompositionSettings]) -> None:
             normals.append(normal)
             pixels.append(linear)
             step()
-    links = numbered_links(job.inputs["correspondences"], cameras)
-    views = stack_views(masks, normals, links, job.executor.map)
+    correspondences = numbered_correspondences(job.inputs["correspondences"], cameras)
+    views = stack_views(masks, normals, correspondences, job.executor.map)
     images, scale = scaled_channels(np.concatenate(pixels))
     del pixels
     by_transfer = job.settings.mode == "transfer"
@@ -172,7 +172,7 @@ def _solver(job: Job[DecompositionSettings], views: StackedViews) -> FastSolver:
 
 def _weights(job: Job[DecompositionSettings], views: StackedViews) -> EnergyWeights:
     """Scale λ and μ to the size of the views, and note them."""
-    weights = weights_at(job.settings, views.side, views.links_per_pixel)
+    weights = weights_at(job.settings, views.side, views.correspondences_per_pixel)
     job.note(weights={"lambda": weights.smoothness, "mu": weights.consistency})
     return weights
 
@@ -211,7 +211,7 @@ def _write_albedo(
         write_maps(job.outputs[name], cameras, masks, stacked, job.executor.map)
     job.note(
         pixels=len(solved.albedo),
-        links=solved.views.link_count,
+        correspondences=solved.views.correspondence_count,
         negative_shading={c: int((solved.shading[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
         negative_albedo={c: int((maps["albedo"][:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
     )

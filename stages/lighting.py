@@ -63,7 +63,7 @@ def run(job: Job[LightingSettings]) -> None:
     opened, stored = _open(job), read_transfer(job.inputs["transfer"])
     towards = ways_to_cameras(opened.cameras, opened.views.masks)
     how = job.settings
-    looks = Viewing.of(opened.unclipped, opened.normals, towards, how.trusted_pixels)
+    viewing = Viewing.of(opened.unclipped, opened.normals, towards, how.trusted_pixels)
     _tell_clipped(job, int(np.count_nonzero(~opened.unclipped)), len(opened.unclipped))
     if known is not None:
         stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
@@ -72,13 +72,13 @@ def run(job: Job[LightingSettings]) -> None:
     if known is not None:
         light = _as_known(known, how, opened)
         with job.progress("steps", light.turns(how.known_light) + 1 + _tries(how)) as step:
-            found = illumination_by(light, *seen, scenes[0], looks, how, job.threads, step)
+            found = illumination_by(light, *seen, scenes[0], viewing, how, job.threads, step)
     else:
         with job.progress("steps", _steps(how, len(scenes))) as step:
-            found = find_illumination(*seen, scenes, looks, how, job.threads, step)
-    _note(job, stored, found, looks.trusted)
+            found = find_illumination(*seen, scenes, viewing, how, job.threads, step)
+    _note(job, stored, found, viewing.trusted)
     _tell(job, stored, found)
-    _write(job, opened, stored, found, bool(looks.trusted.any()))
+    _write(job, opened, stored, found, bool(viewing.trusted.any()))
 
 
 def _steps(how: LightingSettings, scenes: int) -> int:
@@ -102,7 +102,7 @@ def _open(job: Job[LightingSettings]) -> Opened:
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
-    from stages.formats.artefacts.link_files import numbered_links
+    from stages.formats.artefacts.correspondence_files import numbered_correspondences
     from stages.formats.artefacts.view_files import read_views, scaled_channels
     from stages.photometry.lighting.trusted_pixels import unclipped
     from stages.photometry.stack import stack_views
@@ -115,7 +115,7 @@ def _open(job: Job[LightingSettings]) -> Opened:
             normals.append(normal[mask])
             pixels.append(linear)
             step()
-    views = stack_views(masks, None, numbered_links(job.inputs["correspondences"], cameras))
+    views = stack_views(masks, None, numbered_correspondences(job.inputs["correspondences"], cameras))
     not_clipped = np.concatenate([unclipped(own, job.settings.trusted_pixels) for own in pixels])
     images, scale = scaled_channels(np.concatenate(pixels))
     return Opened(cameras, views, images, scale, np.concatenate(normals), not_clipped)
@@ -131,7 +131,7 @@ def _scenes(job: Job[LightingSettings], opened: Opened, stored: StoredTransfer) 
 
     points = read_surface_points(job.inputs, opened.cameras, opened.views.masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
-    scenes, opposed = scenes_by_distance(stored, blend, opened.normals, _eyes(job, stored))
+    scenes, opposed = scenes_by_distance(stored, blend, opened.normals, _probes(job, stored))
     tell_seen_from_behind(job, opposed, len(opened.normals))
     return scenes
 
@@ -146,7 +146,7 @@ def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -
     return KnownLight.of(picture, upright, settings.known_turn_deg, scale, settings.environment_map)
 
 
-def _eyes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityProbes:
+def _probes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityProbes:
     """Of the proxy's vertices, and the proxy in their way."""
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.geometry.occluders import Occluders
@@ -154,7 +154,7 @@ def _eyes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityProbe
 
     proxy = Occluders(Surface(stored.vertices, stored.faces), job.threads)
     return VisibilityProbes(
-        stored.eyes - proxy.origin,
+        stored.probes - proxy.origin,
         stored.normals,
         proxy.blocked,
         proxy.origin,
@@ -225,7 +225,7 @@ def _write(
 
     views, directions, lights = (opened.cameras, opened.views.masks), found.directions, found.light.radiance
     write_maps(job.outputs["shading"], *views, found.light.shading, job.executor.map)
-    observed = {kind: getattr(found.observations, kind) for kind in ("seen", "diffuse", "trusted")}
+    observed = {kind: getattr(found.observations, kind) for kind in ("observed", "diffuse", "trusted")}
     write_arrays(job.outputs["observations"], *views, observed, job.executor.map)
     sphere = stored.centre, float(stored.radii[found.scene])
     around = LightAround(directions, found.cells, lights, found.light_of_view, found.gains.gains, *sphere)

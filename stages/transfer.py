@@ -111,7 +111,7 @@ def run(job: Job[TransferSettings]) -> None:
     normals = vertex_normals(proxy.vertices, proxy.faces)
     places = proxy.vertices + settings.lift * roughness_of(mesh, proxy, short.longest) * normals
     occluders = Occluders(proxy, job.threads)
-    eyes = VisibilityProbes(
+    probes = VisibilityProbes(
         places - occluders.origin,
         normals,
         occluders.blocked,
@@ -119,10 +119,10 @@ def run(job: Job[TransferSettings]) -> None:
         settings.visibility,
         job.executor,
     )
-    seen = _surface_seen(eyes, occluders, job)
+    seen = _surface_seen(probes, occluders, job)
     centre, radius = _middle(proxy, settings.outlier_share)
     radii = [np.inf, *(radius * distance for distance in settings.light_distances)]
-    visible = _sky_seen(eyes, centre, radii, job)
+    visible = _sky_seen(probes, centre, radii, job)
     own_normals = vertex_normals(short.surface.vertices, short.surface.faces)
     corners, weights = blend_of(short.surface, own_normals, proxy, settings.proxy, job.threads)
     write_transfer(
@@ -137,7 +137,7 @@ def run(job: Job[TransferSettings]) -> None:
             longest_edge=np.array(short.longest),
             vertices=proxy.vertices,
             faces=proxy.faces,
-            eyes=places,
+            probes=places,
             directions=np.array(settings.sky_directions),
             centre=centre,
             radii=np.array(radii),
@@ -148,17 +148,19 @@ def run(job: Job[TransferSettings]) -> None:
     job.note(vertices=len(normals), mean_blocked=round(float(blocked.mean()), 4))
 
 
-def _surface_seen(eyes: VisibilityProbes, occluders: Occluders, job: Job[TransferSettings]) -> Occlusion:
+def _surface_seen(probes: VisibilityProbes, occluders: Occluders, job: Job[TransferSettings]) -> Occlusion:
     """What vertices see of each other instead of the sky."""
     from stages.photometry.transport.transfer_vectors import occlusion, points_at_once
 
-    count, asked = len(eyes.normals), (job.settings.degree, job.settings.directions)
+    count, asked = len(probes.normals), (job.settings.degree, job.settings.directions)
     with job.progress("rays", -(-count // points_at_once(job.settings.directions))) as step:
-        return occlusion(eyes.positions, eyes.normals, occluders.cast, count, *asked, eyes.executor, step)
+        return occlusion(
+            probes.positions, probes.normals, occluders.cast, count, *asked, probes.executor, step
+        )
 
 
 def _sky_seen(
-    eyes: VisibilityProbes, centre: np.ndarray, radii: Sequence[float], job: Job[TransferSettings]
+    probes: VisibilityProbes, centre: np.ndarray, radii: Sequence[float], job: Job[TransferSettings]
 ) -> np.ndarray:
     """In which directions vertices see each of the spheres that light may come from: (D, P, ⌈M/8⌉) bits."""
     import numpy as np
@@ -167,7 +169,7 @@ def _sky_seen(
 
     directions = even_directions(job.settings.sky_directions)
     with job.progress("directions", len(radii) * -(-len(directions) // 8)) as step:
-        return np.stack([eyes.see(directions, sphere_of(centre, radius), step) for radius in radii])
+        return np.stack([probes.see(directions, sphere_of(centre, radius), step) for radius in radii])
 
 
 def _middle(surface: Surface, outlier_share: float) -> tuple[np.ndarray, float]:

@@ -55,11 +55,11 @@ def decompose_by_sky(
     views: StackedViews,
     images: list[np.ndarray],
     scenes: Sequence[LitScene],
-    looks: Viewing,
+    viewing: Viewing,
     how: BySky,
     threads: int = 1,
 ) -> FoundBySky:
     """Find the light, then the albedo under it."""
-    found = find_illumination(views, images, scenes, looks, how.light, threads, lambda: None)
+    found = find_illumination(views, images, scenes, viewing, how.light, threads, lambda: None)
     under = (views, found.light.shading, found.observations, how.edges, DetailSettings(), how.descent)
     return FoundBySky(found, decompose_under_light(*under, threads, lambda: None))

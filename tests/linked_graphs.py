@@ -14,7 +14,7 @@ from stages.solvers.primal_dual.half_edges import HalfEdges
 
 def random_views(rng: np.random.Generator, view_count: int = 3, side: int = 7) -> StackedViews:
     """Views with holes, odd sizes and random links; never empty, not always linked."""
-    masks, normals, links = [], [], {}
+    masks, normals, correspondences = [], [], {}
     for _ in range(view_count):
         mask = rng.random(tuple(rng.integers(1, side + 1, 2))) < 0.75
         mask[rng.integers(mask.shape[0]), rng.integers(mask.shape[1])] = True
@@ -25,8 +25,8 @@ def random_views(rng: np.random.Generator, view_count: int = 3, side: int = 7) -
         shape = int(masks[i].sum()), int(masks[j].sum())
         linked = np.flatnonzero(rng.random(shape[0]) < 0.4)
         partner = rng.integers(shape[1], size=linked.size)
-        links[i, j] = sp.csr_array((np.ones(linked.size, np.uint8), (linked, partner)), shape=shape)
-    return stack_views(masks, normals, links)
+        correspondences[i, j] = sp.csr_array((np.ones(linked.size, np.uint8), (linked, partner)), shape=shape)
+    return stack_views(masks, normals, correspondences)
 
 
 def variation(graph: HalfEdges, albedo: np.ndarray) -> float:

@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 import scipy.sparse as sp
 
-from stages.geometry.correspondences import correspondences
+from stages.geometry.correspondences import find_correspondences
 from stages.photometry.paper.harmonics import shading_basis
 from stages.photometry.stack import StackedViews, stack_pixels, stack_views
 from stages.scene.cameras import Camera, back_project, rays_in_world
@@ -30,7 +30,7 @@ class SphereScene:
     normals: list[np.ndarray] = field(default_factory=list)
     albedos: list[np.ndarray] = field(default_factory=list)
     shadings: list[np.ndarray] = field(default_factory=list)
-    links: dict[tuple[int, int], sp.csr_array] = field(default_factory=dict)
+    correspondences: dict[tuple[int, int], sp.csr_array] = field(default_factory=dict)
 
     @property
     def images(self) -> list[np.ndarray]:
@@ -39,7 +39,7 @@ class SphereScene:
         ]
 
     def stacked(self) -> StackedViews:
-        return stack_views(self.masks, self.normals, self.links)
+        return stack_views(self.masks, self.normals, self.correspondences)
 
     def channels(self) -> list[np.ndarray]:
         """The channels of the images over all masked pixels, 99th percentile = 1."""
@@ -89,7 +89,7 @@ def sphere_scene(
         shading = shading_basis(normals @ _turn(turn_deg * i)) @ LIGHT
         scene.shadings.append(np.where(mask, shading, 0.0))
     for i, j in combinations(range(view_count), 2):
-        scene.links[i, j] = correspondences(
+        scene.correspondences[i, j] = find_correspondences(
             scene.cameras[i], scene.depths[i], scene.masks[i],
             scene.cameras[j], scene.depths[j], scene.masks[j], epsilon=3.0,
         )  # fmt: skip

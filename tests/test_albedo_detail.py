@@ -38,9 +38,11 @@ def several_views(count: int) -> StackedViews:
     """Views of the same pixels, each linked to all others."""
     pixels, everywhere = SHAPE[0] * SHAPE[1], np.ones(SHAPE, bool)
     same = sp.csr_array(sp.identity(pixels, dtype=np.float32))
-    links = {(i, j): same for j in range(count) for i in range(j)}
+    correspondences = {(i, j): same for j in range(count) for i in range(j)}
     starts = pixels * np.arange(count + 1)
-    return StackedViews(starts, np.zeros((count * pixels, 0), np.float32), (everywhere,) * count, links)
+    return StackedViews(
+        starts, np.zeros((count * pixels, 0), np.float32), (everywhere,) * count, correspondences
+    )
 
 
 def relief(seed: int = 5, strength: float = 0.2) -> np.ndarray:

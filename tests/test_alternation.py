@@ -155,7 +155,7 @@ def test_eq_17_the_system_is_the_normal_equations_of_the_printed_blocks(small, s
     shading = views.shading(light)
     root = np.sqrt(l1_weights(image - albedo * shading, HOW.delta))
     blocks, rows = [sp.diags_array(root * shading)], image.size
-    c = correspondence_matrix(scene.links, counts)
+    c = correspondence_matrix(scene.correspondences, counts)
     for scale, d in zip((2.0, 2.0, 2.0), (*difference_matrices(scene.masks), c), strict=True):
         blocks.append(sp.diags_array(np.sqrt(scale * l1_weights(d @ albedo, HOW.delta))) @ d)
         rows += d.shape[0]
@@ -226,8 +226,8 @@ def test_renaming_the_views_changes_nothing_but_their_order():
     scene = sphere_scene(2, 24, 20)
     mask, normals = scene.masks[0], scene.normals[0]
     count = int(mask.sum())
-    links = {(0, 1): sp.identity(count, format="csr", dtype=np.uint8)}
-    views = stack_views([mask, mask], [normals, normals], links)
+    correspondences = {(0, 1): sp.identity(count, format="csr", dtype=np.uint8)}
+    views = stack_views([mask, mask], [normals, normals], correspondences)
     first, second = (scene.images[0][mask][:, 0], 0.8 * scene.images[0][mask][:, 0] ** 1.2)
     there = decompose(views, [np.concatenate([first, second])], but(max_alternations=5))[0]
     back = decompose(views, [np.concatenate([second, first])], but(max_alternations=5))[0]
@@ -288,8 +288,8 @@ def test_at_fixed_light_a_duplicated_view_leaves_the_albedo_unchanged(somewhere)
     image = scene.channels()[0]
     light = somewhere[1][:1]
     once = stack_views([mask], [normals], {})
-    links = {(0, 1): sp.identity(count, format="csr", dtype=np.uint8)}
-    twice = stack_views([mask, mask], [normals, normals], links)
+    correspondences = {(0, 1): sp.identity(count, format="csr", dtype=np.uint8)}
+    twice = stack_views([mask, mask], [normals, normals], correspondences)
     weights = EnergyWeights(1.0, 2.0)
     alone = settle(once, image, image.copy(), light, weights, steps=8)
     double = np.concatenate([image, image])

@@ -15,10 +15,14 @@ def three_views():
     """Of four pixels, four, and one; the first two of the first view fall into one of the second."""
     masks = [np.ones((2, 2), bool), np.ones((2, 2), bool), np.ones((1, 1), bool)]
     normals = [np.broadcast_to([0.0, 0.0, 1.0], (*mask.shape, 3)).astype(np.float32) for mask in masks]
-    links = {(0, 1): ([0, 1, 2], [0, 0, 3], (4, 4)), (0, 2): ([0], [0], (4, 1)), (1, 2): ([1], [0], (4, 1))}
+    correspondences = {
+        (0, 1): ([0, 1, 2], [0, 0, 3], (4, 4)),
+        (0, 2): ([0], [0], (4, 1)),
+        (1, 2): ([1], [0], (4, 1)),
+    }
     blocks = {
         pair: sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=shape)
-        for pair, (rows, columns, shape) in links.items()
+        for pair, (rows, columns, shape) in correspondences.items()
     }
     return stack_views(masks, normals, blocks)
 

@@ -14,9 +14,9 @@ from pipeline import Job, Stage, UserError
 from stages.correspondence import CORRESPONDENCE, CorrespondenceSettings
 from stages.decomposition import DECOMPOSITION, DecompositionSettings
 from stages.formats.artefacts.camera_file import write_cameras
+from stages.formats.artefacts.correspondence_files import numbered_correspondences
 from stages.formats.artefacts.light_npz import StoredLight, read_light, write_light
 from stages.formats.artefacts.lighting_json import LightAround, write_light_around
-from stages.formats.artefacts.link_files import numbered_links
 from stages.formats.artefacts.view_files import (
     read_arrays,
     read_maps,
@@ -104,11 +104,11 @@ def test_correspondences_are_one_file_per_pair_in_order(scene, linked):
         ("view 0", "view 2"),
         ("view 1", "view 2"),
     ]
-    for row, expected in zip(rows, scene.links.values(), strict=True):
-        links = sp.load_npz(folder / row["file"])
-        assert links.nnz == row["links"]
+    for row, expected in zip(rows, scene.correspondences.values(), strict=True):
+        correspondences = sp.load_npz(folder / row["file"])
+        assert correspondences.nnz == row["links"]
         # Depths went through float32: a link on the brink of ε may fall the other way.
-        assert abs(links.astype(int) - expected.astype(int)).sum() <= 0.01 * expected.nnz
+        assert abs(correspondences.astype(int) - expected.astype(int)).sum() <= 0.01 * expected.nnz
     assert linked[1].facts["links"] == sum(row["links"] for row in rows)
 
 
@@ -191,7 +191,7 @@ def test_pairs_of_views_without_links_take_no_room(tmp_path):
     names = [camera.name for camera in cameras]
     rows = [{"i": names[0], "j": names[k], "file": file} for k, file in ((1, "none.npz"), (2, "one.npz"))]
     (tmp_path / "index.json").write_text(json.dumps(rows), encoding="utf-8")
-    assert list(numbered_links(tmp_path, cameras)) == [(0, 2)]
+    assert list(numbered_correspondences(tmp_path, cameras)) == [(0, 2)]
 
 
 def test_what_is_clipped_is_a_matter_of_its_view():

@@ -26,7 +26,7 @@ from stages.photometry.transport.sky_visibility import VisibilityProbes
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import sphere_scene
-from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, looks, normals_of, photo_of
+from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, normals_of, photo_of, viewing
 
 COUNT = 64
 FINER = RefinementSettings()
@@ -42,14 +42,14 @@ def behind_a_wall(x: float):
 def scene_of(blocked, sphere: Sphere | None = None) -> LitScene:
     """Three vertices that face up and aside, shown by a pixel each."""
     normals = np.array([[0.0, 0, 1], [0.6, 0, 0.8], [0, 1, 0]])
-    eyes = VisibilityProbes(
+    probes = VisibilityProbes(
         -ORIGIN + np.zeros((3, 3), np.float32), normals, blocked, ORIGIN, VisibilitySettings()
     )
     none = sp.csr_array((3, 3), dtype=np.float32)
     proxy = Proxy(np.zeros((3, 3)), normals.astype(np.float32), Occlusion(np.zeros((3, 9)), none, none))
     own = sp.csr_array(np.eye(3, dtype=np.float32))
-    seen = eyes.see(even_directions(COUNT), sphere)
-    return replace(LitScene.of(normals, own, proxy, seen, COUNT, sphere), eyes=eyes)
+    seen = probes.see(even_directions(COUNT), sphere)
+    return replace(LitScene.of(normals, own, proxy, seen, COUNT, sphere), probes=probes)
 
 
 def sunny(peak: float = 20.0) -> LightEstimate:
@@ -114,7 +114,7 @@ def test_a_lamp_at_hand_is_looked_at_where_it_is():
 def test_nothing_is_divided_where_nothing_is_bright_or_nobody_looks():
     scene, even = scene_of(behind_a_wall(-2)), sunny(0.0)
     assert divided(scene, even, FINER) == (scene, even)
-    blind = replace(scene, eyes=None)
+    blind = replace(scene, probes=None)
     assert divided(blind, sunny(), FINER)[0] is blind
 
 
@@ -163,14 +163,14 @@ def under_a_roof():
     """Views of a painted sphere; a sun between three directions, and a roof that shades a part."""
     shown = sphere_scene(view_count=3)
     views, normals, albedo = shown.stacked(), normals_of(shown), np.stack(shown.true_channels(), axis=1)
-    eyes, points = (
+    probes, points = (
         VisibilityProbes(normals, normals, below_a_roof, np.zeros(3), VisibilitySettings()),
         len(normals),
     )
     own, none = sp.eye_array(points, dtype=np.float32, format="csr"), sp.csr_array((points, points))
     proxy = Proxy(normals, normals.astype(np.float32), Occlusion(np.zeros((points, 9)), none, none))
-    seen = eyes.see(even_directions(DIRECTIONS), None)
-    sky = replace(LitScene.of(normals, own, proxy, seen, DIRECTIONS, None), eyes=eyes)
+    seen = probes.see(even_directions(DIRECTIONS), None)
+    sky = replace(LitScene.of(normals, own, proxy, seen, DIRECTIONS, None), probes=probes)
     towards = even_directions(DIRECTIONS)[np.argsort(-even_directions(DIRECTIONS) @ [0.3, 0.4, 0.87])[:3]]
     sun = towards.sum(axis=0) / np.linalg.norm(towards.sum(axis=0))
     free = ~below_a_roof(normals, np.tile(sun, (points, 1)))
@@ -195,11 +195,11 @@ def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is(under_a
 @pytest.mark.parametrize("specular", [False, True])
 def test_the_decomposition_divides_what_it_may_look_in(under_a_roof, specular):
     views, sky, image, shading = under_a_roof
-    channels, looked = list(image.T.copy()), looks(np.ones(len(image), bool))
+    channels, looked = list(image.T.copy()), viewing(np.ones(len(image), bool))
     how = HOW.with_light(lights="shared").with_specular(specular)
     fine, coarse = (
         decompose_by_sky(views, channels, [scene], looked, how).light
-        for scene in (sky, replace(sky, eyes=None))
+        for scene in (sky, replace(sky, probes=None))
     )
     assert len(coarse.directions) == len(coarse.cells) == DIRECTIONS
     assert len(fine.directions) == len(fine.cells) == fine.light.radiance.shape[1] > DIRECTIONS

@@ -14,8 +14,8 @@ import yaml
 
 import stages
 from pipeline.config import check_settings, override
+from stages.command.arguments import Plan
 from stages.command.request import request_of
-from stages.command.words import Plan
 from tests.test_architecture import all_settings
 
 ROOT = Path(__file__).parent.parent
@@ -51,7 +51,7 @@ def promised_outputs(text: str) -> set[str]:
     return {path.split("/")[0] for path in re.findall(r"`([a-z_]+(?:/|\.[a-z]+))", text)} - {"output"}
 
 
-def delivered_outputs() -> set[str]:
+def exported_outputs() -> set[str]:
     return {
         artefact.output.split("/")[0]
         for stage in stages.ALL_STAGES
@@ -108,14 +108,14 @@ def test_every_stage_is_in_the_guides_table():
 
 def test_every_output_that_is_documented_is_delivered_by_a_stage_and_the_other_way_round():
     table = text_of("docs/outputs.md").split("## What comes out")[1].strip().split("\n\n")[0]
-    assert promised_outputs(table) == delivered_outputs()
+    assert promised_outputs(table) == exported_outputs()
 
 
 def test_every_output_in_the_readme_is_delivered_by_a_stage():
     listed = re.findall(r"^\* .*", section("README.md", "What comes out"), re.MULTILINE)
     promised = promised_outputs("\n".join(listed))
     assert promised
-    assert promised <= delivered_outputs()
+    assert promised <= exported_outputs()
 
 
 def test_the_pipeline_in_the_readme_is_the_dataflow_in_eight_lines():

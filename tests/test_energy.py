@@ -25,8 +25,8 @@ def two_views():
     """Two views of 2 × 2 and 1 × 2 pixels, normals up, first pixel of one linked to the last of the other."""
     masks = [np.ones((2, 2), bool), np.ones((1, 2), bool)]
     normals = [np.broadcast_to([0.0, 0, 1], (*mask.shape, 3)) for mask in masks]
-    links = {(0, 1): sp.csr_array(([1], ([0], [1])), shape=(4, 2))}
-    return stack_views(masks, normals, links)
+    correspondences = {(0, 1): sp.csr_array(([1], ([0], [1])), shape=(4, 2))}
+    return stack_views(masks, normals, correspondences)
 
 
 RHO = np.array([1.0, 4.0, 2.0, 2.0, 5.0, 3.0])  # view 1: [[1, 4], [2, 2]]; view 2: [[5, 3]]

@@ -249,18 +249,18 @@ def test_leak_is_not_taken_where_the_truth_is_dark_or_the_shading_does_not_vary(
 
 def linked_views():
     masks = {"one": np.array([[True, True, False]]), "two": np.array([[True], [True]])}
-    links = {("one", "two"): sp.csr_array(np.array([[0, 1], [1, 0]], np.uint8))}
+    correspondences = {("one", "two"): sp.csr_array(np.array([[0, 1], [1, 0]], np.uint8))}
     views = [
         grey("two", [[2.0], [5.0]], [[1.0], [1.0]]),  # not in the order of the pair
         grey("one", [[3.0, 4.0, 9.0]], [[1.0] * 3], judged=masks["one"]),
     ]
-    return views, Correspondences(links, masks)
+    return views, Correspondences(correspondences, masks)
 
 
 def test_consistency_by_hand_matches_views_by_name():
     """|3 − 5|, |4 − 2|: mean 2, over the mean albedo (2 + 5 + 3 + 4)/4 = 3.5."""
-    found, links = consistency(*linked_views())
-    assert links == 2
+    found, correspondences = consistency(*linked_views())
+    assert correspondences == 2
     assert found == pytest.approx((2 / 3.5,) * 3)
 
 
@@ -268,17 +268,19 @@ def test_consistency_leaves_out_links_to_unjudged_pixels_and_needs_one():
     views, correspondences = linked_views()
     judged = np.array([[False], [True]])
     partly = [grey("two", [[2.0], [5.0]], [[1.0]] * 2, judged=judged), views[1]]
-    found, links = consistency(partly, correspondences)
-    assert links == 1
+    found, correspondences = consistency(partly, correspondences)
+    assert correspondences == 1
     assert found == pytest.approx((2 / 4,) * 3)
-    found, links = consistency(views[:1], correspondences)
-    assert links == 0
+    found, correspondences = consistency(views[:1], correspondences)
+    assert correspondences == 0
     assert all(math.isnan(value) for value in found)
 
 
 def test_consistency_refuses_masks_that_the_links_were_not_made_with():
     views, correspondences = linked_views()
-    other = Correspondences(correspondences.links, {**correspondences.masks, "one": np.ones((1, 3), bool)})
+    other = Correspondences(
+        correspondences.correspondences, {**correspondences.masks, "one": np.ones((1, 3), bool)}
+    )
     with pytest.raises(UserError, match="between 2 and 2 pixels, the masks have 3 and 2"):
         consistency(views, other)
 

@@ -158,8 +158,8 @@ def constant(scene: SphereScene) -> None:
         scene.albedos[i], scene.shadings[i] = np.where(mask[..., None], [0.5, 0.3, 0.2], 0), 1.0 * mask
 
 
-def no_links(scene: SphereScene) -> None:
-    scene.links.clear()
+def no_correspondences(scene: SphereScene) -> None:
+    scene.correspondences.clear()
 
 
 def lonely_pixel(scene: SphereScene) -> None:
@@ -167,7 +167,7 @@ def lonely_pixel(scene: SphereScene) -> None:
     scene.masks[0][8:13, 10:15] = False
     scene.masks[2][:] = False
     scene.masks[0][10, 12] = scene.masks[2][10, 12] = True
-    scene.links.clear()
+    scene.correspondences.clear()
 
 
 def shadow(scene: SphereScene) -> None:
@@ -178,10 +178,10 @@ def shadow(scene: SphereScene) -> None:
 
 def empty_view(scene: SphereScene) -> None:
     scene.masks[1] = np.zeros_like(scene.masks[1])
-    scene.links.clear()
+    scene.correspondences.clear()
 
 
-CASES = [black_channel, black_everywhere, constant, no_links, lonely_pixel, shadow, empty_view]
+CASES = [black_channel, black_everywhere, constant, no_correspondences, lonely_pixel, shadow, empty_view]
 
 
 @pytest.mark.parametrize("change", CASES)
@@ -237,8 +237,8 @@ def two_runs(sphere, make_job, tmp_path_factory) -> list:
     """The stage twice on the same files, on one thread and on two."""
     folder = tmp_path_factory.mktemp("fast")
     inputs = write_scene(folder, sphere)
-    links = {name: inputs[name] for name in ("depth", "mask", "cameras")}
-    linking = make_job(folder / "links", CORRESPONDENCE, **links)
+    correspondences = {name: inputs[name] for name in ("depth", "mask", "cameras")}
+    linking = make_job(folder / "links", CORRESPONDENCE, **correspondences)
     CORRESPONDENCE.run(linking)
     takes = {name: inputs[name] for name in ("linear", "normal", "mask", "cameras")}
     takes["correspondences"] = linking.outputs["correspondences"]

@@ -52,9 +52,9 @@ def sphere():
 
 def illuminated(sphere, known: KnownLight, image: np.ndarray):
     views, sky, _, towards = sphere
-    looks = Viewing(np.ones(len(image), bool), towards)
+    viewing = Viewing(np.ones(len(image), bool), towards)
     channels = list(np.ascontiguousarray(image.T))
-    return illumination_by(known, views, channels, sky, looks, HOW, 1, lambda: None)
+    return illumination_by(known, views, channels, sky, viewing, HOW, 1, lambda: None)
 
 
 def photo_in(sphere, picture: np.ndarray, turn_deg: float) -> np.ndarray:

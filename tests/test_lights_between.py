@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from stages.photometry.lighting.settings import LightingSettings, LightSharingSettings
 from stages.photometry.lighting.shared_or_own_lights import weight_of_own_lights
 from tests.by_sky import decompose_by_sky
-from tests.test_sky_light import HOW, lit, looks, photo_of  # noqa: F401
+from tests.test_sky_light import HOW, lit, photo_of, viewing  # noqa: F401
 
 MATTE = 1.0
 HALF = LightingSettings(still_light=0.2, moving_light=0.3)
@@ -49,7 +49,7 @@ def test_a_light_between_lies_between_and_goes_over_into_both_ends(lit):  # noqa
 
     def found(lights: str, still: float = 0.2, moving: float = 0.3):
         how = HOW.with_light(lights=lights, still_light=still, moving_light=moving).with_specular(False)
-        light = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), how).light
+        light = decompose_by_sky(views, images, [sky], viewing(np.ones(len(albedo), bool)), how).light
         return light, light.light.shading
 
     one, of_one = found("shared")
@@ -77,7 +77,7 @@ def test_the_albedo_makes_no_step_either_where_something_lies_in_a_photo(lit):  
     image[dim & (columns > np.quantile(columns, 0.6))] *= 0.7
     image[dim & (np.abs(rows - np.median(rows)) < 8) & (np.abs(columns - np.median(columns)) < 8)] *= 0.2
     images = [np.ascontiguousarray(image[:, c], np.float32) for c in range(3)]
-    trusting = looks(np.ones(len(albedo), bool))
+    trusting = viewing(np.ones(len(albedo), bool))
     spread = decompose_by_sky(views, images, [sky], trusting, HOW).light.gains.spread
 
     def found(apart: float) -> np.ndarray:

@@ -26,16 +26,18 @@ def random_masks(rng: np.random.Generator) -> list[np.ndarray]:
     return [rng.random(tuple(shape)) < 0.7 for shape in shapes]
 
 
-def random_links(rng: np.random.Generator, counts: list[int]) -> dict[tuple[int, int], sp.csr_array]:
+def random_correspondences(
+    rng: np.random.Generator, counts: list[int]
+) -> dict[tuple[int, int], sp.csr_array]:
     """At most one link per row, about half of the rows linked."""
-    links = {}
+    correspondences = {}
     for i in range(len(counts)):
         for j in range(i + 1, len(counts)):
             rows = np.flatnonzero(rng.random(counts[i]) < 0.5) if counts[j] else np.zeros(0, int)
             columns = rng.integers(0, max(counts[j], 1), rows.size)
             shape = (counts[i], counts[j])
-            links[i, j] = sp.csr_array((np.ones(rows.size, np.uint8), (rows, columns)), shape=shape)
-    return links
+            correspondences[i, j] = sp.csr_array((np.ones(rows.size, np.uint8), (rows, columns)), shape=shape)
+    return correspondences
 
 
 def assert_dot_test(operator: sp.csr_array, rng: np.random.Generator) -> None:
@@ -54,7 +56,10 @@ def test_every_operator_passes_the_dot_test(seed):
     rng = np.random.default_rng(seed)
     masks = random_masks(rng)
     counts = [int(mask.sum()) for mask in masks]
-    for operator in (*difference_matrices(masks), correspondence_matrix(random_links(rng, counts), counts)):
+    for operator in (
+        *difference_matrices(masks),
+        correspondence_matrix(random_correspondences(rng, counts), counts),
+    ):
         assert_dot_test(operator, rng)
 
 
@@ -106,10 +111,10 @@ def test_views_do_not_touch_each_other():
 def test_eq_18_layout_for_four_views():
     """Eq. 18 with |Ω| = 2, 1, 3, 2 and the last pixel of i linked to the first of j in every pair."""
     counts = [2, 1, 3, 2]
-    links = {}
+    correspondences = {}
     for i in range(4):
         for j in range(i + 1, 4):
-            links[i, j] = sp.csr_array(([1], ([counts[i] - 1], [0])), shape=(counts[i], counts[j]))
+            correspondences[i, j] = sp.csr_array(([1], ([counts[i] - 1], [0])), shape=(counts[i], counts[j]))
     # columns:     1  1 | 2 | 3  3  3 | 4  4
     expected = [
         [0, 0, 0, 0, 0, 0, 0, 0],  # B12 C12
@@ -124,7 +129,7 @@ def test_eq_18_layout_for_four_views():
         [0, 0, 0, 0, 0, 0, 0, 0],
         [0, 0, 0, 0, 0, -1, 1, 0],
     ]
-    assert correspondence_matrix(links, counts).toarray().tolist() == expected
+    assert correspondence_matrix(correspondences, counts).toarray().tolist() == expected
 
 
 def test_a_pair_without_links_keeps_its_rows():
@@ -153,7 +158,7 @@ def test_eq_17_normal_equations_are_j_transposed_j(seed):
     rng = np.random.default_rng(seed)
     masks = random_masks(rng)
     counts = [int(mask.sum()) for mask in masks]
-    blocks = [*difference_matrices(masks), correspondence_matrix(random_links(rng, counts), counts)]
+    blocks = [*difference_matrices(masks), correspondence_matrix(random_correspondences(rng, counts), counts)]
     blocks = [without_empty_rows(block) for block in blocks]
     diagonal = rng.random(sum(counts))
     weights = [rng.random(block.shape[0]) for block in blocks]

@@ -52,7 +52,7 @@ def proxy_of(surface: Surface, most_vertices: int) -> Surface:
 
 def test_the_direct_basis_is_the_open_skys_less_what_is_blocked(transfer):
     assert transfer.direct().shape == (PIXELS, 4)
-    lacking = transfer.blend.toarray() @ transfer.seen.blocked
+    lacking = transfer.blend.toarray() @ transfer.occlusion.blocked
     assert np.allclose(transfer.direct(), transfer.open_sky - lacking, atol=1e-6)
 
 

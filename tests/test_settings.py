@@ -183,6 +183,16 @@ def test_a_missing_config_is_named(tmp_path):
         read_config(tmp_path / "nowhere.yaml", [], [])
 
 
+def test_a_name_that_a_stage_had_once_is_answered_with_that_of_today(tmp_path):
+    renamed = {"tally": "count"}
+    with pytest.raises(UserError, match="There is no stage 'tally' to set; it is called 'count' now."):
+        check_settings(DECLARED, {"tally": {}}, renamed)
+    path = tmp_path / "job.yaml"
+    path.write_text("tally: {times: 2}\n")
+    with pytest.raises(UserError, match="unknown section 'tally'; it is called 'count' now."):
+        read_config(path, [], DECLARED, renamed)
+
+
 def test_a_stage_gets_its_own_settings_and_refuses_anothers():
     own = CountSettings(times=3)
     assert settings_of(COUNT, {"join": JoinSettings(), "count": own}) is own

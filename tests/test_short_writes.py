@@ -26,7 +26,7 @@ ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data"
 SMALL = ["sfm.max_size_px=400", "undistort.max_size_px=96", "raycast.reduce=1", "mvs.sweep_planes=32",
          "decomposition.mode=paper", "decomposition.paper.max_alternations=1"]  # fmt: skip
-STAGES = ("sfm", "undistort", "mvs", "mesh", "raycast", "correspondence", "decomposition", "deliver")
+STAGES = ("sfm", "undistort", "mvs", "mesh", "raycast", "correspondence", "decomposition", "export")
 OWN = {"record.json", "log.txt"}  # the pipeline's
 
 

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from stages.formats.artefacts.view_files import ways_to_cameras
 from stages.photometry.albedo import albedo_given_light as sky_decomposition
-from stages.photometry.albedo.albedo_edges import agreement_of_links, smoothness_of_edges
+from stages.photometry.albedo.albedo_edges import agreement_of_correspondences, smoothness_of_edges
 from stages.photometry.albedo.appearance import appearance_of
 from stages.photometry.albedo.settings import REFERENCE_SIDE_PX, EdgeSettings
 from stages.photometry.albedo.smooth_albedo import albedo_under_light
@@ -35,7 +35,12 @@ from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.lighting.view_gains import view_gains
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.specular import highlights
-from stages.photometry.specular.highlights import Linked, brightening, darker_outliers, without_highlights
+from stages.photometry.specular.highlights import (
+    LinkedPatches,
+    brightening,
+    darker_outliers,
+    without_highlights,
+)
 from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSettings
 from stages.photometry.stack import StackedViews, stack_views
 from stages.photometry.transport.directional_transport import even_directions
@@ -61,7 +66,7 @@ HOW = BySky(
 )
 
 
-def looks(trusted: np.ndarray) -> Viewing:
+def viewing(trusted: np.ndarray) -> Viewing:
     """At three views of the sphere."""
     scene = sphere_scene(view_count=3)
     return Viewing(trusted, ways_to_cameras(scene.cameras, scene.masks))
@@ -494,7 +499,7 @@ def test_a_dim_channel_or_view_does_not_hide_the_exposures(lit, exposures, blue)
 
 def test_views_without_links_have_no_gains():
     scene = sphere_scene(view_count=2)
-    scene.links = {}
+    scene.correspondences = {}
     count = int(scene.stacked().starts[-1])
     found = view_gains(scene.stacked(), np.ones((count, 3)), np.ones(count, bool), FEW.gains)
     assert np.array_equal(found.gains, np.ones((2, 3)))
@@ -576,13 +581,13 @@ def test_everything_together_on_the_sphere(lit):
     views, sky, albedo, shading, _ = lit
     image = photo_of(albedo, shading)
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
-    found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW)
+    found = decompose_by_sky(views, images, [sky], viewing(np.ones(len(albedo), bool)), HOW)
     assert found.light.light_of_view.max() == 0
     assert found.light.specular is None
     assert np.allclose(found.light.light.shading.mean(axis=0), 1, atol=1e-3)
     assert error(found.albedo, albedo) < 0.25 * error(image, albedo)
     apart = HOW.with_light(lights="per-view")
-    per_view = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), apart)
+    per_view = decompose_by_sky(views, images, [sky], viewing(np.ones(len(albedo), bool)), apart)
     assert per_view.light.light.radiance.shape == (3, DIRECTIONS, 3)
     assert error(per_view.albedo, albedo) < 0.5 * error(image, albedo)
 
@@ -643,8 +648,8 @@ def test_disputed_pixels_believe_the_other_views(lit):
     """Each link has its own μ: uniform weights change nothing, and more of them outvote a view's photo."""
     views, _, albedo, shading, _ = lit
     weights, everywhere = EnergyWeights(0.02, 0.1), np.ones(len(albedo), bool)
-    plain = agreement_of_links(views, 0.1, np.zeros(len(albedo)), 4.0)
-    firm = agreement_of_links(views, 0.1, np.ones(len(albedo)), 4.0)
+    plain = agreement_of_correspondences(views, 0.1, np.zeros(len(albedo)), 4.0)
+    firm = agreement_of_correspondences(views, 0.1, np.ones(len(albedo)), 4.0)
     assert np.allclose(plain, 0.1)
     assert np.allclose(firm, 0.5)
     one, other = (graph_of(views, weights, edges) for edges in (ALIKE, EdgeWeights(agreement=plain)))
@@ -668,7 +673,7 @@ def test_where_nothing_is_trusted_everything_is(lit):
     descent = replace(HOW.descent, stopping=replace(HOW.descent.stopping, max_rounds=5))
     how = replace(HOW.with_light(lights="shared"), descent=descent)
     images = [np.ascontiguousarray(image[:, c]) for c in range(3)]
-    found = decompose_by_sky(views, images, [sky], looks(np.zeros(len(albedo), bool)), how)
+    found = decompose_by_sky(views, images, [sky], viewing(np.zeros(len(albedo), bool)), how)
     assert found.light.observations.trusted.any()
     assert found.albedo.min() > 0
 
@@ -690,8 +695,8 @@ def test_clipped_pixels_have_no_say_about_the_light(lit):
 HIGHLIGHTS, OUTLIERS = HighlightSettings(), DarkOutlierSettings()
 
 
-def linked_by(views: StackedViews, trusted: np.ndarray) -> Linked:
-    return Linked.of(views, trusted, HIGHLIGHTS)
+def linked_by(views: StackedViews, trusted: np.ndarray) -> LinkedPatches:
+    return LinkedPatches.of(views, trusted, HIGHLIGHTS)
 
 
 def cleaned(views: StackedViews, trusted: np.ndarray, image: np.ndarray) -> np.ndarray:
@@ -715,7 +720,9 @@ def test_what_one_view_alone_sees_is_a_highlight_and_goes(lit):
     assert np.abs(np.mean(clean[lobe] - image[lobe])) < 0.3 * np.mean(highlight[lobe])
     diffuse = cleaned(views, everything, (image * noise).astype(np.float32))
     assert np.mean(np.abs(diffuse / (image * noise) - 1) < 1e-6) > 0.9
-    alone = replace(views, links={pair: block for pair, block in views.links.items() if 0 not in pair})
+    alone = replace(
+        views, correspondences={pair: block for pair, block in views.correspondences.items() if 0 not in pair}
+    )
     assert np.array_equal(cleaned(alone, everything, glossy)[first], glossy[first])
 
 
@@ -750,7 +757,7 @@ def test_gloss_is_told_from_light_that_moves(lit):
     everything = np.ones(len(glossy), bool)
     assert view_gains(views, glossy, everything, FEW.gains).spread > MOVING[-1]
     assert brightening(linked_by(views, everything), glossy) > 1.1
-    alone = replace(views, links={})
+    alone = replace(views, correspondences={})
     assert brightening(linked_by(alone, everything), glossy) == 1
 
 
@@ -758,7 +765,7 @@ def test_views_under_a_light_that_moves_have_one_each():
     scene = sphere_scene(view_count=3, turn_deg=90.0)
     views, sky = scene.stacked(), open_scene(normals_of(scene))
     images, everything = scene.channels(), np.ones(int(views.starts[-1]), bool)
-    found = decompose_by_sky(views, images, [sky], looks(everything), HOW)
+    found = decompose_by_sky(views, images, [sky], viewing(everything), HOW)
     assert found.light.brightening < 1
     assert found.light.light_of_view.tolist() == [0, 1, 2]
 
@@ -774,7 +781,7 @@ def test_glossy_views_have_one_light_and_firm_links(lit, monkeypatch):
 
     monkeypatch.setattr(sky_decomposition, "albedo_under_light", solve)
     images = list(np.ascontiguousarray(with_highlights(lit).T))
-    found = decompose_by_sky(views, images, [sky], looks(np.ones(len(albedo), bool)), HOW)
+    found = decompose_by_sky(views, images, [sky], viewing(np.ones(len(albedo), bool)), HOW)
     assert found.light.gains.spread > MOVING[-1]
     assert found.light.light_of_view.max() == 0
     of_tv, of_albedo = weighed
@@ -827,10 +834,10 @@ def test_a_place_that_one_photo_darkens_is_no_measure_and_darkens_no_other(lit, 
     shadowed, place = darkened_in_the_first(lit, to)
     how = FEW.model_copy(update={"lights": "shared"})
     linked = linked_by(views, everything)
-    photos = Observations.of(linked, looks(everything), shadowed, 0.0, how).in_one_light(linked)
+    photos = Observations.of(linked, viewing(everything), shadowed, 0.0, how).in_one_light(linked)
     inside = place & near_the_middle_of_the_first(lit, 18) & linked_to_others(views)
-    assert np.mean(photos.looks.trusted[inside]) < 0.1
-    assert np.mean(photos.looks.trusted[~place]) > 0.99
+    assert np.mean(photos.viewing.trusted[inside]) < 0.1
+    assert np.mean(photos.viewing.trusted[~place]) > 0.99
     dragged, by_the_shadow = (
         np.mean(diffuse[~place] < 0.95 * image[~place])
         for diffuse in (photos.diffuse, cleaned(views, everything, shadowed))
@@ -850,7 +857,7 @@ def test_what_all_photos_show_black_is_believed(lit):
 def test_of_two_views_neither_is_outvoted(lit):
     shadowed, place = darkened_in_the_first(lit, SHADOW)
     views, everything = lit[0], np.ones(len(shadowed), bool)
-    two = replace(views, links={(0, 1): views.links[0, 1]})
+    two = replace(views, correspondences={(0, 1): views.correspondences[0, 1]})
     assert not darker_outliers(linked_by(two, everything), shadowed, OUTLIERS).any()
     assert darker_outliers(linked_by(views, everything), shadowed, OUTLIERS)[place].any()
 

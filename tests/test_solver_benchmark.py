@@ -87,7 +87,7 @@ def test_the_plane_has_four_links_per_pixel_and_about_the_size_asked_for():
     problem = corrugated_plane(20_000)
     assert problem.pixels == pytest.approx(20_000, rel=0.05)
     assert problem.views.view_count == VIEWS
-    assert 3.5 < problem.views.link_count / problem.pixels <= 4
+    assert 3.5 < problem.views.correspondence_count / problem.pixels <= 4
     assert np.percentile(np.stack(problem.images), 99) == pytest.approx(1)
 
 
@@ -123,7 +123,7 @@ def test_ours_is_traced_at_the_energy_that_it_has():
     problem = corrugated_plane(2000)
     solved = timed(problem, 1, endless(problem, 3))
     trace = solved.trace()
-    assert len(trace.looks) == 4
+    assert len(trace.viewing) == 4
     exact = sum(terms.total(problem.weights) for terms in solved.descent.terms)
     assert trace.least == pytest.approx(exact, rel=1e-5)
 

@@ -18,20 +18,20 @@ from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.specular.chromaticity_clusters import chromaticity_clusters
 from stages.photometry.specular.ggx_lobes import lobes
-from stages.photometry.specular.highlights import Linked
+from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.specular.specular_reflection import (
     Mirror,
     SpecularReflection,
     highlights_of,
     without_specular,
 )
-from stages.photometry.specular.view_differences import Differences, some_links
+from stages.photometry.specular.view_differences import Differences, sampled_correspondences
 from stages.photometry.stack import stack_views
 from stages.photometry.transport.directional_transport import Sphere, even_directions, offsets_in
 from stages.photometry.transport.lit_scenes import LitScene
 from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import PAINTS, SphereScene, sphere_scene
-from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, in_shadow_of, looks, normals_of, open_scene
+from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, in_shadow_of, normals_of, open_scene, viewing
 
 DEFAULTS = LightingSettings()
 SPECULAR = DEFAULTS.specular
@@ -75,7 +75,7 @@ def differences_of(views, seen, shading, trusted, mirror) -> Differences:
 
 def photos_of(views, seen, mirror) -> Observations:
     looked = Viewing(everything(seen), mirror.towards)
-    linked = Linked.of(views, looked.trusted, DEFAULTS.highlights)
+    linked = LinkedPatches.of(views, looked.trusted, DEFAULTS.highlights)
     how = FEW.model_copy(update={"lights": "shared"})
     return Observations.of(linked, looked, seen, 0.0, how).in_one_light(linked)
 
@@ -231,7 +231,7 @@ def test_what_no_other_view_sees_tells_nothing(glossy):
     lamp = np.full_like(shading, 1e-6)
     lamp[0] = 1  # all else is dark beside it
     for untold in (
-        differences_of(replace(views, links={}), seen, shading, trusted, mirror),
+        differences_of(replace(views, correspondences={}), seen, shading, trusted, mirror),
         differences_of(views, seen, shading, ~trusted, mirror),
         differences_of(views, seen, lamp, trusted, mirror),
     ):
@@ -247,13 +247,13 @@ def test_as_many_links_are_looked_at_however_many_views_share_them():
     normals = [np.broadcast_to([0.0, 0.0, 1.0], (1, 6, 3)).astype(np.float32)] * 20
     every = {pair: sp.eye_array(6, format="csr") for pair in combinations(range(20), 2)}
     views, trusted = stack_views(masks, normals, every), np.ones(120, bool)
-    one, other = some_links(views, trusted, 60)
+    one, other = sampled_correspondences(views, trusted, 60)
     assert 60 <= one.size < 120
     assert np.all(one % 6 == other % 6)
     assert len({*(one // 6), *(other // 6)}) == 20
     trusted[0] = False
-    assert not np.any(some_links(views, trusted, 60)[0] == 0)
-    assert some_links(replace(views, links={}), trusted, 60)[0].size == 0
+    assert not np.any(sampled_correspondences(views, trusted, 60)[0] == 0)
+    assert sampled_correspondences(replace(views, correspondences={}), trusted, 60)[0].size == 0
 
 
 def test_views_that_do_not_differ_show_no_mirror(glossy):
@@ -354,12 +354,14 @@ def test_the_albedo_comes_nearer_the_paint(glossy):
     images = [np.ascontiguousarray((diffuse + specular)[:, c]) for c in range(3)]
     albedo = diffuse / shading
     with_it, without = (
-        decompose_by_sky(views, images, [sky], looks(everything(diffuse)), HOW.with_specular(remove))
+        decompose_by_sky(views, images, [sky], viewing(everything(diffuse)), HOW.with_specular(remove))
         for remove in (True, False)
     )
     assert with_it.light.specular is not None
     assert without.light.specular is None
     assert error(with_it.albedo, albedo) < 0.8 * error(without.albedo, albedo)
-    assert error(with_it.light.observations.seen, diffuse) < error(without.light.observations.seen, diffuse)
-    two_threads = decompose_by_sky(views, images, [sky], looks(everything(diffuse)), HOW, threads=2)
+    assert error(with_it.light.observations.observed, diffuse) < error(
+        without.light.observations.observed, diffuse
+    )
+    two_threads = decompose_by_sky(views, images, [sky], viewing(everything(diffuse)), HOW, threads=2)
     assert np.array_equal(two_threads.albedo, with_it.albedo)

@@ -18,8 +18,8 @@ import pytest
 from pipeline.store import Store
 from stages import dataflow
 from stages.cli import main
+from stages.command.arguments import Plan
 from stages.command.request import request_of
-from stages.command.words import Plan
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask, read_photo, write_png_srgb8
 from stages.formats.meshes.triangle_meshes import read_points
@@ -124,7 +124,7 @@ def test_a_setting_of_the_decomposition_reruns_it_and_what_follows_only(finished
     )
     assert code == 0
     plan = actions(told)
-    assert {stage for stage, action in plan.items() if action != "reuse"} == {"decomposition", "deliver"}
+    assert {stage for stage, action in plan.items() if action != "reuse"} == {"decomposition", "export"}
     reasons = {row["stage"]: row["reason"] for row in json.loads(told)}
     assert reasons["decomposition"].startswith("setting lambda went from")
     assert reasons["lighting"] == "nothing that it depends on has changed"
@@ -191,9 +191,9 @@ def test_status_show_diff_and_clean_tell_what_is_there(own_copy, capsys):
     assert {row["stage"] for row in json.loads(told)} >= {"sfm", "mvs", "decomposition"}
     code, told, _ = unshade(capsys, "show", "--workspace", own_copy, "--stage", "sfm", "--json")
     assert json.loads(told)["facts"]["registered"] == 12
-    unshade(capsys, "run", ROOT / "configs/sample.yaml", "--workspace", own_copy, *QUICK, "--only", "deliver",
-            "--set", "deliver.sheet_width_px=64")  # fmt: skip
-    code, told, _ = unshade(capsys, "diff", "--workspace", own_copy, "--stage", "deliver", "--json")
+    unshade(capsys, "run", ROOT / "configs/sample.yaml", "--workspace", own_copy, *QUICK, "--only", "export",
+            "--set", "export.sheet_width_px=64")  # fmt: skip
+    code, told, _ = unshade(capsys, "diff", "--workspace", own_copy, "--stage", "export", "--json")
     found = json.loads(told)
     assert found["made from"] == ["setting sheet_width_px went from 320 to 64"]
     assert any(line.startswith("contact_sheet") for line in found["outputs"])
@@ -207,7 +207,7 @@ def test_known_cameras_a_mesh_and_linear_images_need_no_sfm_and_no_mvs(tmp_path,
     assert code == 0
     assert list(actions(told)) == [
         "adopt_model", "undistort", "adopt_mesh", "raycast", "correspondence", "transfer", "lighting",
-        "decomposition", "deliver",
+        "decomposition", "export",
     ]  # fmt: skip
     (linear,) = (tmp_path / "w/cache/undistort").glob("*/linear")
     assert {path.stem for path in linear.iterdir()} == LINEAR_VIEWS
@@ -334,9 +334,11 @@ def test_a_workspace_among_the_photos_is_refused_before_anything_is_written(
         (["run", *LINEAR, "--set", "decomposition.bounces=0"], "has moved to lighting.bounces"),
         (["run", *LINEAR, "--set", "decomposition.lambda=-1"], "decomposition.lambda is -1"),
         (["run", *LINEAR, "--only", "meshes"], "There is no stage 'meshes'"),
+        (["run", *LINEAR, "--only", "deliver"], "'deliver' in this dataflow; it is called 'export' now."),
+        (["run", *LINEAR, "--set", "deliver.sheet_views=4"], "'deliver' to set; it is called 'export' now."),
         (
-            ["run", *LINEAR, "--only", "raycast", "--to", "deliver"],
-            "--only raycast and --to deliver were given",
+            ["run", *LINEAR, "--only", "raycast", "--to", "export"],
+            "--only raycast and --to export were given",
         ),
         (
             ["plan", *LINEAR, "--only", "raycast", "--full-resolution"],

@@ -13,7 +13,7 @@ from stages.cli import main
 from stages.formats.artefacts.transfer_file import read_transfer
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
-from stages.lighting import _eyes
+from stages.lighting import _probes
 from stages.photometry.transport.directional_transport import Sphere, even_directions
 from tests.rendered_scene import TINY, artefact, unshade, write_config
 
@@ -70,12 +70,12 @@ def test_albedo_times_shading_is_the_image_and_the_light_says_what_it_meets(conf
 def test_who_looks_again_sees_what_is_stored(config, output):
     """The eyes that `lighting` makes of the file, in the directions that the file was made in."""
     stored = read_transfer(artefact(config.parent / "w", "transfer", "transfer.npz"))
-    eyes = _eyes(SimpleNamespace(threads=1, executor=None), stored)
+    probes = _probes(SimpleNamespace(threads=1, executor=None), stored)
     directions = even_directions(int(stored.directions))
     assert stored.radii.size == 3
     for radius, visible in zip(stored.radii, stored.visible, strict=True):
         sphere = Sphere(tuple(stored.centre), radius) if np.isfinite(radius) else None
-        assert np.array_equal(eyes.see(directions, sphere), visible)
+        assert np.array_equal(probes.see(directions, sphere), visible)
 
 
 def test_light_and_albedo_are_the_same_bytes_on_any_number_of_threads(config, capsys):

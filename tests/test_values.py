@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from pipeline import json_text
 from stages.cli import main
-from stages.deliver import DELIVER
+from stages.export import EXPORT
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.masked_photos import read_masked_photo
 from stages.formats.images.photo_settings import FireflySettings
@@ -176,17 +176,17 @@ def test_pictures_that_come_out_dark_are_said_to(tmp_path, make_job, capsys):
     code, _, said = run(tmp_path, capsys)
     assert code == 0 and "look black" not in said
     cache = tmp_path / "w/cache"
-    places = {name: next(cache.glob(f"*/*/{name}")) for name in DELIVER.takes if name != "cameras"}
+    places = {name: next(cache.glob(f"*/*/{name}")) for name in EXPORT.takes if name != "cameras"}
     places["cameras"] = next(cache.glob("raycast/*/cameras.json"))
     shutil.copytree(places["albedo"], tmp_path / "albedo")
     for view in VIEWS:
         albedo = read_exr(tmp_path / f"albedo/{view}.exr")
         albedo[tuple(np.argwhere(albedo.min(axis=2) > 0)[::100].T)] = 1e5
         write_exr(tmp_path / f"albedo/{view}.exr", albedo)
-    job = make_job(tmp_path / "out", DELIVER, **places | {"albedo": tmp_path / "albedo"})
-    DELIVER.run(job)
+    job = make_job(tmp_path / "out", EXPORT, **places | {"albedo": tmp_path / "albedo"})
+    EXPORT.run(job)
     assert [warning[:24] for warning in job.warnings] == ["The PNGs of albedo look "]
-    assert "Lower deliver.white_quantile (0.995)" in job.warnings[0]
+    assert "Lower export.white_quantile (0.995)" in job.warnings[0]
 
 
 def test_json_has_no_word_for_what_is_no_number():

@@ -58,8 +58,8 @@ class Problem:
         """Stack the lamps; scaled by one number, 99th percentile = 1."""
         masks = [subject.mask] * LAMPS
         itself = sp.eye_array(int(subject.mask.sum()), format="csr")
-        links = dict.fromkeys(combinations(range(LAMPS), 2), itself)
-        views = stack_views(masks, [subject.normals] * LAMPS, links)
+        correspondences = dict.fromkeys(combinations(range(LAMPS), 2), itself)
+        views = stack_views(masks, [subject.normals] * LAMPS, correspondences)
         values = stack_pixels(masks, list(subject.lamps))
         return cls(subject, views, values / np.percentile(values, 99))
 

@@ -13,7 +13,7 @@ from stages.evaluation.agreement import Correspondences
 from stages.evaluation.judged_views import judge_view
 from stages.evaluation.scores import Scores, score_albedo
 from stages.formats.artefacts.camera_file import read_cameras
-from stages.formats.artefacts.link_files import read_links
+from stages.formats.artefacts.correspondence_files import read_correspondences
 from stages.formats.artefacts.part_maps import read_part_map, read_part_names
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
@@ -44,7 +44,7 @@ class Judge:
             masks=masks,
             truth=paths["truth"],
             part_names=read_part_names(paths["truth"] / "parts.json"),
-            correspondences=Correspondences(read_links(paths["correspondences"]), masks),
+            correspondences=Correspondences(read_correspondences(paths["correspondences"]), masks),
         )
 
     def scores(self, albedo: Maps) -> Scores:

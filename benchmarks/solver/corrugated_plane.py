@@ -34,8 +34,10 @@ def corrugated_plane(pixels: int, smoothness: float = 3.0, agreement: float = 1.
         masks.append(np.ones((height, width), bool))
         normals.append(_normals(rows, along))
         values.append(_image(rows, along, normals[-1], view, generator).reshape(-1, 3))
-    links = {(i, j): _links(height, width, (j - i) * SHIFT_PX) for i, j in combinations(range(VIEWS), 2)}
-    views = stack_views(masks, normals, links)
+    correspondences = {
+        (i, j): _links(height, width, (j - i) * SHIFT_PX) for i, j in combinations(range(VIEWS), 2)
+    }
+    views = stack_views(masks, normals, correspondences)
     return RaceProblem(
         name=f"plane-{views.starts[-1]}",
         about=f"corrugated plane, {VIEWS} views of {width}×{height}",

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from stages.formats.artefacts.camera_file import read_cameras
-from stages.formats.artefacts.link_files import numbered_links
+from stages.formats.artefacts.correspondence_files import numbered_correspondences
 from stages.formats.artefacts.view_files import read_views, scaled_channels
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.stack import StackedViews, stack_views
@@ -51,5 +51,5 @@ def views_and_images(paths: Mapping[str, Path]) -> tuple[StackedViews, list[np.n
     """What the `decomposition` stage would open, from artefacts by name."""
     cameras = read_cameras(paths["cameras"])
     masks, normals, linear = zip(*read_views(paths, cameras), strict=True)
-    views = stack_views(masks, normals, numbered_links(paths["correspondences"], cameras))
+    views = stack_views(masks, normals, numbered_correspondences(paths["correspondences"], cameras))
     return views, scaled_channels(np.concatenate(linear))[0]

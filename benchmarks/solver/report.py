@@ -182,11 +182,13 @@ def as_json(found: Findings) -> dict[str, Any]:
                 "problem": race.problem.name,
                 "about": race.problem.about,
                 "pixels": race.problem.pixels,
-                "links": race.problem.views.link_count,
+                "links": race.problem.views.correspondence_count,
                 "lambda": race.problem.weights.smoothness,
                 "mu": race.problem.weights.consistency,
                 "comparisons": [asdict(one) | {"ratio": one.ratio} for one in race.comparisons],
-                "traces": {t.method: [[look.seconds, look.energy] for look in t.looks] for t in race.traces},
+                "traces": {
+                    t.method: [[look.seconds, look.energy] for look in t.viewing] for t in race.traces
+                },
             }
             for race in found.races
         ],

@@ -55,7 +55,7 @@ def fountain() -> Iterator[RaceProblem]:
     tall, wide = np.max([mask.shape for mask in views.masks], axis=0)
     about = f"fountain-P11, {views.view_count} views within {wide}×{tall}"
     asked = DecompositionSettings(mode="paper", solver="fast")
-    weights = weights_at(asked, views.side, views.links_per_pixel)
+    weights = weights_at(asked, views.side, views.correspondences_per_pixel)
     yield RaceProblem(f"fountain-{wide}x{tall}", about, views, images, weights)
 
 

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from pipeline import UserError
 from pipeline.terminal import Terminal, table_of
-from stages.command.words import Evaluate
+from stages.command.arguments import Evaluate
 
 if TYPE_CHECKING:
     from stages.evaluation.detail import OctaveDetail, PhotoOctave

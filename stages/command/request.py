@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 
 import stages
-from pipeline import UserError
+from pipeline import UserError, former_names
 from pipeline.config import Config, check_settings, override, read_config
 from pipeline.request import Request, Selection, check_flow
-from stages.command.words import Given, Plan, Relight, Run
+from stages.command.arguments import Given, Plan, Relight, Run
 from stages.scene.datasets import dataset_folder
 from stages.scene.wording import listed
 
@@ -74,7 +74,8 @@ def _request(
     full_resolution: bool = False,
 ) -> Request:
     given = override(config.settings, command.assignments)
-    settings = check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given)
+    declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
+    settings = check_settings(declared, given, former_names(stages.ALL_STAGES))
     flow_of = stages.experiment if "render" in given else stages.dataflow
     flow = flow_of(sources, stages.kind_of_light(settings, sources))
     if "light" in sources:
@@ -112,7 +113,7 @@ def config_of(command: Given) -> Config:
             f"given by `--images {command.config}`, one with a COLMAP model by `--colmap {command.config}`."
         )
     names = [stage.name for stage in stages.ALL_STAGES]
-    return read_config(command.config, [*SOURCE_OF_FLAG, "dataset"], names)
+    return read_config(command.config, [*SOURCE_OF_FLAG, "dataset"], names, former_names(stages.ALL_STAGES))
 
 
 def sources_of(command: Given, config: Config) -> dict[str, Path]:

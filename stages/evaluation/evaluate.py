@@ -14,7 +14,7 @@ from stages.evaluation.agreement import Correspondences
 from stages.evaluation.albedo_folder import AlbedoFolder, open_albedo_folder
 from stages.evaluation.judged_views import JudgedView, check_size, judge_view
 from stages.evaluation.scores import SCALING, Scores, score_albedo
-from stages.formats.artefacts.link_files import read_links
+from stages.formats.artefacts.correspondence_files import read_correspondences
 from stages.scene.wording import listed
 
 
@@ -92,7 +92,7 @@ def evaluate_folders(
         if true_mask is not None:
             known, covered = known + int(true_mask.sum()), covered + int(view.judged.sum())
         step()
-    links = None if correspondences is None else read_links(correspondences)
+    links = None if correspondences is None else read_correspondences(correspondences)
     return Report(
         prediction_space=prediction.colour_space(names),
         truth_space=truth.colour_space(names),

@@ -11,7 +11,7 @@ from numba import njit
 from stages.scene.cameras import Camera, back_project, footprint, project
 
 
-def correspondences(
+def find_correspondences(
     camera_i: Camera,
     depth_i: np.ndarray,
     mask_i: np.ndarray,

@@ -37,8 +37,8 @@ def shared_corners(surface: Surface, crease_deg: float) -> Surface:
     faces = whole.faces[proper]
     across = _corners_across_smooth_edges(Surface(whole.vertices, faces), np.cos(np.deg2rad(crease_deg)))
     one, two = np.concatenate([across, _neighbours_alike(surface.faces[proper].ravel())], axis=1)
-    links = sp.coo_array((np.ones(len(one), bool), (one, two)), shape=(faces.size, faces.size))
-    count, vertex_of_corner = connected_components(links, directed=False)
+    correspondences = sp.coo_array((np.ones(len(one), bool), (one, two)), shape=(faces.size, faces.size))
+    count, vertex_of_corner = connected_components(correspondences, directed=False)
     vertices = np.empty((count, 3))
     vertices[vertex_of_corner] = whole.vertices[faces.ravel()]
     return Surface(vertices, vertex_of_corner.reshape(-1, 3).astype(np.int32))

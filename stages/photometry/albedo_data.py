@@ -25,7 +25,7 @@ class AlbedoData:
         How far some materials may be glossy, 0 to 1: they were found, or could not be looked for.
     """
 
-    seen: np.ndarray
+    observed: np.ndarray
     diffuse: np.ndarray
     trusted: np.ndarray
     glossy: float

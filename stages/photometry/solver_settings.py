@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 PAPER_SIDE = 720.0  # px: side of the paper's 540 × 960 as a square, for which λ of `mode: paper` is stated
 
 
-def weights_at(settings: DecompositionSettings, side: float, links_per_pixel: float) -> EnergyWeights:
+def weights_at(
+    settings: DecompositionSettings, side: float, correspondences_per_pixel: float
+) -> EnergyWeights:
     """Scale λ and μ of Eq. 2 to views of a side, px, were they squares.
 
     The data count pixels and the smoothness lengths, so the same balance takes a λ in proportion to the side.
@@ -24,5 +26,7 @@ def weights_at(settings: DecompositionSettings, side: float, links_per_pixel: fl
     consistency = given_or(settings.mu, usual.consistency)
     if settings.mode == "transfer":
         smoothness = given_or(settings.lambda_, usual.smoothness) * side / REFERENCE_SIDE_PX
-        return EnergyWeights(smoothness, consistency / links_per_pixel if links_per_pixel else 0.0)
+        return EnergyWeights(
+            smoothness, consistency / correspondences_per_pixel if correspondences_per_pixel else 0.0
+        )
     return EnergyWeights(given_or(settings.lambda_, usual.smoothness * side / PAPER_SIDE), consistency)

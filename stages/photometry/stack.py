@@ -12,8 +12,8 @@ import scipy.sparse as sp
 from stages.formats.artefacts.view_files import Each, images_of
 from stages.photometry.paper.harmonics import shading_basis
 from stages.solvers.least_squares.correspondence_operator import (
-    Links,
-    check_links,
+    Correspondences,
+    check_correspondences,
     correspondence_matrix,
     linked_pixels,
 )
@@ -46,7 +46,7 @@ class StackedViews:
     starts: np.ndarray
     basis: np.ndarray
     masks: tuple[np.ndarray, ...]
-    links: Links
+    correspondences: Correspondences
 
     @property
     def view_count(self) -> int:
@@ -54,14 +54,14 @@ class StackedViews:
         return self.starts.size - 1
 
     @property
-    def link_count(self) -> int:
+    def correspondence_count(self) -> int:
         """How many correspondences there are, over all pairs."""
-        return sum(block.nnz for block in self.links.values())
+        return sum(block.nnz for block in self.correspondences.values())
 
     @property
-    def links_per_pixel(self) -> float:
+    def correspondences_per_pixel(self) -> float:
         """How many links an average pixel has."""
-        return 2 * self.link_count / max(int(self.starts[-1]), 1)
+        return 2 * self.correspondence_count / max(int(self.starts[-1]), 1)
 
     @property
     def side(self) -> float:
@@ -87,7 +87,7 @@ class StackedViews:
 
     def linked_pixels(self) -> Iterator[Pixels]:
         """Go through the pairs of pixels that show the same surface point, pair of views by pair of views."""
-        return linked_pixels(self.links, self.starts)
+        return linked_pixels(self.correspondences, self.starts)
 
     def shading(self, light: np.ndarray) -> np.ndarray:
         """Evaluate ``S = σ^i·ν^i(p)`` of Eq. 1, all pixels, (N,), under one light per view, (n, K)."""
@@ -118,7 +118,7 @@ class StackedViews:
     @cached_property
     def c(self) -> sp.csr_array:
         """C of Eq. 18, likewise."""
-        return without_empty_rows(correspondence_matrix(self.links, np.diff(self.starts).tolist()))
+        return without_empty_rows(correspondence_matrix(self.correspondences, np.diff(self.starts).tolist()))
 
     @cached_property
     def _differences(self) -> tuple[sp.csr_array, sp.csr_array]:
@@ -129,7 +129,7 @@ class StackedViews:
 def stack_views(
     masks: Sequence[np.ndarray],
     normals_in_world: Sequence[np.ndarray] | None,
-    links: Links,
+    correspondences: Correspondences,
     each: Each = map,
 ) -> StackedViews:
     """Stack the views.
@@ -151,16 +151,18 @@ def stack_views(
         The links are not of that kind.
     """
     starts = first_pixels(masks)
-    check_links(links, np.diff(starts).tolist())
+    check_correspondences(correspondences, np.diff(starts).tolist())
     if normals_in_world is None:
-        return StackedViews(starts, np.empty((int(starts[-1]), 0), np.float32), tuple(masks), dict(links))
+        return StackedViews(
+            starts, np.empty((int(starts[-1]), 0), np.float32), tuple(masks), dict(correspondences)
+        )
 
     def basis_of(view: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         normals, mask = view
         return shading_basis(normals[mask]).astype(np.float32)
 
     basis = np.concatenate(list(each(basis_of, zip(normals_in_world, masks, strict=True))))
-    return StackedViews(starts=starts, basis=basis, masks=tuple(masks), links=dict(links))
+    return StackedViews(starts=starts, basis=basis, masks=tuple(masks), correspondences=dict(correspondences))
 
 
 def stack_pixels(masks: Sequence[np.ndarray], images: Sequence[np.ndarray]) -> np.ndarray:

@@ -39,7 +39,7 @@ def solve_by_transfer(
 def solve_under_light(
     views: StackedViews,
     shading: np.ndarray,
-    observed: AlbedoData,
+    data: AlbedoData,
     settings: DecompositionSettings,
     solver: FastSolver,
     threads: int,
@@ -47,7 +47,7 @@ def solve_under_light(
 ) -> SolvedUnderLight:
     """Find the albedo under `light: directions`, which is known."""
     found = decompose_under_light(
-        views, shading, observed, settings.edges, settings.detail, solver, threads, step
+        views, shading, data, settings.edges, settings.detail, solver, threads, step
     )
     outcome = worse(found.smooth.outcome, found.detailed.outcome)
     return SolvedUnderLight(

@@ -56,7 +56,7 @@ class StoredTransfer:
     longest_edge: np.ndarray
     vertices: np.ndarray
     faces: np.ndarray
-    eyes: np.ndarray
+    probes: np.ndarray
     directions: np.ndarray
     centre: np.ndarray
     radii: np.ndarray

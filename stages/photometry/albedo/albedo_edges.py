@@ -61,7 +61,7 @@ def smoothness_of_edges(
     return np.concatenate(weights).astype(np.float32)
 
 
-def agreement_of_links(
+def agreement_of_correspondences(
     views: StackedViews, consistency: float, inconsistent: np.ndarray, gain: float
 ) -> np.ndarray:
     """Compute μ of Eq. 5 for all links in the order of `StackedViews.linked_pixels`, (L,), float32.
@@ -83,5 +83,5 @@ def agreement_of_links(
     half a pixel, and gain nothing.
     """
     ends = [inconsistent[one] + inconsistent[other] for one, other in views.linked_pixels()]
-    of_links = np.concatenate(ends) / 2 if ends else np.empty(0)
-    return (consistency * (1 + gain * of_links)).astype(np.float32)
+    of_correspondences = np.concatenate(ends) / 2 if ends else np.empty(0)
+    return (consistency * (1 + gain * of_correspondences)).astype(np.float32)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.albedo.albedo_edges import agreement_of_links, smoothness_of_edges
+from stages.photometry.albedo.albedo_edges import agreement_of_correspondences, smoothness_of_edges
 from stages.photometry.albedo.appearance import appearance_of
 from stages.photometry.albedo.settings import EdgeSettings
 from stages.photometry.albedo.smooth_albedo import albedo_under_light
@@ -44,7 +44,7 @@ class AlbedoSolution:
 def decompose_under_light(
     views: StackedViews,
     shading: np.ndarray,
-    observed: AlbedoData,
+    data: AlbedoData,
     edges: EdgeSettings,
     how_detailed: DetailSettings,
     descent: FastSolver,
@@ -71,13 +71,13 @@ def decompose_under_light(
         Called after every round.
     """
     use_threads(threads)
-    trusted, diffuse = observed.trusted, observed.diffuse
-    shown, white = (in_white_light(one, shading) for one in (observed.seen, diffuse))
-    surface = appearance_of(views, shown, shading, trusted, edges, observed.glossy)
+    trusted, diffuse = data.trusted, data.diffuse
+    shown, white = (in_white_light(one, shading) for one in (data.observed, diffuse))
+    surface = appearance_of(views, shown, shading, trusted, edges, data.glossy)
     soft = soft_texture(views, white, shading, trusted, edges)
     by_edge = EdgeWeights(
         smoothness_of_edges(views, white, shading, surface.textured, soft, edges),
-        agreement_of_links(
+        agreement_of_correspondences(
             views, descent.weights.consistency, surface.inconsistent, edges.inconsistency_gain
         ),
     )

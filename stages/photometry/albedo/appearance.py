@@ -9,7 +9,7 @@ import numpy as np
 from stages.photometry.albedo.settings import AppearanceSettings, EdgeSettings
 from stages.photometry.chromaticity import DARK, NO_SHADING, colour_change
 from stages.photometry.neighbourhoods import add_at, patch_means
-from stages.photometry.specular.highlights import Linked
+from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.stack import StackedViews
 
 
@@ -82,7 +82,7 @@ def appearance_of(
     grained = rise(patch_means(views, of_albedo / np.maximum(degree, 1)), own.textured_share)
     compared = trusted & (light > own.least_shading * np.median(light))
     quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # the same in any amount of light
-    excess = Linked.of(views, compared, own.patches).excess(quotient)
+    excess = LinkedPatches.of(views, compared, own.patches).excess(quotient)
     agreed = _agreement(patch_means(views, excess), own)
     alike = agreed if glossy == 0 else _agreement(patch_means(views, np.abs(excess)), own)
     mixed = agreed + np.float32(glossy) * (alike - agreed)

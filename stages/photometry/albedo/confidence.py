@@ -70,7 +70,7 @@ def views_that_see_it(views: StackedViews) -> np.ndarray:
     A coarse pixel may be linked to many of one view, which counts once.
     """
     count = np.zeros(int(views.starts[-1]), np.int32)
-    for (i, j), block in views.links.items():
+    for (i, j), block in views.correspondences.items():
         count[views.view(i)] += np.diff(block.indptr) > 0
         count[views.view(j)] += np.bincount(block.indices, minlength=block.shape[1]) > 0
     return count

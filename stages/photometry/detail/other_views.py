@@ -25,17 +25,17 @@ class OtherViews:
 
     views: StackedViews
     trusted: np.ndarray
-    links: np.ndarray
+    correspondences: np.ndarray
 
     @classmethod
     def of(cls, views: StackedViews, trusted: np.ndarray) -> OtherViews:
         """Count them."""
-        return cls(views, trusted, _sum_over_links(views, trusted.astype(np.float32)))
+        return cls(views, trusted, _sum_over_correspondences(views, trusted.astype(np.float32)))
 
     @cached_property
     def count(self) -> np.ndarray:
         """Count the links of the trusted pixels, (N,), float32; 0 for the others."""
-        return np.where(self.trusted, self.links, 0).astype(np.float32)
+        return np.where(self.trusted, self.correspondences, 0).astype(np.float32)
 
     @property
     def share(self) -> float:
@@ -45,7 +45,7 @@ class OtherViews:
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Average over the others, (N, c), float32; 0 where there is none."""
         known = np.where(self.trusted[:, None], values, 0).astype(np.float32)
-        return _sum_over_links(self.views, known) / np.maximum(self.links, 1)[:, None]
+        return _sum_over_correspondences(self.views, known) / np.maximum(self.correspondences, 1)[:, None]
 
     def with_own(self, values: np.ndarray) -> np.ndarray:
         """Average over a pixel and its others, (N, c), float32."""
@@ -66,15 +66,15 @@ class OtherViews:
             The values, for pixels that are not trusted the mean of the trusted ones they are linked to; and
             which pixels have values by either way.
         """
-        filled = ~self.trusted & (self.links > 0)
+        filled = ~self.trusted & (self.correspondences > 0)
         values = np.where(filled[:, None], self.mean(values), values)
         return values.astype(np.float32), self.trusted | filled
 
 
-def _sum_over_links(views: StackedViews, values: np.ndarray) -> np.ndarray:
+def _sum_over_correspondences(views: StackedViews, values: np.ndarray) -> np.ndarray:
     """Sum the values of all linked pixels, shape as `values`, float32."""
     total = np.zeros_like(values)
-    for (i, j), block in views.links.items():
+    for (i, j), block in views.correspondences.items():
         one, other = views.view(i), views.view(j)
         total[one] += block @ values[other]
         total[other] += block.T @ values[one]

@@ -65,7 +65,9 @@ def graph_of(views: StackedViews, weights: EnergyWeights, edges: EdgeWeights = A
 
 def _linked_views(views: StackedViews) -> np.ndarray:
     """Number every set of views that links join, shape (n,): each has a scale of its own."""
-    pairs = np.array([pair for pair, block in views.links.items() if block.nnz], np.int64).reshape(-1, 2)
+    pairs = np.array([pair for pair, block in views.correspondences.items() if block.nnz], np.int64).reshape(
+        -1, 2
+    )
     joined = sp.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=2 * (views.view_count,))
     return connected_components(joined, directed=False)[1].astype(np.int64)
 

@@ -20,10 +20,10 @@ def divided(scene: LitScene, found: LightEstimate, how: RefinementSettings) -> t
     """
     transport = scene.pixels
     bright = bright_cells(found.radiance, transport.cells, how)
-    if scene.eyes is None or not bright.size:
+    if scene.probes is None or not bright.size:
         return scene, found
     around = honeycomb(transport.directions[bright], transport.cells[bright] / (AROUND + 1))
-    finer = _with_more(transport, bright, around, scene.eyes.see(around, scene.sphere))
+    finer = _with_more(transport, bright, around, scene.probes.see(around, scene.sphere))
     vertices = replace(scene.vertices, directions=finer.directions, cells=finer.cells, visible=finer.visible)
     scene = replace(scene, pixels=finer, vertices=vertices)
     of_new = found.radiance[:, np.repeat(bright, AROUND)]

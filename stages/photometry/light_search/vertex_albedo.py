@@ -40,6 +40,6 @@ def bounced_at_vertices(
         typical = float(np.median(absolute[lit, c])) if lit.any() else 0.0
         albedo = np.where(lit, absolute[:, c], typical).astype(np.float32)
         from_sky = np.ascontiguousarray(direct[:, :, c].T)  # all lights at once
-        total = bounced(from_sky, scene.proxy.seen, albedo, typical, bounces)
+        total = bounced(from_sky, scene.proxy.occlusion, albedo, typical, bounces)
         at_vertices[:, :, c] = (total - from_sky).T
     return at_vertices

@@ -13,7 +13,7 @@ from stages.photometry.lighting.illumination import (
     Explanation,
     Illumination,
     LightAndShading,
-    PhotosWithGains,
+    ObservationsWithGains,
     brightest_of,
     reflectance_under,
 )
@@ -33,7 +33,7 @@ def find_illumination(
     views: StackedViews,
     images: list[np.ndarray],
     scenes: Sequence[LitScene],
-    looks: Viewing,
+    viewing: Viewing,
     settings: LightingSettings,
     threads: int,
     step: Step,
@@ -57,7 +57,7 @@ def find_illumination(
         Called after every step of the search.
     """
     use_threads(threads)
-    photos = PhotosWithGains.of(views, images, looks, settings)
+    photos = ObservationsWithGains.of(views, images, viewing, settings)
     far = _from_infinitely_far(photos.lit, scenes[0], step)
     now = _at_best_distance(far, scenes, step).without_specular()
     if now.reflectance is not None and now.light is not far.light:

@@ -14,14 +14,14 @@ from stages.photometry.lighting.observations import Observations
 from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.trusted_pixels import Viewing, unlit
 from stages.photometry.lighting.view_gains import ViewGains, view_gains
-from stages.photometry.specular.highlights import Linked
+from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.specular.specular_reflection import SpecularReflection
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
 
 
 @dataclass(frozen=True, eq=False)
-class PhotosWithGains:
+class ObservationsWithGains:
     """The photos, and the gains of their views, which are divided out.
 
     Attributes
@@ -42,16 +42,16 @@ class PhotosWithGains:
 
     @classmethod
     def of(
-        cls, views: StackedViews, images: list[np.ndarray], looks: Viewing, settings: LightingSettings
-    ) -> PhotosWithGains:
+        cls, views: StackedViews, images: list[np.ndarray], viewing: Viewing, settings: LightingSettings
+    ) -> ObservationsWithGains:
         """Compare the views; if no pixel is trusted, all are. Images: 3 of (N,), scaled."""
         image = np.stack(images, axis=1)
-        if not looks.trusted.any():
-            looks = replace(looks, trusted=np.ones_like(looks.trusted))
-        gains = view_gains(views, image, looks.trusted, settings.gains)
+        if not viewing.trusted.any():
+            viewing = replace(viewing, trusted=np.ones_like(viewing.trusted))
+        gains = view_gains(views, image, viewing.trusted, settings.gains)
         of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
-        linked = Linked.of(views, looks.trusted, settings.highlights)
-        as_seen = Observations.of(linked, looks, image / of_pixel, gains.spread, settings)
+        linked = LinkedPatches.of(views, viewing.trusted, settings.highlights)
+        as_seen = Observations.of(linked, viewing, image / of_pixel, gains.spread, settings)
         return cls(as_seen, as_seen.as_lit(linked), gains, of_pixel)
 
 
@@ -171,7 +171,7 @@ class Illumination:
     def of(
         cls,
         explained: Explanation,
-        photos: PhotosWithGains,
+        photos: ObservationsWithGains,
         light: LightAndShading,
         brightest: float,
         turn_deg: float | None = None,
@@ -219,5 +219,5 @@ def reflectance_under(
 def _albedo_data(explained: Explanation, of_pixel: np.ndarray, shading: np.ndarray) -> AlbedoData:
     """What is seen, and counts, under this light, with the gains of the pixels' views."""
     photos = explained.photos
-    lit = photos.looks.without(unlit(shading, photos.settings.trusted_pixels))
-    return AlbedoData(photos.seen * of_pixel, photos.diffuse * of_pixel, lit.trusted, explained.glossy)
+    lit = photos.viewing.without(unlit(shading, photos.settings.trusted_pixels))
+    return AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit.trusted, explained.glossy)

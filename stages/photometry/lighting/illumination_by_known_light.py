@@ -13,7 +13,7 @@ from stages.photometry.lighting.illumination import (
     Explanation,
     Illumination,
     LightAndShading,
-    PhotosWithGains,
+    ObservationsWithGains,
     brightest_of,
     reflectance_under,
 )
@@ -31,7 +31,7 @@ def illumination_by(
     views: StackedViews,
     images: list[np.ndarray],
     scene: LitScene,
-    looks: Viewing,
+    viewing: Viewing,
     settings: LightingSettings,
     threads: int,
     step: Callable[[], None],
@@ -41,7 +41,9 @@ def illumination_by(
     Parameters as of `find_illumination`; the light comes from infinitely far away, one for all views.
     """
     use_threads(threads)
-    photos = PhotosWithGains.of(views, images, looks, settings.model_copy(update={"lights": "shared"}))
+    photos = ObservationsWithGains.of(
+        views, images, viewing, settings.model_copy(update={"lights": "shared"})
+    )
     lit = _with_scale_of(known, photos.lit)
     search = lit.search(scene)
     turn_deg = turn_of(search, known, settings.known_light, step)

@@ -14,7 +14,12 @@ from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.shared_or_own_lights import weight_of_own_lights
 from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.specular.chromaticity_clusters import chromaticity_clusters
-from stages.photometry.specular.highlights import Linked, brightening, darker_outliers, without_highlights
+from stages.photometry.specular.highlights import (
+    LinkedPatches,
+    brightening,
+    darker_outliers,
+    without_highlights,
+)
 from stages.photometry.specular.specular_reflection import (
     Mirror,
     SpecularReflection,
@@ -51,8 +56,8 @@ class Observations:
     """
 
     views: StackedViews
-    looks: Viewing
-    seen: np.ndarray
+    viewing: Viewing
+    observed: np.ndarray
     diffuse: np.ndarray
     light_of_view: np.ndarray
     brightening: float
@@ -61,34 +66,41 @@ class Observations:
 
     @classmethod
     def of(
-        cls, linked: Linked, looks: Viewing, seen: np.ndarray, spread: float, settings: LightingSettings
+        cls,
+        linked: LinkedPatches,
+        viewing: Viewing,
+        observed: np.ndarray,
+        spread: float,
+        settings: LightingSettings,
     ) -> Observations:
         """Tell how far views with such a spread have lights of their own; nothing is taken off yet.
 
-        `linked`: by the pixels that `looks` trusts.
+        `linked`: by the pixels that `viewing` trusts.
         """
         views = linked.views
         one_light = np.zeros(views.view_count, np.int64)
-        rise = brightening(linked, seen)
+        rise = brightening(linked, observed)
         apart = weight_of_own_lights(spread, rise, settings) if views.view_count > 1 else 0.0
-        return cls(views, looks, seen, seen, one_light, rise, apart, settings)
+        return cls(views, viewing, observed, observed, one_light, rise, apart, settings)
 
-    def as_lit(self, linked: Linked) -> Observations:
+    def as_lit(self, linked: LinkedPatches) -> Observations:
         """Take the photos for lit by one light, unless that has no weight at all."""
         return self.each_in_its_own_light() if self.apart == 1 else self.in_one_light(linked)
 
-    def in_one_light(self, linked: Linked) -> Observations:
+    def in_one_light(self, linked: LinkedPatches) -> Observations:
         """Leave out what `darker_outliers` finds, and take highlights off.
 
         The less weight one light has, the darker a place must be: lights of their own darken places, too.
         """
         power = min(1 / (1 - self.apart), NEVER)
-        looks = self.looks.without(darker_outliers(linked, self.seen, self.settings.dark_outliers, power))
-        return replace(self, looks=looks, diffuse=self._without_highlights(looks, self.seen))
+        viewing = self.viewing.without(
+            darker_outliers(linked, self.observed, self.settings.dark_outliers, power)
+        )
+        return replace(self, viewing=viewing, diffuse=self._without_highlights(viewing, self.observed))
 
-    def _without_highlights(self, looks: Viewing, seen: np.ndarray) -> np.ndarray:
+    def _without_highlights(self, viewing: Viewing, observed: np.ndarray) -> np.ndarray:
         how = self.settings.highlights
-        return without_highlights(Linked.of(self.views, looks.trusted, how), seen, how)
+        return without_highlights(LinkedPatches.of(self.views, viewing.trusted, how), observed, how)
 
     def each_in_its_own_light(self) -> Observations:
         """Take the photos as they are seen: neither shadows nor highlights can be told."""
@@ -120,7 +132,7 @@ class Observations:
     @property
     def _compared(self) -> tuple[StackedViews, np.ndarray, np.ndarray, np.ndarray]:
         """What the search for light compares: views, image, trusted pixels, lights of the views."""
-        return self.views, self.diffuse, self.looks.trusted, self.light_of_view
+        return self.views, self.diffuse, self.viewing.trusted, self.light_of_view
 
     def shading(self, scene: LitScene, found: LightEstimate) -> np.ndarray:
         """Of all pixels by a light, (N, 3), float32."""
@@ -128,12 +140,17 @@ class Observations:
 
     def differences(self, scene: LitScene, found: LightEstimate) -> Differences:
         """How views differ under the one light found, and how mirrors would make them differ."""
-        views, looks, pixels, how = self.views, self.looks, scene.pixels, self.settings.specular.differences
+        views, viewing, pixels, how = (
+            self.views,
+            self.viewing,
+            scene.pixels,
+            self.settings.specular.differences,
+        )
 
         def shading_at(some: np.ndarray) -> np.ndarray:
             return found.shading_at(scene, some)
 
-        return Differences.of(views, self.seen, looks.trusted, looks.towards, pixels, shading_at, how)
+        return Differences.of(views, self.observed, viewing.trusted, viewing.towards, pixels, shading_at, how)
 
     def gloss(
         self, scene: LitScene, differences: Differences, found: LightEstimate
@@ -146,7 +163,7 @@ class Observations:
         mirrored, light = differences.mirrored, found.radiance[0]
         if mirrored and mirrored.explains_most:
             strength = mirrored.radiance.sum(axis=0) / np.maximum(light.sum(axis=0), 1e-12)
-            everything = np.ones(len(self.seen), bool)
+            everything = np.ones(len(self.observed), bool)
             return SpecularReflection(strength, mirrored.roughness, mirrored.left, everything), differences
         return self._gloss_of_paints(scene, differences, found)
 
@@ -156,7 +173,7 @@ class Observations:
         """The reflection of those clusters whose differences light in a mirror explains; None if of none."""
         light = found.radiance[0]
         how, shading = self.settings.specular.clusters, self.shading(scene, found)
-        paint = chromaticity_clusters(self.views, self.diffuse, shading, self.looks.trusted, how)
+        paint = chromaticity_clusters(self.views, self.diffuse, shading, self.viewing.trusted, how)
         of_paint = (paint == number for number in range(int(paint.max()) + 1))
         shown = [own for own in of_paint if self._shows(differences.within(own).strength(light))]
         if not shown:
@@ -189,7 +206,7 @@ class Observations:
         mirror = own.in_mirror(specular.roughness)
         for _ in range(self.settings.specular.alternations):
             diffuse, _ = without_specular(
-                self.seen, specular.image(self.mirror(scene, found)), self.settings.specular
+                self.observed, specular.image(self.mirror(scene, found)), self.settings.specular
             )
             search = replace(self, diffuse=diffuse).search(scene)
             objective, start = search.objective(found), found.radiance
@@ -211,7 +228,7 @@ class Observations:
         explained = whole is not None and whole.left < how.differences.explained_residual
         if whole is not None and explained and self._likely(whole.strength):
             return SpecularReflection(
-                whole.strength, whole.roughness, whole.left, np.ones(len(self.seen), bool)
+                whole.strength, whole.roughness, whole.left, np.ones(len(self.observed), bool)
             )
         gloss = self._gloss_of_paints(scene, differences, found)
         if gloss is None:
@@ -222,13 +239,15 @@ class Observations:
     def without_specular(self, specular: SpecularReflection, mirror: Mirror) -> Observations:
         """The photos without it; what it hides in one view and not in another is no longer trusted."""
         how = self.settings.specular
-        seen, share = without_specular(self.seen, specular.image(mirror), how)
-        looks = self.looks.without(highlights_of(self.views, share, self.looks.trusted, how))
-        return replace(self, looks=looks, seen=seen, diffuse=self._without_highlights(looks, seen))
+        observed, share = without_specular(self.observed, specular.image(mirror), how)
+        viewing = self.viewing.without(highlights_of(self.views, share, self.viewing.trusted, how))
+        return replace(
+            self, viewing=viewing, observed=observed, diffuse=self._without_highlights(viewing, observed)
+        )
 
     def mirror(self, scene: LitScene, found: LightEstimate) -> Mirror:
         """What the one light found would show in the surface."""
-        return Mirror(scene.pixels, found.radiance[0], self.looks.towards)
+        return Mirror(scene.pixels, found.radiance[0], self.viewing.towards)
 
     def _shows(self, fit: MirrorStrength | None) -> bool:
         """Whether a cluster of albedo is specular."""

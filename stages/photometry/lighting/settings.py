@@ -41,10 +41,10 @@ class ViewGainSettings(Settings):
     bright_percentile: float = setting(
         99.0, "Percentile of a view and channel that is its bright pixels.", unit="%", gt=0, le=100
     )
-    fewest_links: int = setting(
+    fewest_correspondences: int = setting(
         50, "Links of a pair of views, at least, for a median over them.", unit="links", ge=1
     )
-    fewest_links_in_patch: int = setting(
+    fewest_correspondences_in_patch: int = setting(
         5, "Links of a patch, at least, for a mean over them, if any patch has as many.", unit="links", ge=1
     )
     largest_difference: float = setting(

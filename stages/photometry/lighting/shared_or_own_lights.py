@@ -70,9 +70,9 @@ def mixed_with_own_lights(
     )
     photos = replace(
         apart,
-        seen=(1 - weight) * shared.seen + weight * apart.seen,
+        observed=(1 - weight) * shared.observed + weight * apart.observed,
         diffuse=(1 - weight) * shared.diffuse + weight * apart.diffuse,
-        looks=shared.looks,
+        viewing=shared.viewing,
     )
     return photos, found
 

@@ -46,7 +46,7 @@ def view_gains(
     floor = np.repeat(_floors(views, image, how), np.diff(views.starts), axis=0)
     logs, bright = np.log(np.maximum(image, floor)), trusted[:, None] & (image > floor)
     channels = ((logs[:, c], bright[:, c]) for c in range(3))
-    gains = np.stack([_log_gains(views, *each, how.fewest_links) for each in channels], axis=1)
+    gains = np.stack([_log_gains(views, *each, how.fewest_correspondences) for each in channels], axis=1)
     logs -= np.repeat(gains, np.diff(views.starts), axis=0)
     left = _left(views, logs, bright, how)
     spread = TO_DEVIATION * float(np.median(np.abs(left))) if left.size else 0.0
@@ -64,18 +64,20 @@ def _floors(views: StackedViews, image: np.ndarray, how: ViewGainSettings) -> np
     return np.clip(how.dark * np.array(bright), how.darkest, how.dark)
 
 
-def _log_gains(views: StackedViews, logs: np.ndarray, bright: np.ndarray, fewest_links: int) -> np.ndarray:
+def _log_gains(
+    views: StackedViews, logs: np.ndarray, bright: np.ndarray, fewest_correspondences: int
+) -> np.ndarray:
     """Of every view in one channel, (n,): 0 where it is dark."""
     rows, medians = [], []
-    for (i, j), (one, other) in zip(sorted(views.links), views.linked_pixels(), strict=True):
+    for (i, j), (one, other) in zip(sorted(views.correspondences), views.linked_pixels(), strict=True):
         both = bright[one] & bright[other]
-        links = np.count_nonzero(both)
-        if links < fewest_links:
+        correspondences = np.count_nonzero(both)
+        if correspondences < fewest_correspondences:
             continue
         row = np.zeros(views.view_count)
         row[i], row[j] = 1, -1
-        rows.append(np.sqrt(links) * row)
-        medians.append(np.sqrt(links) * np.median(logs[one[both]] - logs[other[both]]))
+        rows.append(np.sqrt(correspondences) * row)
+        medians.append(np.sqrt(correspondences) * np.median(logs[one[both]] - logs[other[both]]))
     return np.linalg.lstsq(rows, medians, rcond=None)[0] if rows else np.zeros(views.view_count)
 
 
@@ -85,7 +87,7 @@ def _left(views: StackedViews, logs: np.ndarray, bright: np.ndarray, how: ViewGa
     for one, other in views.linked_pixels():
         both = bright[one] & bright[other]
         some = both.any(axis=1)
-        if np.count_nonzero(some) < how.fewest_links:
+        if np.count_nonzero(some) < how.fewest_correspondences:
             continue
         off = ((logs[one] - logs[other]) * both)[some].sum(axis=1) / both[some].sum(axis=1)
         left.append(_of_patches(patch[one[some]], off, how))
@@ -103,5 +105,5 @@ def _of_patches(patch: np.ndarray, values: np.ndarray, how: ViewGainSettings) ->
     """Means of the values in every patch that holds enough, else in every patch that holds some, (·,)."""
     _, own, count = np.unique(patch, return_inverse=True, return_counts=True)
     values = np.clip(values, -how.largest_difference, how.largest_difference)
-    means, enough = np.bincount(own.reshape(-1), values) / count, count >= how.fewest_links_in_patch
+    means, enough = np.bincount(own.reshape(-1), values) / count, count >= how.fewest_correspondences_in_patch
     return means[enough] if enough.any() else means

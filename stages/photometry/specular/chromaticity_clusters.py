@@ -42,7 +42,7 @@ def _albedo_seen_together(
     """All light that a pixel and its like in other views send, by all that they are lit by, (N, 3)."""
     own = np.concatenate([np.maximum(image, 0), shading], axis=1) * trusted[:, None]
     together = own.copy()
-    for (i, j), block in views.links.items():
+    for (i, j), block in views.correspondences.items():
         together[views.view(i)] += block @ own[views.view(j)]
         together[views.view(j)] += block.T @ own[views.view(i)]
     return together[:, :3] / np.maximum(together[:, 3:], min_shading)

@@ -12,12 +12,12 @@ from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSe
 from stages.photometry.stack import Pixels, StackedViews
 
 
-def without_highlights(linked: Linked, image: np.ndarray, how: HighlightSettings) -> np.ndarray:
+def without_highlights(linked: LinkedPatches, image: np.ndarray, how: HighlightSettings) -> np.ndarray:
     """Take off what a view sees of its surface beyond what the others see of it.
 
     Parameters
     ----------
-    linked : Linked
+    linked : LinkedPatches
         What is the same surface. Only trusted pixels are compared, and looked at: what is clipped is no
         measure.
     image : ndarray, shape (N, 3), float32
@@ -31,10 +31,10 @@ def without_highlights(linked: Linked, image: np.ndarray, how: HighlightSettings
 
     Notes
     -----
-    Matt surface looks the same from everywhere, and gloss only adds. With ``l = log(I + d)`` and m its
-    `Linked.excess`, per channel: ``l ← l − t max(0, m)``, ``t = Σ max(0, m − s − ε) / Σ max(0, m)`` over the
-    channels, ε `tolerance`, s the root mean square of what is negative among m around (less where hardly
-    anything is).
+    Diffuse surface looks the same from everywhere, and specular reflection only adds. With ``l = log(I + d)``
+    and m its `LinkedPatches.excess`, per channel: ``l ← l − t max(0, m)``, where
+    ``t = Σ max(0, m − s − ε) / Σ max(0, m)`` over the channels, ε
+    `tolerance`, s the root mean square of what is negative among m around (less where hardly anything is).
     One t for all channels, so that the colour moves straight to that which the others see: a window that
     shows the sky does not turn green. Views that see each other's fine paint half a pixel off differ in both
     directions alike, and keep what they have. Highlights of a few pixels are cut by half.
@@ -57,12 +57,12 @@ def without_highlights(linked: Linked, image: np.ndarray, how: HighlightSettings
     return np.where(linked.trusted[:, None], diffuse, image).astype(np.float32)
 
 
-def brightening(linked: Linked, image: np.ndarray) -> float:
+def brightening(linked: LinkedPatches, image: np.ndarray) -> float:
     """How much further views rise above one another than they fall below.
 
     Parameters
     ----------
-    linked : Linked
+    linked : LinkedPatches
         What is the same surface.
     image : ndarray, shape (N, 3)
         Scaled; gains of the views divided out.
@@ -70,8 +70,8 @@ def brightening(linked: Linked, image: np.ndarray) -> float:
     Returns
     -------
     float
-        Of `Linked.excess` of the brightness' logarithm, over trusted pixels: the root mean square of what is
-        positive over that of what is negative. 1 where views see nothing of one another.
+        Of `LinkedPatches.excess` of the brightness' logarithm, over trusted pixels: root mean square of what
+        is positive over that of what is negative. 1 where views see nothing of one another.
 
     Notes
     -----
@@ -86,13 +86,13 @@ def brightening(linked: Linked, image: np.ndarray) -> float:
 
 
 def darker_outliers(
-    linked: Linked, image: np.ndarray, how: DarkOutlierSettings, power: float = 1.0
+    linked: LinkedPatches, image: np.ndarray, how: DarkOutlierSettings, power: float = 1.0
 ) -> np.ndarray:
     """Pixels that most other views contradict: they see the same surface, and far brighter.
 
     Parameters
     ----------
-    linked : Linked
+    linked : LinkedPatches
         What is the same surface.
     image : ndarray, shape (N, 3)
         Scaled, under one light; gains of the views divided out.
@@ -116,18 +116,18 @@ def darker_outliers(
     seen, darker = linked.log_brightness(image), np.log(how.ratio**power)
     size_px = linked.patches.patch_px
     balance = np.zeros(len(seen), np.int32)
-    for one, other in trusted_links(linked.views, linked.trusted):
+    for one, other in trusted_correspondences(linked.views, linked.trusted):
         difference = seen[other] - seen[one]
         add_at(balance, one, np.where(difference > darker, 1, -1))
         add_at(balance, other, np.where(-difference > darker, 1, -1))
-    asked = linked.enough & (linked.links > how.min_links_per_pixel)
+    asked = linked.enough & (linked.correspondences > how.min_correspondences_per_pixel)
     place = asked & (means_around(linked.views, balance, size_px) > 0)
     close = means_around(linked.views, place, size_px) > 0
     return place | (balance > 0) & (close | (image.max(axis=1) <= how.black))
 
 
 @dataclass(frozen=True, eq=False)
-class Linked:
+class LinkedPatches:
     """What pixels can be compared with, counted once.
 
     Attributes
@@ -145,14 +145,14 @@ class Linked:
     views: StackedViews
     trusted: np.ndarray
     patches: LinkedPatchSettings
-    links: np.ndarray
+    correspondences: np.ndarray
     enough: np.ndarray
 
     @classmethod
-    def of(cls, views: StackedViews, trusted: np.ndarray, patches: LinkedPatchSettings) -> Linked:
+    def of(cls, views: StackedViews, trusted: np.ndarray, patches: LinkedPatchSettings) -> LinkedPatches:
         """Count the links of all pixels."""
         count = np.zeros(len(trusted))
-        for ends in trusted_links(views, trusted):
+        for ends in trusted_correspondences(views, trusted):
             for end in ends:
                 add_at(count, end, 1)
         enough = means_around(views, count > 0, patches.patch_px) >= patches.min_linked_share
@@ -165,11 +165,11 @@ class Linked:
         `enough` links. The cost grows with the links.
         """
         total = np.zeros(len(values))
-        for one, other in trusted_links(self.views, self.trusted):
+        for one, other in trusted_correspondences(self.views, self.trusted):
             difference = values[one] - values[other]
             add_at(total, one, difference)
             add_at(total, other, -difference)
-        mean = means_around(self.views, total, self.patches.patch_px) / np.maximum(self.links, 1e-6)
+        mean = means_around(self.views, total, self.patches.patch_px) / np.maximum(self.correspondences, 1e-6)
         return np.where(self.enough, mean, 0)
 
     def log_brightness(self, image: np.ndarray) -> np.ndarray:
@@ -177,7 +177,7 @@ class Linked:
         return np.log(np.maximum(image, 0).mean(axis=1) + self.patches.log_floor)
 
 
-def trusted_links(views: StackedViews, trusted: np.ndarray) -> Iterator[Pixels]:
+def trusted_correspondences(views: StackedViews, trusted: np.ndarray) -> Iterator[Pixels]:
     """Pairs of pixels that show the same surface point and are both trusted, (N,) bool."""
     for one, other in views.linked_pixels():
         both = trusted[one] & trusted[other]

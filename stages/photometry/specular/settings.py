@@ -12,7 +12,7 @@ Roughness = Annotated[float, Field(gt=0, le=1)]
 
 
 class LinkedPatchSettings(Settings):
-    """Settings of the comparison of linked pixels, which is by small squares; see `Linked`."""
+    """Settings of the comparison of linked pixels, which is by small squares; see `LinkedPatches`."""
 
     patch_px: int = setting(
         5,
@@ -73,7 +73,7 @@ class DarkOutlierSettings(Settings):
         gt=1,
         le=100,
     )
-    min_links_per_pixel: float = setting(
+    min_correspondences_per_pixel: float = setting(
         1.5,
         "Squares are asked where their pixels have more links than this on average: of two views alone, "
         "either may be the one that is wrong.",
@@ -101,20 +101,20 @@ class ViewDifferenceSettings(Settings):
         min_length=1,
         max_length=16,
     )
-    links: int = setting(
+    correspondences: int = setting(
         15_000,
         "Links that are looked at, or up to twice as many.",
         unit="links",
         ge=100,
         le=1_000_000,
     )
-    min_links: int = setting(
+    min_correspondences: int = setting(
         200,
         "Fewest links for a strength of the reflection: what fewer differ by is as well explained by chance.",
         unit="links",
         ge=1,
     )
-    min_links_per_direction: float = setting(
+    min_correspondences_per_direction: float = setting(
         10.0,
         "Fewest links for a light of its own in the reflection, per direction: as many numbers as links "
         "explain noise.",
@@ -124,7 +124,7 @@ class ViewDifferenceSettings(Settings):
     resolved_directions: int = setting(
         256,
         "Directions that lobes of these roughnesses tell apart: of more, only so many count for "
-        "`min_links_per_direction`.",
+        "`min_correspondences_per_direction`.",
         unit="directions",
         ge=1,
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stages.photometry.specular.ggx_lobes import mirrored_light
-from stages.photometry.specular.highlights import trusted_links
+from stages.photometry.specular.highlights import trusted_correspondences
 from stages.photometry.specular.settings import SpecularSettings
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.directional_transport import DirectionalTransport
@@ -81,7 +81,7 @@ def highlights_of(
 ) -> np.ndarray:
     """Find pixels with so large a specular share that another view, of far less, knows better, (N,)."""
     least = np.full(len(share), np.inf, np.float32)
-    for one, other in trusted_links(views, trusted):
+    for one, other in trusted_correspondences(views, trusted):
         for own, there in ((one, other), (other, one)):
             np.minimum.at(least, own, share[there])
     return (share > how.highlight_share) & (share > how.highlight_ratio * least)

@@ -69,14 +69,14 @@ class InMirror:
         ``I_p − f I_q`` with ``f = S_p / S_q``, of the brightness.
     lobes : ndarray, shape (L, M), float32
         ``m_p − f m_q``, m of `ggx_lobes.lobes`: what light of each direction would add to
-        `seen`.
+        `difference`.
     cells : ndarray, shape (M,)
         Share of all directions that each stands for.
     how : ViewDifferenceSettings
     """
 
     roughness: float
-    seen: np.ndarray
+    difference: np.ndarray
     lobes: np.ndarray
     cells: np.ndarray
     how: ViewDifferenceSettings
@@ -87,7 +87,7 @@ class InMirror:
         ``Σ (√(d² + ε²) − ε)``, d what is not explained, ε the `noise`, over the same of what is seen.
         """
         noise = self.how.noise
-        off = self.seen - self.lobes @ radiance.astype(np.float32)
+        off = self.difference - self.lobes @ radiance.astype(np.float32)
         root = np.sqrt(off**2 + noise**2, dtype=np.float32)
         left = float((root - noise).sum(dtype=np.float64))
         slope = -(self.lobes.T @ (off / root)) / self._all
@@ -96,7 +96,7 @@ class InMirror:
     @cached_property
     def _all(self) -> float:
         noise = self.how.noise
-        size = np.sqrt(self.seen**2 + noise**2, dtype=np.float32) - noise
+        size = np.sqrt(self.difference**2 + noise**2, dtype=np.float32) - noise
         return max(float(size.sum(dtype=np.float64)), 1e-12)
 
     def light(self) -> MirroredLight:
@@ -110,7 +110,7 @@ class InMirror:
             price, own = contrast(radiance[None], self.cells)
             return left + self.how.evenness * price, slope + self.how.evenness * own[0]
 
-        start = np.full((self.lobes.shape[1], 3), 0.1 * float(np.abs(self.seen).mean()))
+        start = np.full((self.lobes.shape[1], 3), 0.1 * float(np.abs(self.difference).mean()))
         how = self.how
         radiance = descend_above_zero(objective, start, how.max_iterations, how.slope_tolerance)
         left = self.left(radiance)[0]
@@ -122,12 +122,12 @@ class InMirror:
         By reweighted least squares.
         """
         mirrored = self.lobes @ radiance.astype(np.float32)
-        weight = np.ones_like(self.seen)
+        weight = np.ones_like(self.difference)
         for _ in range(self.how.reweighting_rounds):
             squares = np.maximum((weight * mirrored**2).sum(axis=0), 1e-12)
-            strength = np.maximum((weight * self.seen * mirrored).sum(axis=0) / squares, 0)
-            weight = 1 / np.maximum(np.abs(self.seen - strength * mirrored), self.how.noise / 2)
-        before, after = np.abs(self.seen).sum(), np.abs(self.seen - strength * mirrored).sum()
+            strength = np.maximum((weight * self.difference * mirrored).sum(axis=0) / squares, 0)
+            weight = 1 / np.maximum(np.abs(self.difference - strength * mirrored), self.how.noise / 2)
+        before, after = np.abs(self.difference).sum(), np.abs(self.difference - strength * mirrored).sum()
         return MirrorStrength(strength, self.roughness, float(after / before) if before > 0 else 1.0)
 
 
@@ -153,7 +153,7 @@ class Differences:
     def of(
         cls,
         views: StackedViews,
-        seen: np.ndarray,
+        difference: np.ndarray,
         trusted: np.ndarray,
         towards: np.ndarray,
         pixels: DirectionalTransport,
@@ -176,14 +176,14 @@ class Differences:
             are lit about alike by any light.
         how : ViewDifferenceSettings
         """
-        p, q = some_links(views, trusted, how.links)
+        p, q = sampled_correspondences(views, trusted, how.correspondences)
         of_p, of_q = shading_at(p), shading_at(q)
         least = how.min_shading * (of_p.mean(axis=0) + of_q.mean(axis=0)) / 2 if p.size else 0.0
         f = of_p.mean(axis=1) / np.maximum(of_q.mean(axis=1), 1e-12)
         most = how.max_shading_ratio
         lit = (np.minimum(of_p, of_q) > least).all(axis=1) & (f < most) & (f > 1 / most)
         p, q, f = p[lit], q[lit], f[lit, None].astype(np.float32)
-        apart = seen[p] - f * seen[q]
+        apart = difference[p] - f * difference[q]
         own_lobes = (lobes(pixels, towards, a, p) - f * lobes(pixels, towards, a, q) for a in how.roughnesses)
         mirrors = (
             InMirror(a, apart, own, pixels.cells, how)
@@ -194,7 +194,9 @@ class Differences:
     def within(self, glossy: np.ndarray) -> Differences:
         """Those with both ends among some of the pixels, (N,) bool."""
         both = glossy[self.p] & glossy[self.q]
-        mirrors = (replace(each, seen=each.seen[both], lobes=each.lobes[both]) for each in self.mirrors)
+        mirrors = (
+            replace(each, difference=each.difference[both], lobes=each.lobes[both]) for each in self.mirrors
+        )
         return Differences(self.p[both], self.q[both], tuple(mirrors), self.how)
 
     @cached_property
@@ -204,8 +206,8 @@ class Differences:
         None where there are too few to tell, or views do not differ.
         """
         how, middle = self.how, self.mirrors[self.how.middle_roughness]
-        enough = how.min_links_per_direction * min(middle.lobes.shape[1], how.resolved_directions)
-        if self.p.size < enough or np.abs(middle.seen).mean() < how.min_difference * how.noise:
+        enough = how.min_correspondences_per_direction * min(middle.lobes.shape[1], how.resolved_directions)
+        if self.p.size < enough or np.abs(middle.difference).mean() < how.min_difference * how.noise:
             return None
         found = middle.light()
         if found.left >= how.hopeless_residual:
@@ -218,7 +220,7 @@ class Differences:
 
         Three numbers instead of the hundreds of `mirrored`: for paints with few links.
         """
-        if self.p.size < self.how.min_links:
+        if self.p.size < self.how.min_correspondences:
             return None
         found = (mirror.strength(radiance) for mirror in self.mirrors)
         return min(found, key=lambda fit: fit.left)
@@ -228,9 +230,9 @@ class Differences:
         return next(mirror for mirror in self.mirrors if mirror.roughness == roughness)
 
 
-def some_links(views: StackedViews, trusted: np.ndarray, count: int) -> Pixels:
+def sampled_correspondences(views: StackedViews, trusted: np.ndarray, count: int) -> Pixels:
     """Every so many-th of all links, `count` or up to twice as many, if both its ends are trusted, (N,)."""
-    stride, passed = max(1, views.link_count // count), 0
+    stride, passed = max(1, views.correspondence_count // count), 0
     ends: list[Pixels] = [(np.empty(0, np.int64), np.empty(0, np.int64))]
     for p, q in views.linked_pixels():
         ends.append((p[-passed % stride :: stride], q[-passed % stride :: stride]))

@@ -42,7 +42,7 @@ class LitScene:
     vertices: DirectionalTransport
     proxy: Proxy
     sphere: Sphere | None = None
-    eyes: VisibilityProbes | None = None
+    probes: VisibilityProbes | None = None
 
     @classmethod
     def of(
@@ -91,7 +91,7 @@ def proxy_in(stored: StoredTransfer) -> Proxy:
 
 
 def scenes_by_distance(
-    stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray, eyes: VisibilityProbes | None = None
+    stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray, probes: VisibilityProbes | None = None
 ) -> tuple[list[LitScene], int]:
     """Scenes in the order of the stored radii, and how many pixels see the back of the mesh.
 
@@ -109,5 +109,5 @@ def scenes_by_distance(
     for radius, visible in zip(stored.radii.tolist(), stored.visible, strict=True):
         sphere = sphere_of(stored.centre, radius)
         scene = LitScene.of(normals, blend, proxy, visible, int(stored.directions), sphere)
-        scenes.append(replace(scene, eyes=eyes))
+        scenes.append(replace(scene, probes=probes))
     return scenes, opposed

@@ -55,7 +55,7 @@ class PixelTransfer:
 
     open_sky: np.ndarray
     blend: sp.csr_array
-    seen: Occlusion
+    occlusion: Occlusion
     vertex_sky: np.ndarray
     nearest: np.ndarray
 
@@ -73,12 +73,12 @@ class PixelTransfer:
         seen from its back, of which nothing is known: such pixels are taken to see the whole sky, and
         counted.
         """
-        seen, size = proxy.seen, (degree + 1) ** 2
+        occlusion, size = proxy.occlusion, (degree + 1) ** 2
         blend, opposed = without_opposed(normals, blend, proxy.normals)
         transfer = cls(
             open_sky=shading_basis(normals, degree).astype(np.float32),
             blend=blend,
-            seen=Occlusion(seen.blocked[:, :size], seen.form_factors, seen.behind),
+            occlusion=Occlusion(occlusion.blocked[:, :size], occlusion.form_factors, occlusion.behind),
             vertex_sky=shading_basis(proxy.normals, degree).astype(np.float32),
             nearest=nearest_shown(blend, proxy.positions),
         )
@@ -86,7 +86,7 @@ class PixelTransfer:
 
     def direct(self) -> np.ndarray:
         """What reaches the pixels from the sky itself, (N, K), float32."""
-        return self.open_sky - self.blend @ self.seen.blocked
+        return self.open_sky - self.blend @ self.occlusion.blocked
 
     def with_bounces(self, albedo: np.ndarray, bounces: Bounces) -> np.ndarray:
         """The same with what other surface sends on, channel by channel.
@@ -102,11 +102,11 @@ class PixelTransfer:
         ndarray, shape (N, K, 3), float32
         """
         absolute = np.minimum(on_absolute_scale(albedo, bounces.brightest, bounces.quantile), WHITEST)
-        direct, of_vertices = self.direct(), self.vertex_sky - self.seen.blocked
+        direct, of_vertices = self.direct(), self.vertex_sky - self.occlusion.blocked
         basis = np.empty((*direct.shape, albedo.shape[1]), np.float32)
         for c in range(albedo.shape[1]):
             values, typical = self.at_vertices(absolute[:, c]), float(np.median(absolute[:, c]))
-            there = bounced(of_vertices, self.seen, values.astype(np.float32), typical, bounces.count)
+            there = bounced(of_vertices, self.occlusion, values.astype(np.float32), typical, bounces.count)
             basis[:, :, c] = direct + self.blend @ (there - of_vertices).astype(np.float32)
         return basis
 

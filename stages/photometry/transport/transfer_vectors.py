@@ -56,7 +56,7 @@ class Proxy:
 
     positions: np.ndarray
     normals: np.ndarray
-    seen: Occlusion
+    occlusion: Occlusion
 
 
 def occlusion(

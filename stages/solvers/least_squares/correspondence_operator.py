@@ -8,10 +8,12 @@ from itertools import combinations
 import numpy as np
 import scipy.sparse as sp
 
-Links = Mapping[tuple[int, int], sp.csr_array]
+Correspondences = Mapping[tuple[int, int], sp.csr_array]
 
 
-def linked_pixels(links: Links, starts: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def linked_pixels(
+    correspondences: Correspondences, starts: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Go through the pairs of views in the order of Eq. 18, and give the pixels that each links.
 
     Parameters
@@ -26,13 +28,13 @@ def linked_pixels(links: Links, starts: np.ndarray) -> Iterator[tuple[np.ndarray
     tuple of two ndarray, shape (·,), int32
         Numbers of the pixels in view i and in view j.
     """
-    for i, j in sorted(links):
-        block = links[i, j]
+    for i, j in sorted(correspondences):
+        block = correspondences[i, j]
         linked = np.flatnonzero(np.diff(block.indptr))
         yield (linked + starts[i]).astype(np.int32), (block.indices + starts[j]).astype(np.int32)
 
 
-def correspondence_matrix(links: Links, pixel_counts: Sequence[int]) -> sp.csr_array:
+def correspondence_matrix(correspondences: Correspondences, pixel_counts: Sequence[int]) -> sp.csr_array:
     """Arrange the pairs' matrices by block; for four views
 
     Eq. 18: ``C = [B12 C12 . . ; B13 . C13 . ; B14 . . C14 ; . B23 C23 . ; . B24 . C24 ; . . B34 C34]``.
@@ -56,13 +58,16 @@ def correspondence_matrix(links: Links, pixel_counts: Sequence[int]) -> sp.csr_a
         A pair is not i < j, a block has the wrong shape, or a row has more than one link.
     """
     starts = np.concatenate([[0], np.cumsum(pixel_counts)])
-    check_links(links, pixel_counts)
+    check_correspondences(correspondences, pixel_counts)
     shape = (sum(pixel_counts[i] for i, _ in combinations(range(len(pixel_counts)), 2)), int(starts[-1]))
-    if not links:
+    if not correspondences:
         return sp.csr_array(shape, dtype=np.float64)
-    pairs = list(linked_pixels(links, starts))
+    pairs = list(linked_pixels(correspondences, starts))
     firsts = _first_rows(pixel_counts)
-    rows = [one - starts[i] + firsts[i, j] for (one, _), (i, j) in zip(pairs, sorted(links), strict=True)]
+    rows = [
+        one - starts[i] + firsts[i, j]
+        for (one, _), (i, j) in zip(pairs, sorted(correspondences), strict=True)
+    ]
     here, there = (np.concatenate(side) for side in zip(*pairs, strict=True))
     entries = np.tile(np.concatenate(rows), 2), np.concatenate([here, there])
     return sp.csr_array((np.repeat([-1.0, 1.0], here.size), entries), shape=shape)
@@ -75,7 +80,7 @@ def _first_rows(pixel_counts: Sequence[int]) -> dict[tuple[int, int], int]:
     return dict(zip(pairs, [0, *ends], strict=False))
 
 
-def check_links(links: Links, pixel_counts: Sequence[int]) -> None:
+def check_correspondences(correspondences: Correspondences, pixel_counts: Sequence[int]) -> None:
     """Refuse what is not Eq. 18's.
 
     Raises
@@ -83,7 +88,7 @@ def check_links(links: Links, pixel_counts: Sequence[int]) -> None:
     ValueError
         A pair is not i < j, a block has the wrong shape, or a row has more than one link.
     """
-    for (i, j), block in links.items():
+    for (i, j), block in correspondences.items():
         if not 0 <= i < j < len(pixel_counts):
             raise ValueError(f"Pair ({i}, {j}) among {len(pixel_counts)} views; expected i < j.")
         expected = (pixel_counts[i], pixel_counts[j])

@@ -44,8 +44,8 @@ def closed_surface(
 def _largest_component(vertices: np.ndarray, faces: np.ndarray) -> Surface:
     """Drop the crumbs that a coarse grid leaves of thin features."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    links = coo_matrix((np.ones(len(start), bool), (start, end)), shape=(len(vertices),) * 2)
-    _, component = connected_components(links, directed=False)
+    correspondences = coo_matrix((np.ones(len(start), bool), (start, end)), shape=(len(vertices),) * 2)
+    _, component = connected_components(correspondences, directed=False)
     kept = component == np.bincount(component).argmax()
     index = np.cumsum(kept) - 1
     return Surface(vertices[kept], index[faces[kept[faces[:, 0]]]].astype(np.int32))

@@ -13,7 +13,7 @@ from pipeline import UserError
 from stages.scene.cameras import Camera
 
 
-def read_links(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
+def read_correspondences(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
     """Read the matrices of the `correspondence` stage, by the names of the two views.
 
     Raises
@@ -31,10 +31,12 @@ def read_links(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
         ) from error
 
 
-def numbered_links(folder: Path, cameras: Sequence[Camera]) -> dict[tuple[int, int], sp.csr_array]:
+def numbered_correspondences(folder: Path, cameras: Sequence[Camera]) -> dict[tuple[int, int], sp.csr_array]:
     """Read them by the indices of the two cameras: C_ij of Eq. 18; only those that hold links.
 
     An empty matrix takes a number per row, and of many views most see nothing of most others.
     """
     index = {camera.name: i for i, camera in enumerate(cameras)}
-    return {(index[i], index[j]): block for (i, j), block in read_links(folder).items() if block.nnz}
+    return {
+        (index[i], index[j]): block for (i, j), block in read_correspondences(folder).items() if block.nnz
+    }

@@ -36,8 +36,8 @@ class PictureSettings(Settings):
     )
 
 
-class DeliverSettings(Settings):
-    """Settings of the `deliver` stage."""
+class ExportSettings(Settings):
+    """Settings of the `export` stage."""
 
     white_quantile: float = setting(
         0.995,
@@ -52,7 +52,7 @@ class DeliverSettings(Settings):
 
 
 def common_white(
-    folder: Path, masks: Path, names: list[str], settings: DeliverSettings
+    folder: Path, masks: Path, names: list[str], settings: ExportSettings
 ) -> tuple[float, float]:
     """Find the linear value that becomes PNG white, and the median, over masked pixels of all views' EXRs."""
     import numpy as np
@@ -68,17 +68,17 @@ def common_white(
     return (float(white) if white > 0 else 1.0), float(middle)
 
 
-def tell_dark_pictures(job: Job[DeliverSettings], kind: str, white: float, middle: float) -> None:
+def tell_dark_pictures(job: Job[ExportSettings], kind: str, white: float, middle: float) -> None:
     """Warn where half of a picture is so far below white that one sees nothing of it."""
     if middle < job.settings.pictures.dark_median * white:
         job.warn(
             f"The PNGs of {kind} look black: white stands for {white:.3g}, and half of all pixels lie below "
-            f"{middle:.3g}. Lower deliver.white_quantile ({job.settings.white_quantile:g}), or mask what is "
+            f"{middle:.3g}. Lower export.white_quantile ({job.settings.white_quantile:g}), or mask what is "
             "so bright; the EXRs are as they should be."
         )
 
 
-def run(job: Job[DeliverSettings]) -> None:
+def run(job: Job[ExportSettings]) -> None:
     """Encode, one view at a time."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.images.contact_sheet import contact_sheet
@@ -96,8 +96,8 @@ def run(job: Job[DeliverSettings]) -> None:
     rows = {}
     with job.progress("pictures", len(cameras)) as step:
         for camera in cameras:
-            albedo, shading = (deliver_maps(job, kind, camera.name, whites[kind]) for kind in whites)
-            deliver_dense_view(job, camera, albedo)
+            albedo, shading = (export_maps(job, kind, camera.name, whites[kind]) for kind in whites)
+            export_dense_view(job, camera, albedo)
             if camera.name in in_sheet:
                 rows[camera.name] = sheet_row(job, camera, albedo, shading)
             step()
@@ -118,7 +118,7 @@ def evenly(names: list[str], count: int) -> list[str]:
     return [names[round(index * last / max(count - 1, 1))] for index in range(count)]
 
 
-def deliver_maps(job: Job[DeliverSettings], kind: str, name: str, white: float) -> np.ndarray:
+def export_maps(job: Job[ExportSettings], kind: str, name: str, white: float) -> np.ndarray:
     """Write one map as 16-bit PNG; returns it scaled so that white is 1, linear."""
     from stages.formats.images.exr import read_exr
     from stages.formats.images.photos import write_png_srgb16
@@ -128,7 +128,7 @@ def deliver_maps(job: Job[DeliverSettings], kind: str, name: str, white: float) 
     return scaled
 
 
-def deliver_dense_view(job: Job[DeliverSettings], camera: Camera, albedo: np.ndarray) -> None:
+def export_dense_view(job: Job[ExportSettings], camera: Camera, albedo: np.ndarray) -> None:
     """Write one view of the albedo workspace: its image, and the mesh's depth and normals as COLMAP maps.
 
     With the maps there, COLMAP's `stereo_fusion` makes an albedo-coloured point cloud of it.
@@ -146,7 +146,7 @@ def deliver_dense_view(job: Job[DeliverSettings], camera: Camera, albedo: np.nda
 
 
 def sheet_row(
-    job: Job[DeliverSettings], camera: Camera, albedo: np.ndarray, shading: np.ndarray
+    job: Job[ExportSettings], camera: Camera, albedo: np.ndarray, shading: np.ndarray
 ) -> list[np.ndarray]:
     """Convert photo, albedo, shading and normals of one view to 8-bit pictures."""
     from stages.formats.images.exr import read_exr
@@ -162,7 +162,7 @@ def sheet_row(
     return [encode_srgb8(photo / bright), encode_srgb8(albedo), encode_srgb8(shading), painted]
 
 
-def write_dense_model(job: Job[DeliverSettings], cameras: list[Camera]) -> None:
+def write_dense_model(job: Job[ExportSettings], cameras: list[Camera]) -> None:
     """Write the sparse model and settings that turn the albedo images into a COLMAP workspace."""
     from stages.formats.colmap.dense_workspace import write_stereo_settings
     from stages.formats.colmap.model import pinhole_model, read_model, write_model
@@ -179,11 +179,12 @@ def write_scales(path: Path, whites: dict[str, float]) -> None:
     path.write_text(json_text({"about": about, "png_white": whites}, indent=1) + "\n", encoding="utf-8")
 
 
-DELIVER = Stage(
-    name="deliver",
+EXPORT = Stage(
+    name="export",
+    formerly=("deliver",),
     version=2,
     about="PNGs at one common scale, a COLMAP workspace of albedo maps, a contact sheet.",
-    settings=DeliverSettings,
+    settings=ExportSettings,
     takes=("linear", "albedo", "shading", "normal", "mask", "depth", "cameras", "workspace"),
     gives=(
         Artefact("albedo_png", "albedo per view, 16-bit sRGB PNG", output="albedo"),

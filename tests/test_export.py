@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline import UserError
-from stages.deliver import DeliverSettings, common_white, evenly
+from stages.export import ExportSettings, common_white, evenly
 from stages.formats.images.contact_sheet import CAPTION_PX, MARGIN_PX, contact_sheet
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.masks import kept_at
@@ -21,7 +21,7 @@ def test_white_is_one_quantile_over_the_masked_pixels_of_all_views(tmp_path):
         write_exr(tmp_path / "albedo" / f"{name}.exr", image)
     write_mask(tmp_path / "mask/a.png", np.ones((10, 10), bool))
     write_mask(tmp_path / "mask/b.png", np.arange(10)[:, None] * np.ones((10, 10)) >= 5)
-    whole, half = DeliverSettings(white_quantile=1.0), DeliverSettings(white_quantile=0.5)
+    whole, half = ExportSettings(white_quantile=1.0), ExportSettings(white_quantile=0.5)
     assert common_white(tmp_path / "albedo", tmp_path / "mask", ["a", "b"], whole) == (4.0, 2.0)
     assert common_white(tmp_path / "albedo", tmp_path / "mask", ["a", "b"], half) == (2.0, 2.0)
 
