@@ -182,7 +182,7 @@ def _middle(surface: Surface, outlier_share: float) -> tuple[np.ndarray, float]:
 
 TRANSFER = Stage(
     name="transfer",
-    version=6,
+    version=7,
     about="What of the sky each point sees, and what it sees instead.",
     settings=TransferSettings,
     takes=("mesh",),
