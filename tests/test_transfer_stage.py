@@ -14,6 +14,7 @@ from stages.formats.artefacts.transfer_file import read_transfer
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
 from stages.lighting import _probes
+from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.transport.directional_transport import Sphere, even_directions
 from tests.rendered_scene import TINY, artefact, unshade, write_config
 
@@ -70,7 +71,7 @@ def test_albedo_times_shading_is_the_image_and_the_light_says_what_it_meets(conf
 def test_who_looks_again_sees_what_is_stored(config, output):
     """The eyes that `lighting` makes of the file, in the directions that the file was made in."""
     stored = read_transfer(artefact(config.parent / "w", "transfer", "transfer.npz"))
-    probes = _probes(SimpleNamespace(threads=1, executor=None), stored)
+    probes = _probes(SimpleNamespace(threads=1, executor=None, settings=LightingSettings()), stored)
     directions = even_directions(int(stored.directions))
     assert stored.radii.size == 3
     for radius, visible in zip(stored.radii, stored.visible, strict=True):
