@@ -67,7 +67,7 @@ def run(job: Job[CorrespondenceSettings]) -> None:
     rows = [{**pair, "links": count} for pair, count in zip(pairs, counts, strict=True)]
     (folder / "index.json").write_text(json_text(rows, indent=1) + "\n", encoding="utf-8")
     total = sum(counts)
-    job.note(pairs=len(pairs), correspondences=total, pairs_without_links=counts.count(0))
+    job.note(pairs=len(pairs), links=total, pairs_without_links=counts.count(0))
     if pairs and not total:
         job.warn(
             "No two views show a common surface point, so nothing ties their albedos together; "

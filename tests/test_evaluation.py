@@ -268,19 +268,17 @@ def test_consistency_leaves_out_links_to_unjudged_pixels_and_needs_one():
     views, correspondences = linked_views()
     judged = np.array([[False], [True]])
     partly = [grey("two", [[2.0], [5.0]], [[1.0]] * 2, judged=judged), views[1]]
-    found, correspondences = consistency(partly, correspondences)
-    assert correspondences == 1
+    found, count = consistency(partly, correspondences)
+    assert count == 1
     assert found == pytest.approx((2 / 4,) * 3)
-    found, correspondences = consistency(views[:1], correspondences)
-    assert correspondences == 0
+    found, count = consistency(views[:1], correspondences)
+    assert count == 0
     assert all(math.isnan(value) for value in found)
 
 
 def test_consistency_refuses_masks_that_the_links_were_not_made_with():
     views, correspondences = linked_views()
-    other = Correspondences(
-        correspondences.correspondences, {**correspondences.masks, "one": np.ones((1, 3), bool)}
-    )
+    other = Correspondences(correspondences.links, {**correspondences.masks, "one": np.ones((1, 3), bool)})
     with pytest.raises(UserError, match="between 2 and 2 pixels, the masks have 3 and 2"):
         consistency(views, other)
 

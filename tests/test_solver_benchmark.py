@@ -123,7 +123,7 @@ def test_ours_is_traced_at_the_energy_that_it_has():
     problem = corrugated_plane(2000)
     solved = timed(problem, 1, endless(problem, 3))
     trace = solved.trace()
-    assert len(trace.viewing) == 4
+    assert len(trace.looks) == 4
     exact = sum(terms.total(problem.weights) for terms in solved.descent.terms)
     assert trace.least == pytest.approx(exact, rel=1e-5)
 

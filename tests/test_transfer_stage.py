@@ -129,7 +129,7 @@ def test_a_setting_of_one_kind_of_light_runs_nothing_under_another(config, capsy
     paper = ["--set", "decomposition.mode=paper", "--set", "decomposition.solver=fast"]
     code, _, said = unshade(capsys, "run", config, *paper)
     assert code == 0, said
-    for setting in ("coarse_lambda=5", "harmonics.refreshes=1", "bounces=2"):
+    for setting in ("edges.coarse_lambda=5", "harmonics.refreshes=1", "bounces=2"):
         changed = ["--set", f"decomposition.{setting}"]
         code, told, said = unshade(capsys, "plan", config, *paper, *changed, "--json")
         assert code == 0, said

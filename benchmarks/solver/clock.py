@@ -75,13 +75,13 @@ class Trace:
     """
 
     method: str
-    viewing: tuple[Look, ...]
+    looks: tuple[Look, ...]
 
     @property
     def least(self) -> float:
         """The least energy seen."""
-        return min(look.energy for look in self.viewing)
+        return min(look.energy for look in self.looks)
 
     def seconds_to(self, energy: float) -> float | None:
         """When the energy was first this low; None if it never was."""
-        return next((look.seconds for look in self.viewing if look.energy <= energy), None)
+        return next((look.seconds for look in self.looks if look.energy <= energy), None)

@@ -33,7 +33,7 @@ class Comparison:
     """
 
     method: str
-    viewing: int
+    looks: int
     least: float
     above_best: float
     near_s: float | None
@@ -64,12 +64,12 @@ def _compare(trace: Trace, ours: Trace, best: float) -> Comparison:
     common = trace.least if near_s is None else NEAR * best
     return Comparison(
         method=trace.method,
-        viewing=len(trace.viewing),
+        looks=len(trace.looks),
         least=trace.least,
         above_best=trace.least / best - 1,
         near_s=near_s,
         common=common,
         common_s=trace.seconds_to(common),
         ours_s=ours.seconds_to(common),
-        at_least=trace is not ours and ours.viewing[0].energy <= common,
+        at_least=trace is not ours and ours.looks[0].energy <= common,
     )

@@ -28,14 +28,14 @@ def race(problem: RaceProblem, budget_s: float, threads: int) -> Trace:
     graph = graph_of(views, weights)
     image = np.stack(problem.images, axis=1).astype(np.float32)
     albedo, light = image.copy(), np.ones((views.view_count, 3, views.basis.shape[1]))
-    viewing = []
+    looks = []
     with ThreadPoolExecutor(threads) as executor:
         while True:
-            viewing.append(Look(clock.seconds, _energy(problem, albedo, light, clock)))
+            looks.append(Look(clock.seconds, _energy(problem, albedo, light, clock)))
             try:
                 clock.check()
             except OutOfTime:
-                return Trace(NAME, tuple(viewing))
+                return Trace(NAME, tuple(looks))
             light = _light(problem, albedo, light, executor)
             shading = views.shadings(light).astype(np.float32)
             albedo = reweighted_descent(graph, image, shading, albedo, PAPER.delta, STEPS)

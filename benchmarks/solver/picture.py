@@ -46,15 +46,15 @@ class Axis:
 def chart(title: str, traces: Sequence[Trace]) -> np.ndarray:
     """Draw it, (h, w, 3) uint8 sRGB; times at 0 are drawn at the left border."""
     best = best_known(traces)
-    seconds = [look.seconds for trace in traces for look in trace.viewing if look.seconds > 0]
-    excess = [look.energy / best - 1 for trace in traces for look in trace.viewing]
+    seconds = [look.seconds for trace in traces for look in trace.looks if look.seconds > 0]
+    excess = [look.energy / best - 1 for trace in traces for look in trace.looks]
     across = Axis(min(seconds) / 1.2, max(seconds) * 1.2, LEFT, RIGHT)
     up = Axis(FLOOR, max(*excess, 10 * FLOOR) * 1.2, BOTTOM, TOP)
     image = Image.new("RGB", SIZE_PX, PAPER)
     draw = ImageDraw.Draw(image)
     _frame(draw, title, across, up)
     for trace, colour in zip(traces, _colours(len(traces)), strict=True):
-        points = [(across.place(look.seconds), up.place(look.energy / best - 1)) for look in trace.viewing]
+        points = [(across.place(look.seconds), up.place(look.energy / best - 1)) for look in trace.looks]
         draw.line(points, colour, 2)
         for x, y in points:
             draw.ellipse((x - 3, y - 3, x + 3, y + 3), colour)

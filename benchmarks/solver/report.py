@@ -186,9 +186,7 @@ def as_json(found: Findings) -> dict[str, Any]:
                 "lambda": race.problem.weights.smoothness,
                 "mu": race.problem.weights.consistency,
                 "comparisons": [asdict(one) | {"ratio": one.ratio} for one in race.comparisons],
-                "traces": {
-                    t.method: [[look.seconds, look.energy] for look in t.viewing] for t in race.traces
-                },
+                "traces": {t.method: [[look.seconds, look.energy] for look in t.looks] for t in race.traces},
             }
             for race in found.races
         ],

@@ -40,7 +40,7 @@ def race(problem: RaceProblem, inner: InnerSolver, budget_s: float, threads: int
     _ = views.equations  # counts: no other method needs it
     images = [image.astype(np.float64) for image in problem.images]
     states = [_start(views, image, problem.weights, clock) for image in images]
-    viewing = [(state.look, channel) for channel, state in enumerate(states)]
+    looks = [(state.look, channel) for channel, state in enumerate(states)]
 
     def advance(channel: int) -> ChannelState:
         return _alternate(views, images[channel], states[channel], problem.weights, inner, clock)
@@ -48,17 +48,17 @@ def race(problem: RaceProblem, inner: InnerSolver, budget_s: float, threads: int
     with ThreadPoolExecutor(workers) as executor:
         for channel, state in _finished(advance, len(states), executor):
             states[channel] = state
-            viewing.append((state.look, channel))
-    return Trace(inner.name, _together(viewing, len(states)))
+            looks.append((state.look, channel))
+    return Trace(inner.name, _together(looks, len(states)))
 
 
-def _together(viewing: list[tuple[Look, int]], channels: int) -> tuple[Look, ...]:
+def _together(looks: list[tuple[Look, int]], channels: int) -> tuple[Look, ...]:
     """Looks at single channels as looks at their sum, from the first time that all are known.
 
     Channels side by side may be heard of in another order than they were done.
     """
     energies, sums = [0.0] * channels, []
-    for heard, (look, channel) in enumerate(sorted(viewing, key=lambda one: one[0].seconds), start=1):
+    for heard, (look, channel) in enumerate(sorted(looks, key=lambda one: one[0].seconds), start=1):
         energies[channel] = look.energy
         if heard >= channels:
             sums.append(Look(look.seconds, sum(energies)))
