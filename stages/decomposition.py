@@ -211,7 +211,7 @@ def _write_albedo(
         write_maps(job.outputs[name], cameras, masks, stacked, job.executor.map)
     job.note(
         pixels=len(solved.albedo),
-        correspondences=solved.views.correspondence_count,
+        links=solved.views.correspondence_count,
         negative_shading={c: int((solved.shading[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
         negative_albedo={c: int((maps["albedo"][:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
     )

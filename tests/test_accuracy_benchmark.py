@@ -99,6 +99,7 @@ def test_confidence_that_knows_the_error_is_as_wrong_as_it_says():
     assert np.allclose(blind.held, 0.2, atol=0.03)
 
 
+@pytest.mark.slow  # the fast one, on stored renders, is in tests/test_accuracy.py
 def test_albedos_under_two_lights_differ_less_than_photos(tmp_path):
     page = two_lights.main(["--tiny", "--workspace", str(tmp_path), "--to", str(tmp_path / "to")])
     row = next(

@@ -1,4 +1,4 @@
-"""Render the three scenes of `tests/test_accuracy.py`: ``python -m tests.accuracy_scenes.make`` (minutes).
+"""Render the scenes of `tests/test_accuracy.py`: ``python -m tests.accuracy_scenes.make [NAME …]`` (minutes).
 
 Their photos, masks, cameras, mesh and true albedo are stored, so that the test needs no renderer. Run it when
 the scenes themselves change; then look at the albedo, and write the new figures into the test.
@@ -7,7 +7,9 @@ the scenes themselves change; then look at the albedo, and write the new figures
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in another order
@@ -24,16 +26,19 @@ from stages.formats.meshes.triangle_meshes import read_mesh  # noqa: E402
 FOLDER = Path(__file__).parent
 SIZE = Size(96, 96, views=5)
 COARSE = {"spacing": 0.012}
+MASONRY = {"paint": "masonry", "contrast": 0.3, "paint_seed": 41}
 SCENES = {  # bold paint on matt surface, mild paint on glossy, coloured walls around a hollow
-    "relief": ("relief", "sun_and_sky", {"paint": "masonry", "contrast": 0.3, "paint_seed": 41}, {}),
+    "relief": ("relief", "sun_and_sky", MASONRY, {}),
+    "relief_dome": ("relief", "dome", MASONRY, {}),
     "bust": ("bust", "dome", {"paint": "quilt", "contrast": 0.12, "paint_seed": 42} | GLOSSY, {}),
     "courtyard": ("courtyard", "dome", {"paint": "quilt", "contrast": 0.3, "paint_seed": 43}, SMOOTHED),
 }
 
 
-def main() -> None:
-    """Render and store."""
-    for name, (subject, light, paint, geometry) in SCENES.items():
+def main(names: Sequence[str]) -> None:
+    """Render and store the scenes of these names."""
+    for name in names:
+        subject, light, paint, geometry = SCENES[name]
         row = natural_row(None, subject, light, paint, geometry)
         row.render.update(COARSE)
         with tempfile.TemporaryDirectory() as folder:
@@ -62,4 +67,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:] or list(SCENES))
