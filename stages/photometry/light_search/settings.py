@@ -25,8 +25,8 @@ class PairSettings(Settings):
     )
     square_sides: tuple[Positive, ...] = setting(
         (0.03, 0.06, 0.12),
-        "Sides of the squares in which pixels are paired as near: small ones for smoothly varying albedo, and "
-        "larger ones, since shading hardly differs between nearer pixels of smooth surface.",
+        "Sides of the squares in which pixels are paired as near: small ones for smoothly varying albedo, "
+        "and larger ones, since shading hardly differs between nearer pixels of smooth surface.",
         unit="share of a view's side",
         min_length=1,
     )
@@ -70,8 +70,8 @@ class PairSettings(Settings):
     )
     chroma_weight: float = setting(
         2.0,
-        "Weight of a difference of chromaticity relative to one of brightness: shadows change brightness much "
-        "and chromaticity little.",
+        "Weight of a difference of chromaticity relative to one of brightness: shadows change brightness "
+        "much and chromaticity little.",
         ge=0,
     )
     chromaticity_share: float = setting(
@@ -227,8 +227,8 @@ class LightSearchSettings(Settings):
     bounces: int = setting(4, "Number of interreflections between surfaces; 0: none.", ge=0, le=100)
     brightest: float | None = setting(
         None,
-        "Reflectance of the brightest material; it sets the scale of interreflection. none: estimated as that "
-        "under which equal albedos in concavities and outside agree best.",
+        "Reflectance of the brightest material; it sets the scale of interreflection. none: estimated as "
+        "that under which equal albedos in concavities and outside agree best.",
         ge=0.01,
         le=0.95,
     )

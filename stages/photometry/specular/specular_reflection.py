@@ -68,7 +68,7 @@ class Mirror:
 def without_specular(
     seen: np.ndarray, added: np.ndarray, how: SpecularSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Subtract specular reflection, (N, 3), from an image, (N, 3); return also its share, (N,), of brightness.
+    """Subtract specular reflection from an image, (N, 3) each; return also its share of brightness, (N,).
 
     The image never becomes brighter.
     """
