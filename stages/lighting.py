@@ -1,4 +1,4 @@
-"""The light of all views, found before the albedo: whence it comes, and what each pixel is worth under it."""
+"""Estimation of the illumination of all views before the albedo: light, distance, gains, specular."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """The views, opened: masks, pixels stacked, images scaled by a number.
+    """Views read from disk: cameras, stacked pixels, images divided by a common scale.
 
     Attributes
     ----------
@@ -45,10 +45,10 @@ class Opened:
 
 
 def run(job: Job[LightingSettings]) -> None:
-    """Open the views, find their light, save it, the shading, and what the pixels are worth.
+    """Read the views, estimate their light, and save it, the shading, and the pixels' data for the albedo.
 
-    Memory: some 400 B per masked pixel. Where specular reflection is looked for, 0.4 GB more at any size, and
-    0.2 GB for the light's picture: of 256 directions, and as many times as much of more.
+    Memory: some 400 B per masked pixel. Specular reflection adds 0.4 GB at any size, and the picture of the
+    light 0.2 GB for 256 directions, in proportion to their number.
     """
     import numpy as np
 
@@ -64,7 +64,7 @@ def run(job: Job[LightingSettings]) -> None:
     towards = ways_to_cameras(opened.cameras, opened.views.masks)
     how = job.settings
     viewing = Viewing.of(opened.unclipped, opened.normals, towards, how.trusted_pixels)
-    _tell_clipped(job, int(np.count_nonzero(~opened.unclipped)), len(opened.unclipped))
+    _warn_of_clipping(job, int(np.count_nonzero(~opened.unclipped)), len(opened.unclipped))
     if known is not None:
         stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
     scenes = _scenes(job, opened, stored)
@@ -77,12 +77,12 @@ def run(job: Job[LightingSettings]) -> None:
         with job.progress("steps", _steps(how, len(scenes))) as step:
             found = find_illumination(*seen, scenes, viewing, how, job.threads, step)
     _note(job, stored, found, viewing.trusted)
-    _tell(job, stored, found)
+    _report(job, stored, found)
     _write(job, opened, stored, found, bool(viewing.trusted.any()))
 
 
 def _steps(how: LightingSettings, scenes: int) -> int:
-    """About as many steps as the search for the light has."""
+    """Estimate the number of steps of the light estimation."""
 
     search = how.search
     return (
@@ -94,7 +94,7 @@ def _steps(how: LightingSettings, scenes: int) -> int:
 
 
 def _tries(how: LightingSettings) -> int:
-    """About as many reflectances as are tried."""
+    """Estimate the number of reflectances that are tried."""
     return len(how.reflectance.tried) // 2 if how.reflectance_is_found else 0
 
 
@@ -122,7 +122,7 @@ def _open(job: Job[LightingSettings]) -> Opened:
 
 
 def _scenes(job: Job[LightingSettings], opened: Opened, stored: StoredTransfer) -> list[LitScene]:
-    """What the pixels see, under light from each distance; points and blends on the way there are let go."""
+    """Build the scene for each distance of the light; surface points and blends are released."""
     from stages.formats.artefacts.view_files import read_surface_points
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.vertex_interpolation import pixels_on_proxy
@@ -137,7 +137,7 @@ def _scenes(job: Job[LightingSettings], opened: Opened, stored: StoredTransfer) 
 
 
 def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -> KnownLight:
-    """The light in this picture, as the photos are scaled."""
+    """Convert an environment map to a known light in the scale of the photos."""
     from stages.photometry.lighting.known_light import KnownLight
     from stages.scene.upright import upright_from_world
 
@@ -147,7 +147,7 @@ def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -
 
 
 def _probes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityProbes:
-    """Of the proxy's vertices, and the proxy in their way."""
+    """Build visibility probes at the proxy's vertices, with the proxy as occluder."""
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.geometry.occluders import Occluders
     from stages.photometry.transport.sky_visibility import VisibilityProbes
@@ -163,7 +163,7 @@ def _probes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityPro
     )
 
 
-def _tell_clipped(job: Job[LightingSettings], clipped: int, pixels: int) -> None:
+def _warn_of_clipping(job: Job[LightingSettings], clipped: int, pixels: int) -> None:
     if 2 * clipped > pixels:
         white = job.settings.trusted_pixels.saturation
         job.warn(
@@ -175,7 +175,7 @@ def _tell_clipped(job: Job[LightingSettings], clipped: int, pixels: int) -> None
 def _note(
     job: Job[LightingSettings], stored: StoredTransfer, found: Illumination, trusted: np.ndarray
 ) -> None:
-    """What was found out about the light, and by what."""
+    """Record the estimated light and the figures that it was decided by."""
     import numpy as np
 
     if found.turn_deg is not None:
@@ -195,8 +195,8 @@ def _note(
     )
 
 
-def _tell(job: Job[LightingSettings], stored: StoredTransfer, found: Illumination) -> None:
-    """What was decided, and by what, in a line."""
+def _report(job: Job[LightingSettings], stored: StoredTransfer, found: Illumination) -> None:
+    """Report the decisions and their figures in one line."""
     import numpy as np
 
     count, distance = int(found.light_of_view.max()) + 1, stored.radii[found.scene]
@@ -214,7 +214,7 @@ def _tell(job: Job[LightingSettings], stored: StoredTransfer, found: Illuminatio
 def _write(
     job: Job[LightingSettings], opened: Opened, stored: StoredTransfer, found: Illumination, trusted: bool
 ) -> None:
-    """The light as numbers and as pictures of all directions, the shading, and what is left of the photos."""
+    """Write the light as numbers and environment maps, the shading, and the pixels' observations."""
     import numpy as np
 
     from stages.formats.artefacts.light_npz import StoredLight, write_light
@@ -254,7 +254,7 @@ def _write(
 LIGHTING = Stage(
     name="lighting",
     version=6,
-    about="The light of all views, its distance, gains and gloss, and what each pixel is worth under it.",
+    about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),
     may_take=("known_light",),
@@ -263,11 +263,11 @@ LIGHTING = Stage(
         Artefact("light_pictures", "the light from all directions, EXR and PNG", output="environment"),
         Artefact(
             "shading",
-            "shading per view, EXR, linear: image = albedo × shading, but for gloss",
+            "shading per view, EXR, linear: image = albedo × shading, except gloss",
             output="shading",
         ),
         Artefact("found_light", "the light, gains and gloss, npz", file="light.npz"),
-        Artefact("observations", "per view what is seen without gloss, and which pixels count, npz"),
+        Artefact("observations", "per view: radiance with and without gloss, and trusted pixels, npz"),
     ),
     run=run,
     tools=("numpy", "scipy", "numba", *OPEN3D, *PICTURES),

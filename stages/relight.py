@@ -1,4 +1,4 @@
-"""The views under a light they never saw: albedo × shading, shadows and bounces included."""
+"""Relighting of the views under another light: albedo × shading, with shadows and interreflection."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ class RelightSettings(Settings):
     """Settings of the `relight` stage."""
 
     turn_deg: float = setting(
-        0.0, "By how much the light is turned, counter-clockwise seen from above.", unit="°"
+        0.0, "Yaw of the light (rotation about the vertical), counter-clockwise seen from above.", unit="°"
     )
-    bounces: int = setting(4, "How often light is passed on between surfaces.", ge=0, le=100)
+    bounces: int = setting(4, "Number of interreflections between surfaces.", ge=0, le=100)
     brightest: float | None = setting(
         None,
-        "What the brightest material is taken to reflect; it says how much light bounces. none: as the stage "
-        "`lighting` has it; `reflectance_scale.usual_brightest` where that has not told.",
+        "Reflectance of the brightest material; it sets the scale of interreflection. none: the estimate of "
+        "the stage `lighting`; `reflectance_scale.usual_brightest` where there is none.",
         gt=0,
         le=0.95,
     )
     upright_within_deg: float = UPRIGHT_WITHIN_DEG
     reflectance_scale: ReflectanceScaleSettings = group(
         ReflectanceScaleSettings,
-        "The absolute scale of the albedo, where it is known up to a factor: it says how much light bounces.",
+        "The absolute scale of an albedo known up to a factor; it sets the scale of interreflection.",
     )
     environment_map: EnvironmentMapSettings = group(
-        EnvironmentMapSettings, "The picture of all directions that the light is given as."
+        EnvironmentMapSettings, "The environment map that the light is given as."
     )
 
 
 def run(job: Job[RelightSettings]) -> None:
-    """Open surface, albedo and light; shade; save. Memory: some 150 B per masked pixel."""
+    """Read surface, albedo and light; shade; save. Memory: some 150 B per masked pixel."""
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
@@ -52,14 +52,14 @@ def run(job: Job[RelightSettings]) -> None:
     from stages.solvers.kernels.threading_layer import use_threads
 
     settings = job.settings
-    picture = read_environment(job.inputs["light"])  # what is no light is said at once
+    picture = read_environment(job.inputs["light"])  # first: an invalid light is refused at once
     cameras = read_cameras(job.inputs["cameras"])
     masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
     normals, albedo = (read_maps(job.inputs[kind], cameras, masks) for kind in ("normal", "albedo"))
     stored = read_transfer(job.inputs["transfer"])
     points = read_surface_points(job.inputs, cameras, masks)
     blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
-    # what is seen of light from infinitely far away
+    # visibility of light from infinity alone
     far = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])
     (scene,), opposed = scenes_by_distance(far, blend, normals)
     use_threads(job.threads)
@@ -75,7 +75,7 @@ def run(job: Job[RelightSettings]) -> None:
 
 
 def _brightest(job: Job[RelightSettings]) -> float:
-    """What the brightest material reflects: as asked for, as found with the light, or as is usual."""
+    """Choose the reflectance of the brightest material: given, estimated with the light, or usual."""
     from stages.formats.artefacts.light_npz import read_light
 
     asked: float | None = job.settings.brightest
@@ -95,5 +95,5 @@ RELIGHT = Stage(
     tools=("numpy", "scipy", "numba", *OPEN3D, *PICTURES),
 )
 
-# The same after a stage that has found the light.
+# The same after a stage that has estimated the light.
 RELIGHT_AS_FOUND = replace(RELIGHT, takes=(*RELIGHT.takes, "found_light"))

@@ -1,4 +1,4 @@
-"""What stands between the surface and the sky, and what is seen instead: ν of `mode: transfer`."""
+"""Visibility of the sky from the surface, and form factors of occluding surface: ν of `mode: transfer`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from stages.photometry.transport.transfer_vectors import Occlusion
 
 
-Distance = Annotated[float, Field(ge=1.5)]  # nearer, the light would be inside what it lights
+Distance = Annotated[float, Field(ge=1.5)]  # nearer, the light would be inside the scene
 
 
 class TransferSettings(Settings):
@@ -30,71 +30,71 @@ class TransferSettings(Settings):
 
     degree: int = setting(
         4,
-        "Spherical harmonics up to this degree l. Beyond 4 a matt surface hardly sees them.",
+        "Spherical harmonics up to this degree l; diffuse surface hardly responds beyond 4.",
         ge=1,
         le=6,
     )
     directions: int = setting(
         256,
-        "Rays per vertex, spread by the cosine's weight. The error of a half-blocked sky is about 1 over "
-        "this, before neighbouring vertices are blended.",
+        "Rays per vertex, distributed by the cosine. The error of a half-blocked sky is about 1 over this, "
+        "before neighbouring vertices are blended.",
         unit="rays",
         ge=16,
         le=16384,
     )
     sky_directions: int = setting(
         256,
-        "Directions that light is looked for in, all around: some 13° apart, and 5° where it turns out to be "
-        "bright. Four times as many hold shadows twice as sharp, and take four times as long.",
+        "Directions of the estimated light, all around: some 13° apart, and 5° where it is bright. Four "
+        "times as many give shadows twice as sharp, and take four times as long.",
         unit="directions",
         ge=16,
         le=4096,
     )
     light_distances: tuple[Distance, ...] = setting(
         (8.0, 4.0),
-        "How far away the light may be, beside infinitely far: a lamp at hand lights near things more. The "
-        "stage `lighting` takes the distance that explains the photos best. Nearer than 1.5 it would be "
-        "inside what it lights. Empty: infinitely far.",
+        "Distances of the light that are tried beside infinity: a nearby lamp lights near surface more. The "
+        "stage `lighting` chooses the distance that explains the photos best. Nearer than 1.5 the light "
+        "would be inside the scene. Empty: infinity alone.",
         unit="radii of the mesh",
         max_length=8,
     )
     max_vertices: int = setting(
         200_000,
-        "Larger meshes are decimated to this for the rays; what blocks the sky varies slowly. The time is "
-        "this times all rays of a vertex: about a minute on two cores by default.",
+        "Larger meshes are decimated to this for the rays, since occlusion varies slowly. The time is "
+        "proportional to this times the rays per vertex: about a minute on two cores by default.",
         unit="vertices",
         ge=100,
     )
     longest_edge: float = setting(
         0.02,
-        "Faces are cut in two while an edge is longer, unless there would be half as many vertices again as "
-        "`max_vertices`: what is in the way of the light is looked for at vertices only, so a floor of two "
-        "triangles would show no shadow.",
+        "Faces are bisected while an edge is longer, unless there would be half as many vertices again as "
+        "`max_vertices`: occlusion is sampled at vertices only, so a floor of two triangles would show no "
+        "shadow.",
         unit="radii of the mesh",
         gt=0,
     )
     lift: float = setting(
         0.5,
-        "Rays begin this far above the surface, lest its own roughness block the sky.",
+        "Offset of ray origins from the surface, lest its own roughness block the sky.",
         unit="mean edges of the mesh, or of what it is decimated to; of `longest_edge` where that is less",
         gt=0,
         le=10,
     )
     proxy: ProxySettings = group(
-        ProxySettings, "The smaller mesh in place of a large one, which rays are cast from and at."
+        ProxySettings, "The decimated mesh in place of a large one, whose vertices and faces rays use."
     )
     outlier_share: float = setting(
         0.005,
-        "Share of the mesh's vertices that does not count at either end of each axis, where its middle and "
-        "its radius (half the diagonal of its box) are measured: strays.",
+        "Share of the mesh's vertices that is discarded as outliers at either end of each axis, where its "
+        "middle and its radius (half the diagonal of its box) are measured.",
         ge=0,
         lt=0.5,
     )
-    visibility: VisibilitySettings = group(VisibilitySettings, "Which directions vertices see the sky in.")
+    visibility: VisibilitySettings = group(VisibilitySettings, "Visibility of the sky from vertices.")
 
 
 def run(job: Job[TransferSettings]) -> None:
-    """Look from the vertices of the mesh into the sky. Memory: 16 B per blocked ray, and 100 MB a thread."""
+    """Cast rays from the mesh's vertices to the sky. Memory: 16 B per blocked ray, and 100 MB a thread."""
     import numpy as np
 
     from stages.formats.artefacts.transfer_file import StoredTransfer, write_transfer
@@ -119,10 +119,10 @@ def run(job: Job[TransferSettings]) -> None:
         settings.visibility,
         job.executor,
     )
-    seen = _surface_seen(probes, occluders, job)
+    seen = _occlusion(probes, occluders, job)
     centre, radius = _middle(proxy, settings.outlier_share)
     radii = [np.inf, *(radius * distance for distance in settings.light_distances)]
-    visible = _sky_seen(probes, centre, radii, job)
+    visible = _sky_visibility(probes, centre, radii, job)
     own_normals = vertex_normals(short.surface.vertices, short.surface.faces)
     corners, weights = blend_of(short.surface, own_normals, proxy, settings.proxy, job.threads)
     write_transfer(
@@ -148,8 +148,8 @@ def run(job: Job[TransferSettings]) -> None:
     job.note(vertices=len(normals), mean_blocked=round(float(blocked.mean()), 4))
 
 
-def _surface_seen(probes: VisibilityProbes, occluders: Occluders, job: Job[TransferSettings]) -> Occlusion:
-    """What vertices see of each other instead of the sky."""
+def _occlusion(probes: VisibilityProbes, occluders: Occluders, job: Job[TransferSettings]) -> Occlusion:
+    """Compute the vertices' occlusion of the sky and their form factors."""
     from stages.photometry.transport.transfer_vectors import occlusion, points_at_once
 
     count, asked = len(probes.normals), (job.settings.degree, job.settings.directions)
@@ -159,10 +159,10 @@ def _surface_seen(probes: VisibilityProbes, occluders: Occluders, job: Job[Trans
         )
 
 
-def _sky_seen(
+def _sky_visibility(
     probes: VisibilityProbes, centre: np.ndarray, radii: Sequence[float], job: Job[TransferSettings]
 ) -> np.ndarray:
-    """In which directions vertices see each of the spheres that light may come from: (D, P, ⌈M/8⌉) bits."""
+    """Compute the visibility of each sphere of light from the vertices: (D, P, ⌈M/8⌉) bits."""
     import numpy as np
 
     from stages.photometry.transport.directional_transport import even_directions, sphere_of
@@ -173,7 +173,7 @@ def _sky_seen(
 
 
 def _middle(surface: Surface, outlier_share: float) -> tuple[np.ndarray, float]:
-    """Middle and half the diagonal of its box, without a share of the vertices at either end: strays."""
+    """Compute the middle and half the diagonal of the bounding box, without a share of outliers."""
     import numpy as np
 
     low, high = np.quantile(surface.vertices, [outlier_share, 1 - outlier_share], axis=0)
@@ -183,7 +183,7 @@ def _middle(surface: Surface, outlier_share: float) -> tuple[np.ndarray, float]:
 TRANSFER = Stage(
     name="transfer",
     version=7,
-    about="What of the sky each point sees, and what it sees instead.",
+    about="Visibility of the sky from each vertex, and form factors of what occludes it.",
     settings=TransferSettings,
     takes=("mesh",),
     gives=(Artefact("transfer", "transfer vectors and form factors", file="transfer.npz"),),

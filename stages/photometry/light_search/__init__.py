@@ -1,1 +1,1 @@
-"""The search for light from all directions, by pairs of pixels that are likely to be of like albedo."""
+"""Estimation of light from all directions, by pairs of pixels that are likely to have equal albedo."""

@@ -1,4 +1,4 @@
-"""How much the brightest material reflects: told by the light that surfaces send one another."""
+"""Estimation of the reflectance of the brightest material from interreflection."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from stages.photometry.light_search.settings import ReflectanceSettings
 
 @dataclass(frozen=True, eq=False)
 class Reflectance:
-    """What the brightest material reflects, and how that was told.
+    """Reflectance of the brightest material, with the losses that it was estimated from.
 
     Attributes
     ----------
     value : float
     tried : dict of float to float
-        What pairs of like paint disagreed by under each that was tried.
+        Loss of pairs of equal albedo under each reflectance that was tried.
     light : LightEstimate
-        Under that tried one which is nearest to `value`.
+        Under the tried reflectance nearest to `value`.
     """
 
     value: float
@@ -30,7 +30,7 @@ class Reflectance:
     light: LightEstimate
 
     def as_json(self) -> dict[str, Any]:
-        """For records."""
+        """Convert to plain values for records."""
         tried = {f"{one:g}": round(left, 5) for one, left in sorted(self.tried.items())}
         return {"reflects": round(self.value, 3), "disagreement": tried}
 
@@ -43,29 +43,29 @@ def reflectance_of(
     first: float,
     how: ReflectanceSettings,
 ) -> Reflectance:
-    """Find what the brightest material reflects.
+    """Estimate the reflectance of the brightest material.
 
     Parameters
     ----------
     light : callable
-        The light if that material reflects so much, going on from a light that is near.
+        Estimates the light under a reflectance, starting from a given light.
     disagreements : callable
-        What pairs of like paint disagree by under each of several lights, on the same pairs.
+        Computes the loss of pairs of equal albedo under each of several lights, on the same pairs.
     near : LightEstimate
-        That to begin from.
+        Initial light.
     step : callable
         Called after every light that is tried.
     first : float
-        Reflectance to begin at.
+        Initial reflectance.
     how : ReflectanceSettings
 
     Notes
     -----
-    Where light bounces, surface in hollows is brighter than what it sees of the sky makes it. If too much is
-    taken to bounce, the albedo in hollows comes out too dark; if too little, too bright: pairs of like paint,
-    one in a hollow and one outside, disagree least under the reflectance that is true. Those tried are a
-    factor apart, downhill from the first; then a parabola through the lowest and its neighbours, in the
-    logarithm.
+    Interreflection brightens concave surface beyond its direct light from the sky. Assuming too much of it
+    makes the albedo there too dark, too little makes it too bright. The loss of pairs of equal albedo, one
+    pixel in a concavity and one outside, is therefore least under the true reflectance. The loss is descended
+    over reflectances a factor apart; the result is the vertex of the parabola, in the logarithm, through the
+    lowest and its neighbours.
     """
     scale = how.tried
     best = int(np.argmin(np.abs(np.log(np.array(scale) / first))))
@@ -86,17 +86,17 @@ def reflectance_of(
 
 
 def _price(reflectance: float, how: ReflectanceSettings) -> float:
-    """What a disagreement is multiplied by: 1 for the usual reflectance."""
+    """Compute the prior factor ``1 + c log₂(r / usual)²`` of the loss: 1 for the usual reflectance."""
     return 1 + how.unusual_price * float(np.log2(reflectance / how.usual)) ** 2
 
 
 def _least(left: dict[float, float], how: ReflectanceSettings) -> float:
-    """That under which least is left, for its price; of equals, the most usual."""
+    """Choose the reflectance of the least loss times prior; of equals, the most usual."""
     return min(left, key=lambda one: (_price(one, how) * left[one], abs(np.log(one / how.usual))))
 
 
 def _lowest(left: dict[float, float], how: ReflectanceSettings) -> float:
-    """Where the parabola through the lowest and its neighbours, in the logarithm, is lowest."""
+    """Compute the vertex of the parabola through the lowest and its neighbours, in the logarithm."""
     tried = sorted(left)
     best = tried.index(_least(left, how))
     if best in (0, len(tried) - 1):

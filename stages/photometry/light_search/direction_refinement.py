@@ -1,4 +1,4 @@
-"""Finer cells where light is bright: suns and lamps lie between the directions they were looked for in."""
+"""Refinement of directions where light is bright: suns and lamps lie between the sampled directions."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from stages.photometry.transport.lit_scenes import LitScene
 
 
 def divided(scene: LitScene, found: LightEstimate, how: RefinementSettings) -> tuple[LitScene, LightEstimate]:
-    """Divide the cells that are bright into seven, each as bright as the whole.
+    """Subdivide bright cells into seven of the same radiance.
 
-    The light is the same; it can now be found anew with shadows as sharp as the finer cells are. Nothing
-    changes where no cell is bright, or nobody can look.
+    The light is unchanged; it can then be re-estimated with shadows as sharp as the finer cells. Without
+    bright cells, or without visibility probes, the inputs are returned.
     """
     transport = scene.pixels
     bright = bright_cells(found.radiance, transport.cells, how)
@@ -31,7 +31,7 @@ def divided(scene: LitScene, found: LightEstimate, how: RefinementSettings) -> t
 
 
 def bright_cells(radiance: np.ndarray, cells: np.ndarray, how: RefinementSettings) -> np.ndarray:
-    """Numbers of the cells, (M,), that any of the lights (G, M, 3) has far brighter than its mean, sorted."""
+    """Select the cells, (M,), that are far brighter than the mean in any light (G, M, 3): sorted indices."""
     light = radiance.sum(axis=2)
     brightness = (light / np.maximum(light @ cells, 1e-12)[:, None]).max(axis=0)
     bright = np.flatnonzero(brightness > how.bright)
@@ -40,17 +40,14 @@ def bright_cells(radiance: np.ndarray, cells: np.ndarray, how: RefinementSetting
 
 
 def _with_more(
-    transport: DirectionalTransport, bright: np.ndarray, around: np.ndarray, seen: np.ndarray
+    transport: DirectionalTransport, bright: np.ndarray, around: np.ndarray, visible: np.ndarray
 ) -> DirectionalTransport:
-    """The same with six further directions for each bright cell, (n, 3), their cells, and what vertices see.
-
-    `seen`, (P, ⌈n/8⌉), is what they see of these.
-    """
+    """Add directions, (n, 3), six for each bright cell, with their cells and visibility, (P, ⌈n/8⌉)."""
     cells = transport.cells.copy()
     cells[bright] /= AROUND + 1
     whole, rest = divmod(len(cells), 8)
     begun = np.unpackbits(transport.visible[:, whole:], axis=1)[:, :rest]
-    further = np.concatenate([begun, np.unpackbits(seen, axis=1, count=len(around))], axis=1)
+    further = np.concatenate([begun, np.unpackbits(visible, axis=1, count=len(around))], axis=1)
     return replace(
         transport,
         directions=np.concatenate([transport.directions, around]),

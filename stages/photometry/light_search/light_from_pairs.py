@@ -1,4 +1,4 @@
-"""The light under which pixels of like paint come out alike: found without the albedo."""
+"""Estimation of light from pairs of pixels of equal albedo, without the albedo itself."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from stages.solvers.least_squares.non_negative import descend_above_zero
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Pixels that the light is found from.
+    """Pixels that the light is estimated from.
 
     Attributes
     ----------
     image : ndarray, shape (n, 3)
         Scaled; gains of the views divided out.
     shares : ndarray, shape (n, M), float32
-        What each direction adds to a pixel's shading, per unit of light.
+        Shading of a pixel per unit of radiance from each direction.
     light_of : ndarray, shape (n,)
-        Which of the G lights a pixel stands in.
+        Index, of G, of the light of a pixel.
     cells : ndarray, shape (M,)
-        Share of all directions that each stands for.
+        Solid angle of each direction as a share of the sphere.
     """
 
     image: np.ndarray
@@ -43,18 +43,18 @@ def light_from_pairs(
     start: np.ndarray,
     settings: LightSearchSettings,
 ) -> np.ndarray:
-    """Descend from a light to a better one.
+    """Minimise the loss of pairs of equal albedo over the light.
 
     Parameters
     ----------
     sample : Sample
     bounced : ndarray, shape (n, 3)
-        Shading by light from other surface, as it is now.
+        Current shading by interreflection.
     pairs : Pairs
     scale : float
-        Difference of two log albedos at which a pair stops being taken for the same paint.
+        Difference of two log albedos from which on a pair is an outlier, of different albedo.
     start : ndarray, shape (G, M, 3)
-        Light, at least 0.
+        Initial light, at least 0.
     settings : LightSearchSettings
 
     Returns
@@ -67,35 +67,34 @@ def light_from_pairs(
     Minimises, over light e ≥ 0 (bounds kept by L-BFGS-B),
     ``Σ_pq w_pq φ(u_pq) + neutrality + evenness`` with ``u = (m² + chroma_weight² v) / scale²``, m and v the
     channels' mean and variance of ``log ρ_p − log ρ_q``, ``ρ = I / (T e + bounced)`` and ``φ(u) = u/(1 + u)``
-    (Geman and McClure): pairs of different paint count, at most, as one that is quite wrong. Neither an
-    albedo nor its smoothness enters, so no λ weighs against the paint; and since light is at least 0
-    everywhere, so is the shading.
+    (Geman and McClure), which bounds the loss of pairs of different albedo. Neither an albedo nor its
+    smoothness enters, so no λ trades it off against the data. Shading is at least 0 since light is.
     """
     objective = PairObjective(sample, bounced, pairs, scale, settings, len(start))
     how = settings.search
-    settled = how.slope_tolerance / len(start)  # each of many lights has as much less to say in the mean loss
-    return descend_above_zero(objective, start, how.max_steps, settled)
+    tolerance = how.slope_tolerance / len(start)  # the mean loss depends on each of G lights by 1/G
+    return descend_above_zero(objective, start, how.max_steps, tolerance)
 
 
 def disagreement(
     image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, how: PairSettings
 ) -> float:
-    """Mean loss of pairs of pixels, (n, 3) each, under a shading: 0 to 1, as `light_from_pairs` has it."""
+    """Compute the mean loss, 0 to 1, of pairs of pixels, (n, 3), under a shading; see `light_from_pairs`."""
     return _Losses(image, how).of(shading, pairs, scale)[0]
 
 
 def weighted_by_reliability(
     image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, how: PairSettings
 ) -> Pairs:
-    """Weigh pairs of each kind by how far they are to be believed; arguments as of `disagreement`.
+    """Weigh pairs of each kind by their reliability; arguments as of `disagreement`.
 
     Notes
     -----
-    With d what pairs of a kind disagree by, a near pair counts ``min(1, (d_nearest / d)²)``, and those of one
-    colour together ``chromaticity_share min(1, (d_near / d_colour)²)`` of the whole. Grey paint that changes
-    softly has one colour and many depths: who is nearest tells the light from it. Paint in stripes, where who
-    is near disagrees as much as anybody, leaves all of them their say. The nearest are those of the smallest
-    squares that have pairs enough.
+    With d the mean loss of a kind, a near pair has the weight ``min(1, (d_nearest / d)²)``, and pairs of one
+    chromaticity together ``chromaticity_share min(1, (d_near / d_colour)²)`` of the whole. Smoothly varying
+    grey albedo has one chromaticity and many intensities: there, the nearest pairs distinguish light from
+    albedo. In striped albedo near pairs have as large a loss as others, and all keep their weight. The
+    nearest are those of the smallest squares that have enough pairs.
     """
     kinds = pairs.kinds
     left = {kind: disagreement(image, shading, pairs.of_kind(kind), scale, how) for kind in kinds}
@@ -103,19 +102,20 @@ def weighted_by_reliability(
     if not near:
         return pairs
     nearest = next((kind for kind in near if pairs.count(kind) >= how.fewest), near[-1])
-    worth = {kind: _credit(left[kind], left[nearest]) for kind in near}
-    weighted = pairs.weighted(0.0, worth)
+    reliability = {kind: _reliability(left[kind], left[nearest]) for kind in near}
+    weighted = pairs.weighted(0.0, reliability)
     of_near = disagreement(image, shading, weighted, scale, how)
-    return pairs.weighted(how.chromaticity_share * _credit(left.get(COLOUR, 0.0), of_near), worth)
+    of_colour = how.chromaticity_share * _reliability(left.get(COLOUR, 0.0), of_near)
+    return pairs.weighted(of_colour, reliability)
 
 
-def _credit(left: float, least: float) -> float:
-    """1 for what leaves no more than the best witness; the square of the ratio for what leaves more."""
-    return 1.0 if left <= least else (least / left) ** 2
+def _reliability(loss: float, least: float) -> float:
+    """Compute ``min(1, (least / loss)²)``."""
+    return 1.0 if loss <= least else (least / loss) ** 2
 
 
 class _Losses:
-    """What pairs of pixels lose under a shading, and the slope."""
+    """Loss of pairs of pixels under a shading, and its gradient."""
 
     def __init__(self, image: np.ndarray, how: PairSettings) -> None:
         image, self._how = image.astype(np.float64), how
@@ -124,17 +124,17 @@ class _Losses:
         self._trust[image <= 0] = 0
 
     def of(self, shading: np.ndarray, pairs: Pairs, scale: float) -> tuple[float, np.ndarray]:
-        """Mean loss, and its slope by the shading, (n, 3), float32."""
+        """Compute the mean loss, and its gradient by the shading, (n, 3), float32."""
         shading = np.maximum(shading.astype(np.float64), 0) + self._how.darkest
         by_log = np.zeros_like(self._logs)
         logs = self._logs - np.log(shading)
-        who = pairs.first, pairs.second, pairs.weight
-        loss = pair_losses(logs, self._trust, *who, scale, self._how.chroma_weight, by_log)
+        ends = pairs.first, pairs.second, pairs.weight
+        loss = pair_losses(logs, self._trust, *ends, scale, self._how.chroma_weight, by_log)
         return loss, (-by_log / shading).astype(np.float32)
 
 
 class PairObjective:
-    """Value and slope of what `light_from_pairs` minimises."""
+    """Value and gradient of the objective of `light_from_pairs`."""
 
     def __init__(
         self,
@@ -163,7 +163,7 @@ class PairObjective:
         return loss, slope
 
     def disagreement(self, light: np.ndarray) -> tuple[float, np.ndarray]:
-        """Loss of the pairs, and its slope by the light."""
+        """Compute the loss of the pairs, and its gradient by the light."""
         shading = self._bounced.copy()
         for rows, shares, own in zip(self._rows, self._shares, light, strict=True):
             shading[rows] += shares @ own.astype(np.float32)

@@ -1,4 +1,4 @@
-"""The light of glossy surface: the one by which like paint comes out alike, and views differ as they do."""
+"""Estimation of light jointly from pairs of equal albedo and from view differences of glossy surface."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ def light_in_gloss(
     start: np.ndarray,
     settings: LightSearchSettings,
 ) -> np.ndarray:
-    """Descend from a light to one that both kinds of witnesses agree on.
+    """Minimise the loss of pairs and the residual of view differences jointly over the light.
 
     Parameters
     ----------
     pairs : PairObjective
-        Of what is seen without specular reflection, as it is known so far.
+        Of the images without the current estimate of specular reflection.
     mirror : InMirror
-        How views of the glossy surface differ.
+        View differences of the glossy surface.
     strength : ndarray, shape (3,)
         Of the mirror.
     start : ndarray, shape (1, M, 3)
     settings : LightSearchSettings
-        Of which `specular_light`, and the tolerance of the search.
+        Used: `specular_light`, and the tolerance of the search.
 
     Returns
     -------
@@ -38,9 +38,9 @@ def light_in_gloss(
 
     Notes
     -----
-    Adds `residual_weight` times what the light in the mirror leaves of the differences to what
-    `light_from_pairs` minimises. Pairs know the light up to a scale, which the differences choose: the
-    strength is held, and both stay as easy as they are alone.
+    The objective is that of `light_from_pairs` plus `residual_weight` times the share of the differences that
+    the mirrored light leaves. Pairs determine the light up to a scale, which the differences fix. The
+    strength is held constant, so that neither term becomes harder than it is alone.
     """
     how = settings.specular_light
 

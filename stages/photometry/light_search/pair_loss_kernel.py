@@ -1,4 +1,4 @@
-"""The compiled loop over pairs of pixels: the loss of their log albedos, and its slope."""
+"""Compiled loop over pairs of pixels: the loss of their log albedos, and its gradient."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import stages.solvers.kernels.threading_layer  # noqa: F401
 
 @numba.njit(cache=True, nogil=True)
 def pair_losses(values, trust, first, second, weight, scale, colour, slope):
-    """Sum of ``weight · u/(1 + u)`` with ``u = (m² + colour² v) / scale²``; adds its slope by the values.
+    """Sum ``weight · u/(1 + u)`` with ``u = (m² + colour² v) / scale²``; add its gradient to `slope`.
 
-    m is the mean of the channels' differences, v their variance, each channel as far as it is trusted.
+    m is the mean of the channels' differences, v their variance, each channel weighted by its trust.
     """
     total = 0.0
     for k in range(first.size):

@@ -1,4 +1,4 @@
-"""Pairs of pixels that are likely to show the same paint: near one another, or of the same chromaticity."""
+"""Pairs of pixels that are likely to have equal albedo: near one another, or of equal chromaticity."""
 
 from __future__ import annotations
 
@@ -11,21 +11,20 @@ from stages.photometry.chromaticity import chroma_of
 from stages.photometry.light_search.settings import PairSettings
 from stages.photometry.stack import StackedViews
 
-COLOUR = 0  # the kind of pairs that are of one colour
+COLOUR = 0  # the kind of pairs of equal chromaticity
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Pixels of a sample, two by two.
+    """Weighted pairs of pixels of a sample.
 
     Attributes
     ----------
     first, second : ndarray, shape (m,), int32
     weight : ndarray, shape (m,)
-        How much every pair counts; sums to 1.
+        Sums to 1.
     kind : ndarray, shape (m,), int32
-        What they are paired for: being of one colour, 0; or near one another, 1 in the smallest squares, 2 in
-        larger ones, and so on.
+        0 for equal chromaticity; 1 for near one another in the smallest squares, 2 in larger ones, and so on.
     """
 
     first: np.ndarray
@@ -35,27 +34,27 @@ class Pairs:
 
     @property
     def kinds(self) -> list[int]:
-        """Those of which there are some, sorted."""
+        """Kinds that occur, sorted."""
         return np.unique(self.kind).tolist()
 
     def count(self, kind: int) -> int:
-        """How many there are of a kind."""
+        """Count the pairs of a kind."""
         return int((self.kind == kind).sum())
 
     def of_kind(self, kind: int) -> Pairs:
-        """Those of one kind, of which there are some, alone and alike."""
+        """Select the pairs of a kind that occurs, with equal weights."""
         own, count = self.kind == kind, self.count(kind)
         return Pairs(self.first[own], self.second[own], np.full(count, 1 / count), self.kind[own])
 
-    def weighted(self, of_colour: float, worth: Mapping[int, float] | None = None) -> Pairs:
-        """The same with this share of the weight on pairs of one colour, alike, and the rest on near ones.
+    def weighted(self, of_colour: float, reliability: Mapping[int, float] | None = None) -> Pairs:
+        """Give pairs of equal chromaticity this share of the weight, and near pairs the rest.
 
-        By what one of each kind is worth; 1 if nothing is said. Where there are none of one colour, or none
-        that are near, the others have it all.
+        Within near pairs the weight is proportional to the reliability of their kind, 1 by default. Where
+        pairs of equal chromaticity or near pairs are missing, the others have all weight.
         """
         colour = (self.kind == COLOUR).astype(np.float64)
         near = 1 - colour
-        for kind, each in (worth or {}).items():
+        for kind, each in (reliability or {}).items():
             near[self.kind == kind] = each
         share = of_colour if colour.any() and near.any() else float(colour.any())
         weight = share * colour / max(colour.sum(), 1)
@@ -65,18 +64,18 @@ class Pairs:
 
 @dataclass(frozen=True, eq=False)
 class PixelSample:
-    """Some of the pixels of all views, n, and where they are.
+    """Sample of n pixels of all views, with their positions.
 
     Attributes
     ----------
     pixels : ndarray, shape (n,)
-        Their places in the stack, sorted.
+        Their indices in the stack, sorted.
     views : ndarray, shape (n,)
         Number of the view that each belongs to.
     positions : ndarray, shape (n, 2)
         Row and column there.
     places : ndarray, shape (n, 3)
-        Where on the surface they are, world axes; not a number where that is not known.
+        Surface points, world axes; not a number where unknown.
     squares : tuple of int
         Sides of the squares in which pixels are near, px.
     how : PairSettings
@@ -106,16 +105,16 @@ class PixelSample:
         return cls(pixels, view, views.positions()[pixels], places(pixels), tuple(sorted(sides)), how)
 
     def pairs(self, albedo: np.ndarray, rng: np.random.Generator) -> Pairs:
-        """Pair them by what their albedo, (n, 3), seems to be; see `alike_pairs`."""
+        """Pair the pixels by their estimated albedo, (n, 3); see `alike_pairs`."""
         return alike_pairs(albedo, self.views, self.positions, self.places, self.squares, rng, self.how)
 
 
 def sample_of(
     views: StackedViews, among: np.ndarray, count: int, rng: np.random.Generator, thin_share: float
 ) -> np.ndarray:
-    """Some of the pixels `among`, (n,), sorted: evenly from those with four neighbours in their view.
+    """Draw from the pixels `among`, uniformly from those with four neighbours in their view: (n,), sorted.
 
-    From all, where these are no more than `thin_share` of them.
+    All are drawn from where these are no more than `thin_share` of them.
     """
     inner = np.concatenate([_inner(mask)[mask] for mask in views.masks])[among]
     chosen = among[inner] if inner.sum() > thin_share * among.size else among
@@ -131,20 +130,20 @@ def alike_pairs(
     rng: np.random.Generator,
     how: PairSettings,
 ) -> Pairs:
-    """Pair the pixels of a sample: those of one colour, with `compared_share` of the weight, and those near.
+    """Pair pixels of equal chromaticity, with `compared_share` of the weight, and near pixels.
 
-    In the image, and on the surface as well: a thing and the floor behind it are not of one paint.
+    Near pixels are close in the image and on the surface: an object and the floor behind it differ in albedo.
 
     Parameters
     ----------
     albedo : ndarray, shape (n, 3)
-        The best guess: the image itself at first. Its chromaticity is looked at.
+        Current estimate: the image itself at first. Only its chromaticity is used.
     views : ndarray, shape (n,)
         Number of the view that each pixel belongs to.
     positions : ndarray, shape (n, 2)
         Row and column there.
     places : ndarray, shape (n, 3)
-        Where on the surface they are, world axes; not a number where that is not known.
+        Surface points, world axes; not a number where unknown.
     squares : tuple of int
         Sides of the squares in which pixels are near, px, from small to large.
     rng : numpy.random.Generator
@@ -163,19 +162,19 @@ def alike_pairs(
 
 
 def _colour_of(albedo: np.ndarray, cell: float) -> np.ndarray:
-    """Number of the chromaticity's cell, (n,)."""
+    """Number the cell of each pixel's chromaticity, (n,)."""
     cells = np.floor(chroma_of(albedo) / cell).astype(np.int64)
     return np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def _square_of(views: np.ndarray, positions: np.ndarray, side: int, rng: np.random.Generator) -> np.ndarray:
-    """Number of the square of its view that a pixel lies in, (n,); the squares begin anywhere."""
+    """Number the square of its view that contains each pixel, (n,); the squares' origin is random."""
     squares = np.column_stack([views, (positions + rng.integers(0, side, 2)) // side])
     return np.unique(squares, axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def _partners(group: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Pairs within groups, (m, 2): every pixel with the next few of its group in a random order."""
+    """Pair every pixel with the next few of its group in a random order, (m, 2)."""
     order = np.lexsort((rng.random(group.size), group))
     pairs = []
     for step in range(1, count + 1):
@@ -188,7 +187,7 @@ def _partners(group: np.ndarray, count: int, rng: np.random.Generator) -> np.nda
 def _on_one_surface(
     pairs: np.ndarray, views: np.ndarray, places: np.ndarray, outline_distance: float
 ) -> np.ndarray:
-    """Of pairs that are near in their view, (m, 2), those not much farther apart than the median there."""
+    """Select near pairs, (m, 2), not much farther apart on the surface than the median of their view."""
     apart = np.linalg.norm(places[pairs[:, 0]] - places[pairs[:, 1]], axis=1)
     view, kept = views[pairs[:, 0]], np.ones(len(pairs), bool)
     for own in (np.flatnonzero(view == one) for one in np.unique(view)):

@@ -1,4 +1,4 @@
-"""The search for the light from all around and from surface to surface, by pairs of like paint."""
+"""Estimation of light from all around and its interreflection, by pairs of equal albedo."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ from stages.photometry.transport.pixel_transfer import WHITEST
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Some pixels of a scene: those that the light is found from, and those that the bounces are found from.
+    """Light search on a sample of a scene: paired pixels for the light, further ones for interreflection.
 
     Attributes
     ----------
     part : LitScene
         With `bounce_pixels` at most.
     starts : ndarray, shape (n + 1,)
-        Where every view begins among these.
+        First pixel of every view among these.
     image : ndarray, shape (m, 3)
-        What is seen of them.
+        Of these pixels.
     light_of_view : ndarray, shape (n,), int64
     drawn : PixelSample
-        Those that are paired.
+        Paired pixels.
     among : ndarray
-        Where these are in `part`.
+        Their indices in `part`.
     sample : Sample
-        Of these.
+        Of the paired pixels.
     settings : LightSearchSettings
     rng : numpy.random.Generator
     """
@@ -74,27 +74,27 @@ class Search:
         """Draw the pixels; arguments as of `estimate_light`."""
         how, further = settings.search, int(light_of_view.max(initial=0))
         rng = np.random.default_rng(how.seed)
-        looked = np.flatnonzero(trusted)
-        looked = np.sort(rng.choice(looked, min(how.bounce_pixels, looked.size), replace=False))
-        part, starts = scene.at(looked), np.searchsorted(looked, views.starts)
+        chosen = np.flatnonzero(trusted)
+        chosen = np.sort(rng.choice(chosen, min(how.bounce_pixels, chosen.size), replace=False))
+        part, starts = scene.at(chosen), np.searchsorted(chosen, views.starts)
         count = int(settings.samples * (1 + how.further_light_share * further))
-        drawn = PixelSample.of(views, scene.places, looked, count, rng, settings.pairs)
-        among = np.searchsorted(looked, drawn.pixels)
+        drawn = PixelSample.of(views, scene.places, chosen, count, rng, settings.pairs)
+        among = np.searchsorted(chosen, drawn.pixels)
         own_image = image[drawn.pixels].astype(np.float64)
         shares = part.pixels.shares(among)
         sample = Sample(own_image, shares, light_of_view[drawn.views], part.pixels.cells)
-        return cls(part, starts, image[looked], light_of_view, drawn, among, sample, settings, rng)
+        return cls(part, starts, image[chosen], light_of_view, drawn, among, sample, settings, rng)
 
     def even_light(self) -> LightEstimate:
-        """One from everywhere alike, that surface does not send on."""
+        """Build uniform light without interreflection."""
         count, vertices = int(self.light_of_view.max(initial=0)) + 1, len(self.part.vertices.normals)
         light = np.ones((count, len(self.part.pixels.directions), 3))
         return LightEstimate(light, np.zeros((count, vertices, 3), np.float32))
 
     def pairs(self, now: LightEstimate | None, scale: float) -> Pairs:
-        """Pairs by what the albedo seems to be under a light, as far as they are believed.
+        """Pair pixels by their albedo under a light, weighted by reliability.
 
-        None: by the image itself, and believed as under even light.
+        None: paired by the image itself, and weighted as under uniform light.
         """
         image, light = self.sample.image, now or self.even_light()
         shading = light.shading(self.part, self.starts, self.light_of_view)[self.among]
@@ -102,7 +102,7 @@ class Search:
         return weighted_by_reliability(image, shading, pairs, scale, self.settings.pairs)
 
     def bounce(self, now: LightEstimate) -> np.ndarray:
-        """Shading of the paired pixels by light from other surface, (n, 3)."""
+        """Compute the shading of the paired pixels by interreflection, (n, 3)."""
         out = np.zeros((len(self.among), 3))
         for own, bounce in enumerate(now.bounced):
             rows = self.sample.light_of == own
@@ -110,13 +110,13 @@ class Search:
         return out
 
     def objective(self, now: LightEstimate) -> PairObjective:
-        """What pairs disagree by at the finest scale, and the priors; by the bounces of the light so far."""
+        """Build the objective at the finest scale, with the interreflection of the current light."""
         bounce, finest = self.bounce(now), self.settings.finest_scale
         pairs = self.pairs(now, finest)
         return PairObjective(self.sample, bounce, pairs, finest, self.settings, len(now.radiance))
 
     def light(self, step: Callable[[], None], near: LightEstimate | None = None) -> LightEstimate:
-        """Find the light; arguments as of `estimate_light`."""
+        """Estimate the light; arguments as of `estimate_light`."""
         how, now = self.settings.search, near
         for scale in how.scales if near is None else how.scales[-how.refined_scales :]:
             before, pairs = now or self.even_light(), self.pairs(now, scale)
@@ -127,36 +127,37 @@ class Search:
         return now or self.even_light()
 
     def settled(self, light: np.ndarray, before: LightEstimate) -> LightEstimate:
-        """A light, (G, M, 3), at the scale that `brightest` asks for, with the bounces that it then has.
+        """Scale a light, (G, M, 3), by the reflectance `brightest`, and compute its interreflection.
 
-        None: at its own scale, where light and images are in one unit.
+        `brightest` of None keeps the scale, where light and images are in one unit.
 
-        Albedo and bounces find together, from those before on. Without bounces its scale is as good as any.
+        Albedo and interreflection are computed alternately, starting from those before. Without bounces the
+        scale is arbitrary and is kept.
         """
         now = LightEstimate(light, before.bounced)
         if not self.settings.bounces:
             return now
         scene, where = self.part, (self.part, self.starts, self.light_of_view)
-        of_pixels = now.direct(*where)  # what is sent on changes in the rounds; of this, its scale alone
+        of_pixels = now.direct(*where)  # the rounds change interreflection; of direct light, only its scale
         of_vertices = np.stack([scene.vertices.shading(one) for one in light])
         scale, nearest = np.float32(1), scene.nearest_shown
         for _ in range(self.settings.search.bounce_rounds):
-            shading = scale * of_pixels + now.sent_on(*where)
-            albedo, known = vertex_albedo(scene, self.image, shading)
-            factor = self._albedo_scale(albedo, known)
+            shading = scale * of_pixels + now.interreflected(*where)
+            albedo, weight = vertex_albedo(scene, self.image, shading)
+            factor = self._albedo_scale(albedo, weight)
             absolute, scale = np.clip(albedo / factor, 0, WHITEST)[nearest], np.float32(scale * factor)
-            sent_on = bounced_at_vertices(
-                scene, scale * of_vertices, absolute, known[nearest], self.settings.bounces
+            bounces = bounced_at_vertices(
+                scene, scale * of_vertices, absolute, weight[nearest], self.settings.bounces
             )
-            now = LightEstimate(scale * light, sent_on)
+            now = LightEstimate(scale * light, bounces)
         return now
 
-    def _albedo_scale(self, albedo: np.ndarray, known: np.ndarray) -> float:
-        """How many times too bright an albedo of the vertices is, known by so much light, (P, 3) each."""
+    def _albedo_scale(self, albedo: np.ndarray, light: np.ndarray) -> float:
+        """Compute the factor by which the vertices' albedo, weighted by light, (P, 3) each, is too bright."""
         asked = self.settings.brightest
         if asked is None:
             return 1.0
-        return brightest_albedo(albedo, known, self.settings.search.brightest_quantile) / asked
+        return brightest_albedo(albedo, light, self.settings.search.brightest_quantile) / asked
 
 
 def estimate_light(
@@ -169,30 +170,30 @@ def estimate_light(
     step: Callable[[], None] = lambda: None,
     near: LightEstimate | None = None,
 ) -> LightEstimate:
-    """Find the light.
+    """Estimate the light from pairs of pixels of equal albedo.
 
     Parameters
     ----------
     scene : LitScene
     views : StackedViews
-        Their basis is not looked at.
+        Their basis is not used.
     image : ndarray, shape (N, 3), float32
         Scaled; gains of the views divided out.
     trusted : ndarray, shape (N,), bool
-        Pixels that are looked at.
+        Pixels that are used.
     light_of_view : ndarray, shape (n,), int64
-        Which of the G lights every view stands in: 0 everywhere for one light.
+        Index, of G, of the light of every view: 0 everywhere for one light.
     settings : LightSearchSettings
     step : callable
         Called after every scale.
     near : LightEstimate or None
-        One that is not far from it, to go on from at the finest scales.
+        Initial light not far from the solution; only the finest scales are then run.
 
     Notes
     -----
-    Starting from even light, or from one that is near, at every scale: pairs are drawn by what the albedo
-    seems to be; the light descends; then albedo and bounces settle under it, the albedo's scale being set by
-    `brightest`. The cost does not grow with the number of pixels beyond `bounce_pixels`.
+    The search starts from uniform light, or from `near`. At every scale, pairs are drawn by the current
+    albedo; the light is optimised; then albedo and interreflection are recomputed under it, with the albedo's
+    scale set by `brightest`. The cost does not grow with the number of pixels beyond `bounce_pixels`.
     """
     return Search.of(scene, views, image, trusted, light_of_view, settings).light(step, near)
 
@@ -206,23 +207,23 @@ def disagreements(
     light_of_view: np.ndarray,
     settings: LightSearchSettings,
 ) -> list[float]:
-    """What pairs of like paint disagree by under each of several lights, 0 to 1; see `estimate_light`.
+    """Compute the loss of pairs under each of several lights, 0 to 1; see `estimate_light`.
 
     Notes
     -----
-    The same pairs for all, drawn by what each light makes of the albedo: where paint is of many colours most
-    of the loss is paint's, and differs by more from draw to draw than from light to light.
+    All lights are compared on the same pairs, drawn by the albedo under each light. Where albedo varies in
+    colour, most of the loss is due to albedo, and varies more between draws than between lights.
     """
     rng, how = np.random.default_rng(settings.search.seed), settings.pairs
     drawn = PixelSample.of(views, scenes[0].places, np.flatnonzero(trusted), settings.samples, rng, how)
-    seen, starts = image[drawn.pixels], np.searchsorted(drawn.pixels, views.starts)
+    own, starts = image[drawn.pixels], np.searchsorted(drawn.pixels, views.starts)
     shadings = [
         light.shading(scene.at(drawn.pixels), starts, light_of_view)
         for scene, light in zip(scenes, lights, strict=True)
     ]
-    draws = [drawn.pairs(seen / np.maximum(shading, NO_LIGHT), rng) for shading in shadings]
+    draws = [drawn.pairs(own / np.maximum(shading, NO_LIGHT), rng) for shading in shadings]
     scale = settings.finest_scale
     return [
-        float(np.mean([disagreement(seen, shading, pairs, scale, how) for pairs in draws]))
+        float(np.mean([disagreement(own, shading, pairs, scale, how) for pairs in draws]))
         for shading in shadings
     ]

@@ -1,4 +1,4 @@
-"""Settings of the search for the light, by phase."""
+"""Settings of the light search, by phase."""
 
 from __future__ import annotations
 
@@ -19,39 +19,40 @@ class PairSettings(Settings):
     chromaticity_cell: float = setting(
         0.12,
         "Pixels whose log chromaticities lie in one cell of this size are paired as of equal chromaticity. "
-        "What passes for an edge of the albedo under a known light is the decomposition's `chroma_step`.",
+        "Albedo edges under a known light are defined by the decomposition's `chroma_step` instead.",
         unit="logarithm of red and blue over green",
         gt=0,
     )
     square_sides: tuple[Positive, ...] = setting(
         (0.03, 0.06, 0.12),
-        "Sides of the squares in which pixels are paired as near: small ones for albedo that changes softly, "
-        "and larger ones, since within smooth surface what is nearer hardly differs by its shading.",
+        "Sides of the squares in which pixels are paired as near: small ones for smoothly varying albedo, "
+        "and larger ones, since shading hardly differs between nearer pixels of smooth surface.",
         unit="share of a view's side",
         min_length=1,
     )
     smallest_square: int = setting(
         3,
-        "Side of a square, at least: in smaller ones pixels share their shading as well as their albedo.",
+        "Smallest side of a square: in smaller ones pixels share their shading as well as their albedo.",
         unit="px",
         ge=1,
     )
     partners: int = setting(
         4,
-        "Partners of each pixel, within its cell of chromaticity and within its square of every size.",
+        "Partners of each pixel within its chromaticity cell, and within its square of every size.",
         ge=1,
         le=100,
     )
     outline_distance: float = setting(
         3.0,
-        "Near pairs that are farther apart on the surface lie at two sides of an outline, and are left out.",
+        "Near pairs that are farther apart on the surface lie on two sides of an occluding contour, and are "
+        "left out.",
         unit="median distances of near pairs in their view",
         gt=0,
     )
     thin_share: float = setting(
         0.1,
         "Pixels are drawn from those with four neighbours in their mask; from all, where these are no more "
-        "than this share of them (thin things).",
+        "than this share of them (thin structures).",
         ge=0,
         le=1,
     )
@@ -63,20 +64,20 @@ class PairSettings(Settings):
     )
     darkest: float = setting(
         1e-4,
-        "Logarithms of intensity are taken of this at least, and those of shading of this more.",
+        "Lower bound of intensity under the logarithm; also added to shading.",
         unit="of the scaled image, or of shading",
         gt=0,
     )
     chroma_weight: float = setting(
         2.0,
-        "How many times as much as one of brightness a difference of chromaticity tells of another albedo: "
-        "shadows are deep, but hardly of another colour.",
+        "Weight of a difference of chromaticity relative to one of brightness: shadows change brightness "
+        "much and chromaticity little.",
         ge=0,
     )
     chromaticity_share: float = setting(
         0.2,
-        "Share of the weight that pairs of equal chromaticity have at most while the light is sought: there "
-        "is darker material of the same colour, grey above all.",
+        "Largest share of the weight that pairs of equal chromaticity have in the light search: albedos of "
+        "equal chromaticity may differ in brightness, grey ones above all.",
         ge=0,
         le=1,
     )
@@ -89,32 +90,32 @@ class PairSettings(Settings):
     )
     fewest: int = setting(
         200,
-        "Pairs in the smallest squares from which on their loss is the measure of the others' reliability; "
-        "of fewer, the next larger squares are.",
+        "Fewest pairs in the smallest squares for their loss to be the reference of the others' reliability; "
+        "with fewer, the next larger squares are.",
         unit="pairs",
         ge=1,
     )
 
 
 class SearchSettings(Settings):
-    """Settings of the descent to the light, from coarse to fine, and of its bounces between the steps."""
+    """Settings of the coarse-to-fine optimisation of the light, and of its interreflection between steps."""
 
     scales: tuple[Positive, ...] = setting(
         (2.4, 1.2, 0.6, 0.4, 0.4),
-        "Differences of log albedo, one descent each, from which on a pair counts as of different albedo: "
-        "coarse first, as bounces find their place, and so that a sun's shadow, e times darker and more, is "
-        "not at once taken for another albedo; then finer.",
+        "Differences of log albedo, one descent each, from which on a pair counts as of different albedo. "
+        "Coarse first, while interreflection is inaccurate, and lest a sun's shadow, darker by e or more, be "
+        "taken for another albedo; then finer.",
         unit="logarithm",
         min_length=1,
     )
     refined_scales: int = setting(
-        2, "How many of them, the last, are used to go on from a light that is nearly known.", ge=1
+        2, "Number of the last scales that are used when an initial light is given.", ge=1
     )
     max_steps: int = setting(200, "Steps of L-BFGS-B per scale, at most.", ge=1)
     slope_tolerance: float = setting(
         1e-5,
-        "A descent ends where the slope by no radiance is larger (per light): further on, light explains "
-        "differences of albedo.",
+        "A descent ends where no partial derivative by a radiance is larger (per light): beyond, light "
+        "explains differences of albedo.",
         gt=0,
     )
     further_light_share: float = setting(
@@ -122,7 +123,7 @@ class SearchSettings(Settings):
     )
     bounce_pixels: int = setting(
         300_000,
-        "Pixels, at most, that the albedo of the mesh's vertices is averaged from while light is sought; the "
+        "Most pixels that the albedo of the mesh's vertices is averaged from during the light search; the "
         "cost does not grow beyond.",
         unit="pixels",
         ge=1000,
@@ -136,19 +137,19 @@ class SearchSettings(Settings):
         gt=0,
         le=1,
     )
-    seed: int = setting(0, "Of the random choice of pixels and pairs.", ge=0)
+    seed: int = setting(0, "Seed of the random choice of pixels and pairs.", ge=0)
 
 
 class RefinementSettings(Settings):
-    """Settings of finer directions where light is bright: suns and lamps lie between those of the search."""
+    """Settings of the refinement of directions where light is bright: suns and lamps lie between them."""
 
     bright: float = setting(
-        3.0, "Cells of directions that are brighter are divided into seven.", unit="times the mean", gt=0
+        3.0, "Brighter cells of directions are subdivided into seven.", unit="times the mean", gt=0
     )
     max_cells: int = setting(
         24,
-        "Cells that are divided, at most, those that send most light: each adds six directions, and lamps "
-        "are few.",
+        "Most cells that are subdivided, those of the largest flux: each adds six directions, and lamps are "
+        "few.",
         ge=0,
     )
 
@@ -158,25 +159,25 @@ class ReflectanceSettings(Settings):
 
     usual: float = setting(
         0.6,
-        "What the brightest material of a scene often reflects (stone .3 to .6, plaster and paper .8): the "
-        "search begins there.",
+        "Typical reflectance of the brightest material of a scene (stone .3 to .6, plaster and paper .8): "
+        "initial value of the search.",
         gt=0,
         lt=1,
     )
     unusual_price: float = setting(
         0.005,
-        "Price of twice or half of the usual reflectance, as a share of the disagreement of pairs; it grows "
-        "with the square of the octaves. Flat curves tell little.",
+        "Penalty of twice or half the usual reflectance, as a share of the disagreement of pairs; it grows "
+        "with the square of the octaves, and decides where the loss is flat.",
         ge=0,
     )
     tried: tuple[Reflectance, ...] = setting(
         (0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9),
-        "Reflectances, ascending, that the light is found under, downhill from the usual: a factor of 1.5 "
-        "apart. The result is interpolated.",
+        "Ascending reflectances, a factor of 1.5 apart, that are tried in descent from the usual one. The "
+        "result is interpolated.",
         min_length=1,
     )
     sample_divisor: int = setting(
-        3, "How many times fewer than `samples` pixels the light is found from under each.", ge=1, le=100
+        3, "Divisor of `samples` for the light under each reflectance.", ge=1, le=100
     )
 
     @field_validator("tried")
@@ -188,58 +189,58 @@ class ReflectanceSettings(Settings):
 
 
 class SpecularLightSettings(Settings):
-    """Settings of `light_in_gloss`: pairs and differences of views on glossy surface, both at once."""
+    """Settings of `light_in_gloss`: pairs and view differences of glossy surface, jointly."""
 
     residual_weight: float = setting(
         0.3,
-        "Weight of the share of the views' differences that the light in the mirror leaves, against the "
-        "loss of pairs of equal albedo.",
+        "Weight of the share of view differences that the mirrored light leaves, against the loss of pairs "
+        "of equal albedo.",
         ge=0,
     )
     max_steps: int = setting(100, "Steps of L-BFGS-B, at most.", ge=1)
 
 
 class LightSearchSettings(Settings):
-    """Settings of the search for light of at least 0, under which pixels of equal albedo come out alike."""
+    """Settings of the search for non-negative light that minimises the loss of pairs of equal albedo."""
 
     samples: int = setting(
         20_000,
-        "Pixels that the light is found from; a quarter as many more for every further light. More changes "
-        "little.",
+        "Pixels that the light is estimated from; a quarter as many more for every further light. More "
+        "changes little.",
         unit="pixels",
         ge=1000,
         le=300_000,
     )
     neutrality: float = setting(
         0.005,
-        "The price of channels that disagree about where the light comes from. More keeps the colour of "
-        "paint out of the light where all that faces one way is of one colour (moss on the ground); less is "
+        "Weight of the prior that light has one colour from all directions. More keeps the colour of albedo "
+        "out of the light where all surface of one orientation has one colour (moss on the ground); less is "
         "for coloured lamps.",
         ge=0,
     )
     evenness: float = setting(
         1e-3,
-        "The price of light that differs from direction to direction; settles what the surface does not "
-        "see. A sun costs what it is bright, not the square.",
+        "Weight of the prior that light is uniform over directions; determines directions that the surface "
+        "does not see. A sun's cost is linear in its radiance, not quadratic.",
         ge=0,
     )
-    bounces: int = setting(4, "How often light is passed on between surfaces; 0: not at all.", ge=0, le=100)
+    bounces: int = setting(4, "Number of interreflections between surfaces; 0: none.", ge=0, le=100)
     brightest: float | None = setting(
         None,
-        "What the brightest material reflects: it says how much light bounces. none: found, as that under "
-        "which like surface in hollows and outside comes out most alike.",
+        "Reflectance of the brightest material; it sets the scale of interreflection. none: estimated as "
+        "that under which equal albedos in concavities and outside agree best.",
         ge=0.01,
         le=0.95,
     )
     pairs: PairSettings = group(
         PairSettings,
-        "Pairs of pixels that are likely to be of equal albedo: how they are drawn and weighted.",
+        "Drawing and weighting of pairs of pixels that are likely to be of equal albedo.",
     )
     search: SearchSettings = group(
-        SearchSettings, "The descent to the light, from coarse to fine, and its bounces between the steps."
+        SearchSettings, "The coarse-to-fine optimisation of the light, and its interreflection between steps."
     )
     refinement: RefinementSettings = group(
-        RefinementSettings, "Finer directions where light is bright, found anew with sharper shadows."
+        RefinementSettings, "Finer directions where light is bright, re-estimated with sharper shadows."
     )
     reflectance: ReflectanceSettings = group(
         ReflectanceSettings,
@@ -247,12 +248,12 @@ class LightSearchSettings(Settings):
     )
     specular_light: SpecularLightSettings = group(
         SpecularLightSettings,
-        "The descent to the light by pairs and by how views of glossy surface differ, both at once.",
+        "The optimisation of the light by pairs and by view differences of glossy surface, jointly.",
     )
 
     @property
     def reflectance_is_found(self) -> bool:
-        """Whether the reflectance of the brightest material is sought: without bounces it says nothing."""
+        """Whether the brightest material's reflectance is estimated: without bounces it has no effect."""
         return self.brightest is None and self.bounces > 0
 
     @property
@@ -261,15 +262,15 @@ class LightSearchSettings(Settings):
         return self.search.scales[-1]
 
     def reflecting(self: Own, brightest: float) -> Own:
-        """Take the brightest material to reflect so much."""
+        """Set the reflectance of the brightest material."""
         return self.model_copy(update={"brightest": brightest})
 
     def to_begin_with(self: Own) -> Own:
-        """Take the usual reflectance until it is known better."""
+        """Set the usual reflectance as the initial value, unless one is given."""
         return self if self.brightest is not None else self.reflecting(self.reflectance.usual)
 
     def to_compare_reflectances(self: Own) -> Own:
-        """Use fewer pixels, at the finest scale alone."""
+        """Reduce the search to fewer pixels and the finest scale."""
         finest = self.search.model_copy(update={"scales": self.search.scales[-1:]})
         samples = self.samples // self.reflectance.sample_divisor
         return self.model_copy(update={"samples": samples, "search": finest})

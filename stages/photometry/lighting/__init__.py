@@ -1,1 +1,1 @@
-"""The light of all views, found before the albedo, and the gains of the views."""
+"""Illumination of all views, estimated before the albedo, and the gains of the views."""

@@ -1,4 +1,4 @@
-"""Estimation of light that is not known, of its distance, of gains of the views, and of their specular."""
+"""Estimation of unknown illumination: radiance, distance, view gains and specular reflection."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ def find_illumination(
     threads: int,
     step: Step,
 ) -> Illumination:
-    """Find the light, its distance, the gains of the views, their gloss, and what their pixels are worth.
+    """Estimate light, its distance, view gains, specular reflection, and the pixels' data for the albedo.
 
     Parameters
     ----------
     views : StackedViews
-        Their basis is not looked at.
+        Their basis is not used.
     images : list of 3 ndarray, shape (N,)
         Scaled.
     scenes : sequence of LitScene
-        The same under light from other distances: that whose light leaves the least disagreement is taken.
-    looks : Viewing
-        If none is trusted, all are.
+        One per distance of the light; the one whose light leaves the least disagreement is chosen.
+    viewing : Viewing
+        If no pixel is trusted, all are.
     settings : LightingSettings
     threads : int
         Never changes the result.
@@ -69,13 +69,13 @@ def find_illumination(
 
 
 def explained_best(left: Sequence[float], how: LightDistanceSettings) -> int:
-    """Index of the least; the first, light from far away, unless another is clearly better."""
+    """Return the index of the least; the first (light from infinity) unless another is clearly better."""
     best = int(np.argmin(left))
     return best if left[best] < (1 - how.nearer_gain) * left[0] else 0
 
 
 def _from_infinitely_far(photos: Observations, scene: LitScene, step: Step) -> Explanation:
-    """Find the light as if it came from infinitely far away, and what the brightest material reflects."""
+    """Estimate light from infinity, and the reflectance of the brightest material."""
     asked = photos.settings
     photos = replace(photos, settings=asked.to_begin_with())
     now = Explanation(photos, scene, photos.light(scene, step))
@@ -86,7 +86,7 @@ def _from_infinitely_far(photos: Observations, scene: LitScene, step: Step) -> E
 
 
 def _with_reflectance(now: Explanation, step: Step) -> Explanation:
-    """Find what the brightest material reflects, and the light by fewer pixels under about as much."""
+    """Estimate the reflectance of the brightest material, and the light near it from fewer pixels."""
     roughly = now.photos.settings.to_compare_reflectances()
     search = replace(now.photos, settings=roughly).search(now.scene)
 
@@ -98,50 +98,50 @@ def _with_reflectance(now: Explanation, step: Step) -> Explanation:
 
 
 def _at_best_distance(far: Explanation, scenes: Sequence[LitScene], step: Step) -> Explanation:
-    """Choose the distance of the light, and find the specular, and the light by it, there.
+    """Choose the distance of the light; estimate specular reflection and light jointly there.
 
-    The photos still have the specular.
+    The specular reflection is not yet removed from the photos.
     """
     now, differences = _best_explanation(far, scenes, step)
     if differences is None:
         return now
     found = now.photos.specular(now.scene, now.light, differences, step)
     specular, light = found or (None, now.light)
-    return replace(now, light=light, specular=specular, specular_sought=True)
+    return replace(now, light=light, specular=specular, specular_estimated=True)
 
 
 def _best_explanation(
     far: Explanation, scenes: Sequence[LitScene], step: Step
 ) -> tuple[Explanation, Differences | None]:
-    """Choose the scene whose light explains the photos best; how views differ under that light.
+    """Choose the scene whose light explains the photos best, with the view differences under that light.
 
-    No differences where no specular is sought.
+    The differences are None where specular reflection is not estimated.
 
-    What pairs of like paint disagree by is told by the shading; how views differ, by highlights, which are a
-    sharper witness of where light comes from, where there are some, and enough in every scene to tell. The
-    two are multiplied.
+    The criterion is the loss of pairs of equal albedo, which depends on the shading. Highlights constrain
+    light directions more sharply: where every scene has enough view differences, the loss is multiplied by
+    the share of them that the light in the mirror leaves.
     """
     photos, how = far.photos, far.photos.settings
-    lights = [far.light, *(_light_as_long_sought(far, scene, step) for scene in scenes[1:])]
+    lights = [far.light, *(_light_by_as_many_descents(far, scene, step) for scene in scenes[1:])]
     left = photos.disagreements(scenes, lights)
     differences: list[Differences] = []
     if how.specular.remove and photos.share_a_light:
         differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
-        left = _less_where_mirrored(left, differences)
+        left = _times_specular_residual(left, differences)
     best = explained_best(left, how.distance)
     now = replace(far, scene=scenes[best], light=lights[best], number=best, disagreements=left)
     return now, differences[best] if differences else None
 
 
-def _light_as_long_sought(far: Explanation, scene: LitScene, step: Step) -> LightEstimate:
-    """Find the light of a scene; gone on from as that from far away was, to find what surface reflects."""
+def _light_by_as_many_descents(far: Explanation, scene: LitScene, step: Step) -> LightEstimate:
+    """Estimate the light of a scene, continued as often as that from infinity was for the reflectance."""
     search = far.photos.search(scene)
     light = search.light(step)
     return light if far.reflectance is None else search.light(_unnoticed, near=light)
 
 
-def _less_where_mirrored(left: list[float], differences: list[Differences]) -> list[float]:
-    """Multiply disagreements by what light in a mirror leaves of the differences, where that tells."""
+def _times_specular_residual(left: list[float], differences: list[Differences]) -> list[float]:
+    """Multiply disagreements by the specular residuals, if all exist and one light explains most."""
     mirrored = [light for each in differences if (light := each.mirrored) is not None]
     if len(mirrored) < len(left) or not any(light.explains_most for light in mirrored):
         return left
@@ -149,7 +149,7 @@ def _less_where_mirrored(left: list[float], differences: list[Differences]) -> l
 
 
 def _in_finer_directions(now: Explanation, changed: bool, step: Step) -> Explanation:
-    """Divide the bright cells of the light, and find it once more, unless nothing has changed."""
+    """Subdivide the bright cells of the light and re-estimate it, unless nothing has changed."""
     finer, near = divided(now.scene, now.light, now.photos.settings.refinement)
     if not changed and finer is now.scene:
         return now
@@ -157,7 +157,7 @@ def _in_finer_directions(now: Explanation, changed: bool, step: Step) -> Explana
 
 
 def _mixed_with_own_lights(now: Explanation, as_seen: Observations, step: Step) -> Explanation:
-    """Mix the light with lights of the views' own, as far as they have such."""
+    """Mix the shared light with per-view lights, by the weight of the latter."""
     apart = now.photos.apart
     if not 0 < apart < 1:
         return now
@@ -168,4 +168,4 @@ def _mixed_with_own_lights(now: Explanation, as_seen: Observations, step: Step) 
 
 
 def _unnoticed() -> None:
-    """Step that is not shown."""
+    """Ignore a step: its progress is not shown."""

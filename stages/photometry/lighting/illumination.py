@@ -1,4 +1,4 @@
-"""The light that the photos were taken in, and what each of their pixels is worth under it."""
+"""Estimated illumination, and the data of each pixel for the albedo under it."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from stages.photometry.transport.lit_scenes import LitScene
 
 @dataclass(frozen=True, eq=False)
 class ObservationsWithGains:
-    """The photos, and the gains of their views, which are divided out.
+    """Photos with the gains of their views divided out.
 
     Attributes
     ----------
     as_seen : Observations
     lit : Observations
-        Taken for lit by one light: without highlights, and without what darkens one view alone. As seen,
-        where each view has its own light.
+        Under the assumption of one light: without highlights, and without pixels that are dark in one view
+        alone. Equal to `as_seen` but for its lights, where each view has its own.
     gains : ViewGains
     of_pixel : ndarray, shape (N, 3), float32
         Gain of each pixel's view.
@@ -44,7 +44,7 @@ class ObservationsWithGains:
     def of(
         cls, views: StackedViews, images: list[np.ndarray], viewing: Viewing, settings: LightingSettings
     ) -> ObservationsWithGains:
-        """Compare the views; if no pixel is trusted, all are. Images: 3 of (N,), scaled."""
+        """Divide estimated gains out of scaled images, 3 of (N,). If no pixel is trusted, all are."""
         image = np.stack(images, axis=1)
         if not viewing.trusted.any():
             viewing = replace(viewing, trusted=np.ones_like(viewing.trusted))
@@ -57,63 +57,63 @@ class ObservationsWithGains:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What explains the photos, as far as it is known.
+    """Current estimate of what explains the photos.
 
     Attributes
     ----------
     photos : Observations
-        What the light is found from: without the specular that is known.
+        Data of the light estimation, without specular reflection once that is removed.
     scene : LitScene
-        Under light from the distance that is taken.
+        Under light from the chosen distance.
     light : LightEstimate
     specular : SpecularReflection or None
-    specular_sought : bool
-        Whether specular was looked for.
+    specular_estimated : bool
+        Whether an estimation of specular reflection was made, with or without result.
     reflectance : Reflectance or None
-        Of the brightest material, where it is found.
+        Of the brightest material, where it is estimated.
     number : int
-        Which of the scenes it is.
+        Index of the scene.
     disagreements : list of float
-        Of all scenes.
+        One per scene.
     """
 
     photos: Observations
     scene: LitScene
     light: LightEstimate
     specular: SpecularReflection | None = None
-    specular_sought: bool = False
+    specular_estimated: bool = False
     reflectance: Reflectance | None = None
     number: int = 0
     disagreements: list[float] = field(default_factory=list)
 
     @property
     def glossy(self) -> float:
-        """How far there may be gloss of some paints, 0 to 1: it was found, or could not be looked for."""
-        of_paints = not self.specular_sought if self.specular is None else not self.specular.glossy.all()
-        return max(float(of_paints), self.photos.apart)  # lights of their own cannot be told from gloss
+        """Weight, 0 to 1, of specular reflection on some materials: it was found, or never estimated."""
+        on_some = not self.specular_estimated if self.specular is None else not self.specular.glossy.all()
+        return max(float(on_some), self.photos.apart)  # per-view lights cannot be distinguished from gloss
 
     def without_specular(self) -> Explanation:
-        """Take the specular off the photos, if there is any."""
+        """Remove the specular reflection from the photos, if there is any."""
         if self.specular is None:
             return self
         mirror = self.photos.mirror(self.scene, self.light)
         return replace(self, photos=self.photos.without_specular(self.specular, mirror))
 
     def shading(self) -> np.ndarray:
-        """Of all pixels, gains of the views divided out, (N, 3), float32."""
+        """Compute the shading of all pixels, view gains divided out, (N, 3), float32."""
         return self.photos.shading(self.scene, self.light)
 
 
 @dataclass(frozen=True, eq=False)
 class LightAndShading:
-    """The light, (G, M, 3), at least 0, and the shading of all pixels by it, (N, 3), float32."""
+    """Radiance, (G, M, 3), at least 0, and the shading of all pixels by it, (N, 3), float32."""
 
     radiance: np.ndarray
     shading: np.ndarray
 
     @classmethod
     def of_mean_one(cls, radiance: np.ndarray, shading: np.ndarray) -> LightAndShading:
-        """Scale the light so that the mean shading, with the gains of the views, is 1 in each channel."""
+        """Normalise the light so that the mean shading, view gains included, is 1 in each channel."""
         mean = shading.mean(axis=0, dtype=np.float64).astype(np.float32)
         mean = np.where(mean > 0, mean, np.float32(1))
         return cls(radiance / mean, shading / mean)
@@ -121,35 +121,35 @@ class LightAndShading:
 
 @dataclass(frozen=True, eq=False)
 class Illumination:
-    """What is found; pixels as in the stack, images scaled.
+    """Result of the estimation; pixels as in the stack, images scaled.
 
     Attributes
     ----------
     light : LightAndShading
-        Its shading with the gains of the views.
+        Its shading includes the gains of the views.
     scene : int
-        Which of the scenes explains the photos best.
+        Index of the scene that explains the photos best.
     disagreements : list of float
-        Of all scenes; see `explained_best`.
+        One per scene; see `explained_best`.
     gains : ViewGains
     specular : SpecularReflection or None
-        That was found and taken off.
+        Estimated and removed.
     brightening : float
-        Of the views, gains divided out, specular and all.
+        Of the views, gains divided out, specular reflection included.
     light_of_view : ndarray, shape (n,), int64
     apart : float
-        How far the lights of the views are their own, 0 to 1.
+        Weight of per-view lights against a shared one, 0 to 1.
     observations : AlbedoData
     directions : ndarray, shape (M, 3)
         Of the light.
     cells : ndarray, shape (M,)
-        Share of all directions that each stands for.
+        Solid angle of each direction as a share of the sphere.
     turn_deg : float or None
-        By how much a light that is known is turned.
+        Yaw of a known light.
     brightest : float
-        What the brightest material reflects, given or found; else 0, and where albedo has its own scale.
+        Reflectance of the brightest material, given or estimated; 0 if neither, or if albedo is absolute.
     reflectance : Reflectance or None
-        How it was found, where it was.
+        Record of its estimation, if it was estimated.
     """
 
     light: LightAndShading
@@ -176,7 +176,7 @@ class Illumination:
         brightest: float,
         turn_deg: float | None = None,
     ) -> Illumination:
-        """Complete what explains the photos with what their pixels are worth under the light."""
+        """Combine an explanation with the pixels' data for the albedo under its light."""
         own, directions = explained.photos, explained.scene.pixels
         return cls(
             light=light,
@@ -197,7 +197,7 @@ class Illumination:
 
 
 def brightest_of(settings: LightingSettings, reflectance: Reflectance | None) -> float:
-    """Reflectance of the brightest material, given or found; 0 where that would be a guess."""
+    """Return the reflectance of the brightest material, given or estimated; 0 where it is neither."""
     return settings.brightest or (reflectance.value if reflectance else 0.0)
 
 
@@ -206,7 +206,7 @@ def reflectance_under(
     light: Callable[[float, LightEstimate], LightEstimate],
     step: Callable[[], None],
 ) -> Reflectance:
-    """Find the reflectance of the brightest material, from that so far on; `light` as of `reflectance_of`."""
+    """Estimate the reflectance of the brightest material from its current value; see `reflectance_of`."""
     photos, scene = explained.photos, explained.scene
 
     def left(lights: Sequence[LightEstimate]) -> list[float]:
@@ -217,7 +217,7 @@ def reflectance_under(
 
 
 def _albedo_data(explained: Explanation, of_pixel: np.ndarray, shading: np.ndarray) -> AlbedoData:
-    """What is seen, and counts, under this light, with the gains of the pixels' views."""
+    """Collect observed and diffuse radiance, view gains included, and the pixels trusted under this light."""
     photos = explained.photos
     lit = photos.viewing.without(unlit(shading, photos.settings.trusted_pixels))
     return AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit.trusted, explained.glossy)

@@ -1,4 +1,4 @@
-"""Estimation of all but the light, which is known: its turn, gains of the views, and their specular."""
+"""Estimation under a known light: its yaw, view gains and specular reflection."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def illumination_by(
     threads: int,
     step: Callable[[], None],
 ) -> Illumination:
-    """Find all but the light, which is known: its turn, gains of the views, their gloss, the pixels' worth.
+    """Estimate yaw, view gains, specular reflection and the pixels' data under a known light.
 
-    Parameters as of `find_illumination`; the light comes from infinitely far away, one for all views.
+    Parameters as of `find_illumination`; the light comes from infinity and is one for all views.
     """
     use_threads(threads)
     photos = ObservationsWithGains.of(
@@ -59,23 +59,23 @@ def illumination_by(
 
 
 def _with_scale_of(known: KnownLight, photos: Observations) -> Observations:
-    """Take the albedo for one at a scale of its own, where the unit of the light is known."""
+    """Leave the scale of the albedo free (absolute), where the unit of the light is known."""
     if known.scale is None:
         return replace(photos, settings=photos.settings.to_begin_with())
     return replace(photos, settings=photos.settings.model_copy(update={"brightest": None}))
 
 
 def _with_specular(now: Explanation) -> Explanation:
-    """Find the specular under the light, if it is asked for; the photos still have it."""
+    """Estimate specular reflection under the light, if requested, without removing it from the photos."""
     if not now.photos.settings.specular.remove:
         return now
-    return replace(now, specular=now.photos.specular_in(now.scene, now.light), specular_sought=True)
+    return replace(now, specular=now.photos.specular_in(now.scene, now.light), specular_estimated=True)
 
 
 def _with_reflectance(
     now: Explanation, known: KnownLight, turn_deg: float, step: Callable[[], None]
 ) -> Explanation:
-    """Find what the brightest material reflects; the light stays as it is until its directions are finer."""
+    """Estimate the reflectance of the brightest material; the light is updated with its finer directions."""
     search, how = now.photos.search(now.scene), now.photos.settings
 
     def light(brightest: float, _: LightEstimate) -> LightEstimate:
@@ -86,7 +86,7 @@ def _with_reflectance(
 
 
 def _in_finer_directions(now: Explanation, known: KnownLight, turn_deg: float, changed: bool) -> Explanation:
-    """Divide the bright cells of the light, and take its picture in these, unless nothing has changed."""
+    """Subdivide the bright cells and resample the picture in them, unless nothing has changed."""
     finer, _ = divided(now.scene, now.light, now.photos.settings.refinement)
     if not changed and finer is now.scene:
         return now
@@ -94,7 +94,7 @@ def _in_finer_directions(now: Explanation, known: KnownLight, turn_deg: float, c
 
 
 def _in_unit_of(known: KnownLight, now: Explanation, of_pixel: np.ndarray) -> LightAndShading:
-    """The light in its own unit, where that is known; else with shading of mean 1."""
+    """Express the light in its own unit, where that is known; else normalise mean shading to 1."""
     radiance, shading = now.light.radiance, now.shading() * of_pixel
     if known.scale is None:
         return LightAndShading.of_mean_one(radiance, shading)

@@ -1,4 +1,4 @@
-"""A light that is known: a measured picture of all directions, whose turn about the vertical may not be."""
+"""Known light: a measured environment map whose yaw (rotation about the vertical) may be unknown."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from stages.photometry.lighting.settings import KnownLightSettings
 from stages.photometry.transport.environment import turned_light
 from stages.photometry.transport.settings import EnvironmentMapSettings
 
-NO_LIGHT = 1e-12  # mean shading of a channel: one that the picture has no light in stays dark
+NO_LIGHT = 1e-12  # mean shading of a channel: one without light in the picture stays dark
 
 
 @dataclass(frozen=True, eq=False)
 class KnownLight:
-    """A picture of all directions, infinitely far away, and what is known beside it.
+    """Environment map at infinity, with its orientation and scale as far as they are known.
 
     Attributes
     ----------
@@ -30,10 +30,10 @@ class KnownLight:
     upright_from_world : ndarray, shape (3, 3)
         Rotation to the frame whose z is up.
     turn_deg : float or None
-        By how much it is turned about the vertical, counter-clockwise seen from above; None: to be found.
+        Yaw: rotation about the vertical, counter-clockwise seen from above; None: to be estimated.
     scale : float or None
-        What its values are to be multiplied by for the unit of the scaled images. None: that is not known,
-        and each channel has a factor of its own: its mean is 1 here.
+        Factor from its values to the unit of the scaled images. None: unknown; each channel then has a
+        factor of its own, and its mean is 1 here.
     how : EnvironmentMapSettings
     """
 
@@ -52,34 +52,34 @@ class KnownLight:
         scale: float | None,
         how: EnvironmentMapSettings,
     ) -> KnownLight:
-        """As above, the picture in its own unit."""
+        """Normalise the picture, given in its own unit, if the scale is unknown; arguments as above."""
         if scale is None:
             mean = picture.mean(axis=(0, 1), dtype=np.float64)
             picture = picture / np.where(mean > 0, mean, 1.0).astype(np.float32)
         return cls(picture, upright_from_world, turn_deg, scale, how)
 
     def radiance(self, directions: np.ndarray, turn_deg: float) -> np.ndarray:
-        """From each of the world's directions, (M, 3), at a turn."""
+        """Sample the radiance from world directions, (M, 3), at a yaw."""
         light = turned_light(self.picture, turn_deg, self.upright_from_world, directions, self.how)
         return light if self.scale is None else self.scale * light
 
     def reduced(self, rows: int) -> KnownLight:
-        """The same in fewer pixels."""
+        """Downsample the picture to at most so many rows."""
         if self.picture.shape[0] <= rows:
             return self
         picture = cv2.resize(self.picture, (2 * rows, rows), interpolation=cv2.INTER_AREA)
         return replace(self, picture=picture)
 
     def turns(self, how: KnownLightSettings) -> int:
-        """Steps of `turn_of`."""
+        """Count the steps of `turn_of`."""
         return 0 if self.turn_deg is not None else len(range(0, 360, how.turn_step_deg)) + how.finalists
 
 
 def light_at(search: Search, known: KnownLight, turn_deg: float) -> LightEstimate:
-    """The light at a turn, with the bounces that it has.
+    """Compute the light at a yaw, with its interreflection.
 
-    Where its unit is not known, every channel is scaled to a mean shading of 1 without bounces, and then all
-    together so that the brightest material reflects what it is asked to.
+    Where its unit is unknown, every channel is scaled to a mean shading of 1 without bounces; then all
+    channels are scaled together so that the brightest material has the prescribed reflectance.
     """
     light = known.radiance(search.part.pixels.directions, turn_deg)[None]
     dark = LightEstimate(light, search.even_light().bounced)
@@ -90,13 +90,13 @@ def light_at(search: Search, known: KnownLight, turn_deg: float) -> LightEstimat
 
 
 def turn_of(search: Search, known: KnownLight, how: KnownLightSettings, step: Callable[[], None]) -> float:
-    """The turn, degrees from 0 to 360: given, or that under which pixels of like paint come out alike.
+    """Estimate the yaw, degrees from 0 to 360, that minimises the loss of pairs; a given yaw is returned.
 
     Notes
     -----
-    As `light_from_pairs` judges a light, at its finest scale. Turns every 5° are compared without bounces,
-    the three best that are no neighbours with their own, and then those every degree around the best of
-    these (by default). Each comparison is on the same pairs for all.
+    The loss is that of `light_from_pairs` at its finest scale. By default, yaws every 5° are compared without
+    bounces; the three lowest local minima with their own bounces; then yaws every degree around the best of
+    these. Each comparison uses the same pairs for all candidates.
     """
     if known.turn_deg is not None:
         return known.turn_deg
@@ -104,7 +104,7 @@ def turn_of(search: Search, known: KnownLight, how: KnownLightSettings, step: Ca
     finest, turns = search.settings.finest_scale, np.arange(0, 360, how.turn_step_deg)
     pairs, left = [search.pairs(None, finest)], []
     for turn in turns:
-        left.append(_left(search, known.radiance(directions, float(turn)), None, pairs))
+        left.append(_loss(search, known.radiance(directions, float(turn)), None, pairs))
         step()
     finalists, lights = turns[_lowest(np.array(left), how.finalists)], []
     for turn in finalists:
@@ -113,28 +113,29 @@ def turn_of(search: Search, known: KnownLight, how: KnownLightSettings, step: Ca
     pairs = [search.pairs(light, finest) for light in lights]
     bounces = [search.bounce(light) for light in lights]
     left = [
-        _left(search, light.radiance[0], sent, pairs) for light, sent in zip(lights, bounces, strict=True)
+        _loss(search, light.radiance[0], indirect, pairs)
+        for light, indirect in zip(lights, bounces, strict=True)
     ]
     best = int(np.argmin(left))
-    middle, light, sent = finalists[best], lights[best].radiance[0], bounces[best]
+    middle, light, indirect = finalists[best], lights[best].radiance[0], bounces[best]
     factor = light.sum(axis=0) / np.maximum(known.radiance(directions, middle).sum(axis=0), NO_LIGHT)
     near = middle + np.arange(1 - how.turn_step_deg, how.turn_step_deg, how.fine_turn_step_deg)
-    left = [_left(search, factor * known.radiance(directions, turn), sent, pairs) for turn in near]
+    left = [_loss(search, factor * known.radiance(directions, turn), indirect, pairs) for turn in near]
     return float(near[np.argmin(left)] % 360)
 
 
-def _left(search: Search, light: np.ndarray, sent_on: np.ndarray | None, pairs: list[Pairs]) -> float:
-    """What pairs of like paint disagree by under light (M, 3): the mean over several draws of them."""
+def _loss(search: Search, light: np.ndarray, indirect: np.ndarray | None, pairs: list[Pairs]) -> float:
+    """Compute the loss of pairs under light (M, 3), averaged over several draws of them."""
     sample, settings = search.sample, search.settings
     shading = sample.shares @ light.astype(np.float32)
-    if sent_on is not None:
-        shading = shading + sent_on
+    if indirect is not None:
+        shading = shading + indirect
     compared = (settings.finest_scale, settings.pairs)
     own = [disagreement(sample.image, shading, drawn, *compared) for drawn in pairs]
     return float(np.mean(own))
 
 
 def _lowest(left: np.ndarray, count: int) -> np.ndarray:
-    """Numbers of a few around a circle that no neighbour is lower than: the lowest, sorted by height."""
+    """Find the `count` lowest local minima of values around a circle: indices, by ascending value."""
     lowest = np.flatnonzero((left <= np.roll(left, 1)) & (left <= np.roll(left, -1)))
     return lowest[np.argsort(left[lowest], kind="stable")][:count]

@@ -1,4 +1,4 @@
-"""Photos as light is sought from them: how many lights they were taken in, what in them is gloss."""
+"""Observations for the light estimation: lights of the views, highlights and specular reflection."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ NEVER = 10.0  # power of `DarkOutlierSettings.ratio` that nothing in a photo rea
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """The photos as light is sought from them: gains of the views divided out.
+    """Photos as the light is estimated from them: gains of the views divided out.
 
     Attributes
     ----------
     views : StackedViews
-    looks : Viewing
-        At least one is trusted.
-    seen : ndarray, shape (N, 3), float32
+    viewing : Viewing
+        At least one pixel is trusted.
+    observed : ndarray, shape (N, 3), float32
     diffuse : ndarray, shape (N, 3), float32
-        Without highlights, where one light serves all views.
+        Without highlights, where all views share a light.
     light_of_view : ndarray, shape (n,), int64
-        Which light every view stands in.
+        Index of the light of every view.
     brightening : float
         Of the views.
     apart : float
-        How far every view has a light of its own: 0, not at all, to 1.
+        Weight of per-view lights against a shared one, 0 to 1.
     settings : LightingSettings
-        `brightest` is what is taken for it so far; None: the albedo has its own scale.
+        `brightest` is its current estimate; None: the albedo has its own scale.
     """
 
     views: StackedViews
@@ -73,9 +73,9 @@ class Observations:
         spread: float,
         settings: LightingSettings,
     ) -> Observations:
-        """Tell how far views with such a spread have lights of their own; nothing is taken off yet.
+        """Weigh per-view lights by the spread and brightening of the views; nothing is removed yet.
 
-        `linked`: by the pixels that `viewing` trusts.
+        `linked` contains correspondences of the pixels that `viewing` trusts.
         """
         views = linked.views
         one_light = np.zeros(views.view_count, np.int64)
@@ -84,13 +84,13 @@ class Observations:
         return cls(views, viewing, observed, observed, one_light, rise, apart, settings)
 
     def as_lit(self, linked: LinkedPatches) -> Observations:
-        """Take the photos for lit by one light, unless that has no weight at all."""
+        """Assume one light for all views, unless that has no weight."""
         return self.each_in_its_own_light() if self.apart == 1 else self.in_one_light(linked)
 
     def in_one_light(self, linked: LinkedPatches) -> Observations:
-        """Leave out what `darker_outliers` finds, and take highlights off.
+        """Exclude `darker_outliers` and remove highlights.
 
-        The less weight one light has, the darker a place must be: lights of their own darken places, too.
+        The less weight a shared light has, the darker an outlier must be: per-view lights cast shadows, too.
         """
         power = min(1 / (1 - self.apart), NEVER)
         viewing = self.viewing.without(
@@ -103,43 +103,43 @@ class Observations:
         return without_highlights(LinkedPatches.of(self.views, viewing.trusted, how), observed, how)
 
     def each_in_its_own_light(self) -> Observations:
-        """Take the photos as they are seen: neither shadows nor highlights can be told."""
+        """Assign a light to each view; shadows and highlights of one view cannot be identified then."""
         return replace(self, light_of_view=np.arange(self.views.view_count))
 
     @property
     def share_a_light(self) -> bool:
-        """Matt surface then looks the same in all views."""
+        """Whether all views have one light: diffuse surface then has equal radiance in all of them."""
         return not self.light_of_view.any()
 
     def reflecting(self, brightest: float) -> Observations:
-        """Take the brightest material to reflect so much."""
+        """Set the reflectance of the brightest material."""
         return replace(self, settings=self.settings.reflecting(brightest))
 
     def search(self, scene: LitScene) -> Search:
-        """The pixels that light is found from."""
+        """Draw the pixels that the light is estimated from."""
         return Search.of(scene, *self._compared, self.settings)
 
     def light(
         self, scene: LitScene, step: Callable[[], None], near: LightEstimate | None = None
     ) -> LightEstimate:
-        """What they were taken in; one that is `near` it is gone on from."""
+        """Estimate the light, starting from `near` if that is given."""
         return estimate_light(scene, *self._compared, self.settings, step, near)
 
     def disagreements(self, scenes: Sequence[LitScene], lights: Sequence[LightEstimate]) -> list[float]:
-        """How much each of several lights leaves unexplained."""
+        """Compute the loss of pairs of equal albedo under each of several lights."""
         return disagreements(scenes, lights, *self._compared, self.settings)
 
     @property
     def _compared(self) -> tuple[StackedViews, np.ndarray, np.ndarray, np.ndarray]:
-        """What the search for light compares: views, image, trusted pixels, lights of the views."""
+        """Data of the light search: views, image, trusted pixels, lights of the views."""
         return self.views, self.diffuse, self.viewing.trusted, self.light_of_view
 
     def shading(self, scene: LitScene, found: LightEstimate) -> np.ndarray:
-        """Of all pixels by a light, (N, 3), float32."""
+        """Compute the shading of all pixels by a light, (N, 3), float32."""
         return found.shading(scene, self.views.starts, self.light_of_view)
 
     def differences(self, scene: LitScene, found: LightEstimate) -> Differences:
-        """How views differ under the one light found, and how mirrors would make them differ."""
+        """Compute differences between views under a shared light, with the specular lobes there."""
         views, viewing, pixels, how = (
             self.views,
             self.viewing,
@@ -152,36 +152,36 @@ class Observations:
 
         return Differences.of(views, self.observed, viewing.trusted, viewing.towards, pixels, shading_at, how)
 
-    def gloss(
+    def _initial_specular(
         self, scene: LitScene, differences: Differences, found: LightEstimate
     ) -> tuple[SpecularReflection, Differences] | None:
-        """A first guess at the reflection, and how views of what has it differ; None where nothing is glossy.
+        """Initialise the reflection, with the view differences of its surface; None if nothing is glossy.
 
-        Of all surface, if light in a mirror explains most of the differences; else of those clusters of
-        albedo whose differences the light found explains in a mirror, though it is known by shading alone.
+        It covers all surface, if mirrored light explains most of the differences. Else it covers those
+        clusters of albedo whose differences are explained by the mirrored estimate from shading.
         """
         mirrored, light = differences.mirrored, found.radiance[0]
         if mirrored and mirrored.explains_most:
             strength = mirrored.radiance.sum(axis=0) / np.maximum(light.sum(axis=0), 1e-12)
             everything = np.ones(len(self.observed), bool)
             return SpecularReflection(strength, mirrored.roughness, mirrored.left, everything), differences
-        return self._gloss_of_paints(scene, differences, found)
+        return self._specular_of_clusters(scene, differences, found)
 
-    def _gloss_of_paints(
+    def _specular_of_clusters(
         self, scene: LitScene, differences: Differences, found: LightEstimate
     ) -> tuple[SpecularReflection, Differences] | None:
-        """The reflection of those clusters whose differences light in a mirror explains; None if of none."""
+        """Estimate the reflection of the clusters whose differences mirrored light explains; None without."""
         light = found.radiance[0]
         how, shading = self.settings.specular.clusters, self.shading(scene, found)
-        paint = chromaticity_clusters(self.views, self.diffuse, shading, self.viewing.trusted, how)
-        of_paint = (paint == number for number in range(int(paint.max()) + 1))
-        shown = [own for own in of_paint if self._shows(differences.within(own).strength(light))]
-        if not shown:
+        cluster = chromaticity_clusters(self.views, self.diffuse, shading, self.viewing.trusted, how)
+        members = (cluster == number for number in range(int(cluster.max()) + 1))
+        specular = [own for own in members if self._is_specular(differences.within(own).strength(light))]
+        if not specular:
             return None
-        glossy = np.any(shown, axis=0)
+        glossy = np.any(specular, axis=0)
         own = differences.within(glossy)
         of_all = own.strength(light)
-        if of_all is None:  # cannot be: one of the paints alone has links enough
+        if of_all is None:  # impossible: one of the clusters alone has enough correspondences
             return None
         return SpecularReflection(of_all.strength, of_all.roughness, of_all.left, glossy), own
 
@@ -192,17 +192,18 @@ class Observations:
         differences: Differences,
         step: Callable[[], None],
     ) -> tuple[SpecularReflection, LightEstimate] | None:
-        """Find specular reflection and the light at once; None where nothing is glossy.
+        """Estimate specular reflection and light jointly; None where nothing is glossy.
 
-        The mirror's light and that on the paint are one but for the mirror's strength. Differences alone do
-        not tell all of it, nor do pairs while gloss is in what is seen; so they look for it together, and
-        what the reflection takes off the photos is found anew before each turn. Highlights are not compared
-        until the light is known: that costs more than a turn, and changes little.
+        The mirrored light equals that of the shading but for the mirror's strength. View differences alone
+        do not determine it, nor do pairs while the images contain specular reflection. Both therefore
+        constrain one light, and the reflection that is removed from the photos is recomputed before each
+        alternation. Highlights are removed only after the light is estimated: in each alternation that would
+        cost more than the alternation itself, and change little.
         """
-        gloss = self.gloss(scene, differences, found)
-        if gloss is None:
+        initial = self._initial_specular(scene, differences, found)
+        if initial is None:
             return None
-        specular, own = gloss
+        specular, own = initial
         mirror = own.in_mirror(specular.roughness)
         for _ in range(self.settings.specular.alternations):
             diffuse, _ = without_specular(
@@ -221,7 +222,7 @@ class Observations:
         return (specular, found) if specular.left < most and self._likely(specular.strength) else None
 
     def specular_in(self, scene: LitScene, found: LightEstimate) -> SpecularReflection | None:
-        """Find the reflection of a known light: of all surface, else of some clusters; None if of none."""
+        """Estimate the reflection of a known light: of all surface, else of some clusters; None without."""
         differences = self.differences(scene, found)
         whole = differences.strength(found.radiance[0])
         how = self.settings.specular
@@ -230,14 +231,14 @@ class Observations:
             return SpecularReflection(
                 whole.strength, whole.roughness, whole.left, np.ones(len(self.observed), bool)
             )
-        gloss = self._gloss_of_paints(scene, differences, found)
-        if gloss is None:
+        of_clusters = self._specular_of_clusters(scene, differences, found)
+        if of_clusters is None:
             return None
-        specular, _ = gloss
+        specular, _ = of_clusters
         return specular if specular.left < how.cluster_residual and self._likely(specular.strength) else None
 
     def without_specular(self, specular: SpecularReflection, mirror: Mirror) -> Observations:
-        """The photos without it; what it hides in one view and not in another is no longer trusted."""
+        """Remove the reflection; pixels that it dominates in one view but not in another are distrusted."""
         how = self.settings.specular
         observed, share = without_specular(self.observed, specular.image(mirror), how)
         viewing = self.viewing.without(highlights_of(self.views, share, self.viewing.trusted, how))
@@ -246,11 +247,11 @@ class Observations:
         )
 
     def mirror(self, scene: LitScene, found: LightEstimate) -> Mirror:
-        """What the one light found would show in the surface."""
+        """Build the mirror image of the shared light."""
         return Mirror(scene.pixels, found.radiance[0], self.viewing.towards)
 
-    def _shows(self, fit: MirrorStrength | None) -> bool:
-        """Whether a cluster of albedo is specular."""
+    def _is_specular(self, fit: MirrorStrength | None) -> bool:
+        """Decide whether a cluster of albedo is specular."""
         return (
             fit is not None
             and fit.left < self.settings.specular.cluster_residual

@@ -21,35 +21,38 @@ STILL = 2 / 3  # of `moving_light`: `still_light` by default
 
 
 class ViewGainSettings(Settings):
-    """Settings of `view_gains`: gains by corresponding pixels, and how views differ beyond them."""
+    """Settings of `view_gains`: gains from corresponding pixels, and the spread that remains."""
 
     dark: float = setting(
         0.02,
-        "Pixels up to this are too noisy to compare: of a view's bright pixels where these are dim, of the "
-        "scaled image elsewhere.",
+        "Pixels up to this are too noisy to compare; relative to a view's bright pixels where these are dim, "
+        "to the scaled image elsewhere.",
         unit="of the scaled image",
         gt=0,
         lt=1,
     )
     darkest: float = setting(
         0.002,
-        "The same, at least, in views however dim: a few steps of eight bits.",
+        "Lower bound of that threshold in dim views: a few steps of eight bits.",
         unit="of the scaled image",
         gt=0,
         lt=1,
     )
     bright_percentile: float = setting(
-        99.0, "Percentile of a view and channel that is its bright pixels.", unit="%", gt=0, le=100
+        99.0, "Percentile of a view and channel that stands for its bright pixels.", unit="%", gt=0, le=100
     )
     fewest_correspondences: int = setting(
-        50, "Links of a pair of views, at least, for a median over them.", unit="links", ge=1
+        50, "Fewest correspondences of a pair of views for their median.", unit="correspondences", ge=1
     )
     fewest_correspondences_in_patch: int = setting(
-        5, "Links of a patch, at least, for a mean over them, if any patch has as many.", unit="links", ge=1
+        5,
+        "Fewest correspondences of a patch for their mean, if any patch has as many.",
+        unit="correspondences",
+        ge=1,
     )
     largest_difference: float = setting(
         1.0,
-        "Differences of linked pixels beyond this count as this in the mean of their patch.",
+        "Differences of corresponding pixels are clipped to this in the mean of their patch.",
         unit="logarithm",
         gt=0,
     )
@@ -62,16 +65,18 @@ class ViewGainSettings(Settings):
 
 
 class LightSharingSettings(Settings):
-    """Settings of `lights: auto`: gloss, which only brightens, told from lights of the views' own."""
+    """Settings of `lights: auto`: gloss, which only brightens, is distinguished from per-view lights."""
 
     matte_brightening: float = setting(
         1.04,
-        "How far views rise above one another, against how far they fall below (RMS), up to which moving "
-        "light may be what makes them differ.",
+        "Largest ratio of positive to negative differences between views (RMS) that moving light may "
+        "explain.",
         gt=0,
     )
     glossy_brightening: float = setting(
-        1.06, "The same from which on gloss is, and one light serves all views; by degrees between.", gt=0
+        1.06,
+        "Ratio from which on gloss explains them, and all views share a light; weighted by degrees between.",
+        gt=0,
     )
 
     @model_validator(mode="after")
@@ -86,22 +91,22 @@ class TrustedPixelSettings(Settings):
 
     saturation: float = setting(
         0.98,
-        "Pixels with a channel from here on are clipped: the photo shows less than there was. Photos with "
-        "values beyond 1 (linear EXR) have no white, and are never clipped.",
+        "Pixels with a channel from here on are clipped: their radiance was larger. Photos with values "
+        "beyond 1 (linear EXR) have no white point, and are never clipped.",
         unit="of white, linear",
         gt=0,
         le=1,
     )
     grazing_cosine: float = setting(
         0.1,
-        "Cosine of the angle between normal and viewing direction that pixels exceed: at more than 84° "
-        "surface shows mostly its neighbourhood.",
+        "Cosine of the angle between normal and viewing direction that trusted pixels exceed: beyond 84° "
+        "surface mostly reflects its neighbourhood.",
         ge=0,
         lt=1,
     )
     unlit: float = setting(
         0.02,
-        "Pixels whose shading is no more have no data for the albedo: a quotient by less says nothing.",
+        "Pixels with no more shading have no data for the albedo: a quotient by less is mostly noise.",
         unit="of the median shading",
         ge=0,
         lt=1,
@@ -113,28 +118,26 @@ class LightDistanceSettings(Settings):
 
     nearer_gain: float = setting(
         0.01,
-        "Share by which light from nearby must leave less disagreement than light from infinitely far away "
-        "to be believed in.",
+        "Share by which light from nearby must leave less disagreement than light from infinity to be "
+        "chosen.",
         ge=0,
         lt=1,
     )
 
 
 class KnownLightSettings(Settings):
-    """Settings of `turn_of`: the search for the turn of a known light about the vertical."""
+    """Settings of `turn_of`: the search for the yaw of a known light (rotation about the vertical)."""
 
     turn_step_deg: int = setting(
-        5, "Between turns that are compared first, without bounces.", unit="°", ge=1, le=90
+        5, "Step between yaws that are compared first, without bounces.", unit="°", ge=1, le=90
     )
-    finalists: int = setting(
-        3, "Turns of these, with no better neighbour, that are compared with the bounces that each has.", ge=1
-    )
+    finalists: int = setting(3, "Local minima among these that are compared with their own bounces.", ge=1)
     fine_turn_step_deg: int = setting(
-        1, "Between turns around the best of these that are compared last.", unit="°", ge=1, le=90
+        1, "Step between yaws around the best of these that are compared last.", unit="°", ge=1, le=90
     )
     picture_rows: int = setting(
         128,
-        "Rows that the picture is reduced to while turns are compared: 1.4° each, where directions are some "
+        "Rows that the picture is reduced to while yaws are compared: 1.4° each, where directions are some "
         "13° apart.",
         unit="px",
         ge=8,
@@ -142,52 +145,52 @@ class KnownLightSettings(Settings):
 
 
 class LightingSettings(LightSearchSettings):
-    """Settings of the `lighting` stage: light of at least 0 from all around, found before the albedo."""
+    """Settings of the `lighting` stage: non-negative light from all around, estimated before the albedo."""
 
     moved = MappingProxyType({"sheen": "lighting.specular.remove"})
 
     lights: Literal["auto", "shared", "per-view"] = setting(
         "auto",
-        "shared: one light for all views, with a gain per view and channel. per-view: a light each, as when "
-        "lamps are carried about or clouds pass. auto: by `still_light` and `moving_light`; light that is "
-        "brighter in only a few of many views passes for gloss there.",
+        "shared: one light for all views, with a gain per view and channel. per-view: a light for each view, "
+        "for moved lamps or passing clouds. auto: by `still_light` and `moving_light`; light that is "
+        "brighter in only a few of many views cannot be distinguished from gloss there.",
     )
     moving_light: float = setting(
         0.3,
-        "`lights: auto`: where the same surface point differs by as much as this from view to view, after "
-        "gains, each view has its own light, unless views rise further above one another than they fall "
-        "below: that is gloss, which only adds. Moved lamps or things have .3 to .7.",
+        "`lights: auto`: difference of corresponding pixels between views, after gains, from which on each "
+        "view has its own light, unless positive differences exceed negative ones: that is gloss, which only "
+        "adds. Moved lamps or objects give .3 to .7.",
         unit="typical difference of the logarithms",
         gt=0,
     )
     still_light: float | None = setting(
         None,
-        "`lights: auto`: up to this difference one light serves all views; photos of still things have .05 "
-        "to .2 (flare, gloss, clouds). Between this and `moving_light` both are found and mixed, by degrees. "
+        "`lights: auto`: up to this difference all views share a light; photos of static scenes have .05 to "
+        ".2 (flare, gloss, clouds). Between this and `moving_light` both are estimated and mixed by degrees. "
         "none: two thirds of `moving_light`.",
         unit="typical difference of the logarithms",
         ge=0,
     )
     known_turn_deg: float | None = setting(
         None,
-        "`--known-light`: by how much its picture is turned about the vertical, counter-clockwise seen from "
-        "above; none: found, to a degree.",
+        "`--known-light`: yaw of its picture (rotation about the vertical), counter-clockwise seen from "
+        "above; none: estimated, to a degree.",
         unit="°",
     )
     known_scale: Literal["fitted", "fixed"] = setting(
         "fitted",
         "`--known-light`. fitted: every channel of its picture has a factor of its own, such that shading is "
-        "1 on average, as under light that is found; `brightest` says how much bounces. fixed: its values "
-        "are in the photos' unit (what is white, in light of 1 all around, has the value 1), so that the "
-        "albedo is absolute.",
+        "1 on average, as under estimated light; `brightest` sets the scale of interreflection. fixed: its "
+        "values are in the photos' unit (a white surface under uniform light of 1 has the value 1), so that "
+        "the albedo is absolute.",
     )
 
     gains: ViewGainSettings = group(
-        ViewGainSettings, "Gains of the views, by corresponding pixels, and how views differ beyond them."
+        ViewGainSettings, "Gains of the views from corresponding pixels, and the spread that remains."
     )
     sharing: LightSharingSettings = group(
         LightSharingSettings,
-        "`lights: auto`: gloss, which only brightens, told from lights that each view has of its own.",
+        "`lights: auto`: gloss, which only brightens, is distinguished from per-view lights.",
     )
     trusted_pixels: TrustedPixelSettings = group(
         TrustedPixelSettings, "Pixels whose data count, for the light and for the albedo."
@@ -196,32 +199,31 @@ class LightingSettings(LightSearchSettings):
         LightDistanceSettings, "The choice among distances of the light (`transfer.light_distances`)."
     )
     known_light: KnownLightSettings = group(
-        KnownLightSettings, "`--known-light`: the search for the turn of its picture about the vertical."
+        KnownLightSettings, "`--known-light`: the search for the yaw of its picture."
     )
     highlights: HighlightSettings = group(
         HighlightSettings,
-        "One light for all views: what a view sees of its surface beyond what the others see of it is taken "
-        "off.",
+        "One light for all views: radiance of a view in excess of the others at the same surface is removed.",
     )
     dark_outliers: DarkOutlierSettings = group(
         DarkOutlierSettings,
-        "One light for all views: pixels that most other views contradict, for they see the place far "
-        "brighter, are left out.",
+        "One light for all views: pixels are left out that are far darker than their correspondences in most "
+        "other views.",
     )
     specular: SpecularSettings = group(
         SpecularSettings,
-        "One light for all views: specular reflection, the light's image in glossy surface.",
+        "One light for all views: specular reflection, the mirror image of the light in glossy surface.",
     )
     upright_within_deg: float = UPRIGHT_WITHIN_DEG
     visibility: VisibilitySettings = group(
         VisibilitySettings,
-        "In which of the finer directions, where light is bright, vertices see the sky; as of `transfer`.",
+        "Visibility of the sky from vertices in the finer directions of bright light; as in `transfer`.",
     )
     environment_map: EnvironmentMapSettings = group(
-        EnvironmentMapSettings, "`--known-light`: the picture of all directions that the light is given as."
+        EnvironmentMapSettings, "`--known-light`: the environment map that the light is given as."
     )
     light_pictures: LightPictureSettings = group(
-        LightPictureSettings, "Pictures of all directions of the light that is found."
+        LightPictureSettings, "Environment maps of the estimated light that are written."
     )
 
     @field_validator("still_light")
@@ -234,17 +236,17 @@ class LightingSettings(LightSearchSettings):
 
     @property
     def still_up_to(self) -> float:
-        """`still_light`, or what it is by default."""
+        """`still_light`, or its default."""
         return STILL * self.moving_light if self.still_light is None else self.still_light
 
 
 def check_known_light(settings: LightingSettings, kind: str) -> None:
-    """Refuse a known light that is not asked for: another kind of light, or one for each view.
+    """Refuse a known light with settings that cannot use it: another kind of light, or one per view.
 
     Raises
     ------
     UserError
-        It is not.
+        The kind is not `directions`, or the lights are per view.
     """
     if kind != "directions":
         raise UserError(

@@ -1,4 +1,4 @@
-"""One light for all views, or one for each of them: their weights, and the mixture of both."""
+"""Shared and per-view lights: their weights, and the mixture of both."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
 
 def weight_of_own_lights(spread: float, rise: float, settings: LightingSettings) -> float:
-    """Weigh lights of the views' own against one for all: from 0, one light, to 1, each its own.
+    """Weigh per-view lights against a shared one: 0 for one light, 1 for a light per view.
 
     Parameters
     ----------
     spread : float
-        By which views differ, see `ViewGains`: up to `still_light` one light is taken to serve all, from
-        `moving_light` on each has its own, unless they differ as gloss makes them.
+        Difference between views, see `ViewGains`: up to `still_light` one light is shared, from
+        `moving_light` on each view has its own, unless specular reflection explains the difference.
     rise : float
-        See `brightening`: gloss lifts views above one another further than moving light does.
+        See `brightening`: specular reflection raises it further than moving light does.
     settings : LightingSettings
     """
     if settings.lights != "auto":
@@ -43,24 +43,25 @@ def mixed_with_own_lights(
     light: LightEstimate,
     step: Callable[[], None],
 ) -> tuple[Observations, LightEstimate]:
-    """Mix one light for all views with lights of their own, by `Observations.apart`.
+    """Mix a shared light with per-view lights, weighted by `Observations.apart`.
 
     Parameters
     ----------
     shared, apart : Observations
-        As seen in one light, which may have gloss taken off, and in a light for each view. By the settings
-        of the latter its lights are found.
+        Under one light, from which specular reflection may be removed, and under a light per view. The
+        per-view lights are estimated with the settings of the latter.
     scene : LitScene
     light : LightEstimate
-        The one light.
+        The shared light.
     step : callable
         Called after every scale of the search.
 
     Returns
     -------
     tuple of Observations and LightEstimate
-        One light for each view, from as far away as the one. Shading is linear in light, so that the shading
-        by the mixture is the mixture of both shadings, each of mean 1; of gloss, as much is taken off.
+        One light per view, at the distance of the shared one. Shading is linear in light, so that the shading
+        by the mixture is the mixture of both shadings, each of mean 1. Specular reflection is removed by the
+        weight of the shared light.
     """
     weight = np.float32(shared.apart)
     own = _of_mean_one(apart, scene, apart.light(scene, step))
@@ -78,7 +79,7 @@ def mixed_with_own_lights(
 
 
 def _of_mean_one(photos: Observations, scene: LitScene, found: LightEstimate) -> LightEstimate:
-    """A light, scaled so that its mean shading is 1 in each channel."""
+    """Scale a light so that its mean shading is 1 in each channel."""
     mean = photos.shading(scene, found).mean(axis=0, dtype=np.float64)
     mean = np.where(mean > 0, mean, 1)
     return LightEstimate(found.radiance / mean, (found.bounced / mean).astype(np.float32))

@@ -1,4 +1,4 @@
-"""Which pixels' data count: not clipped, not seen at a grazing angle, and lit."""
+"""Selection of trusted pixels: not clipped, not seen at a grazing angle, and lit."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 
 from stages.photometry.lighting.settings import TrustedPixelSettings
 
-WHITE = 1.0001  # linear, but for rounding: an image with values beyond has no white
+WHITE = 1.0001  # linear, but for rounding: an image with values beyond has no white point
 
 
 @dataclass(frozen=True, eq=False)
 class Viewing:
-    """How the camera looks at pixels.
+    """Viewing directions of pixels, and which of them are trusted.
 
     Attributes
     ----------
     trusted : ndarray, shape (N,), bool
-        Pixels whose data count, for the light as well, as far as one knows without it.
+        Pixels whose data count for light and albedo, as far as can be decided without the light.
     towards : ndarray, shape (N, 3), float32
         Unit vectors from the surface to the camera, world axes.
     """
@@ -30,19 +30,19 @@ class Viewing:
     def of(
         cls, unclipped: np.ndarray, normals: np.ndarray, towards: np.ndarray, how: TrustedPixelSettings
     ) -> Viewing:
-        """Trust pixels that are `unclipped`, (N,), bool, unless they are seen at a grazing angle."""
+        """Select the pixels that are `unclipped`, (N,), bool, and not seen at a grazing angle."""
         return cls(unclipped & (np.einsum("nk,nk->n", normals, towards) > how.grazing_cosine), towards)
 
     def without(self, pixels: np.ndarray) -> Viewing:
-        """The same, but that some pixels, (N,) bool, are trusted no more, unless none would be left."""
+        """Exclude pixels, (N,) bool, from the trusted ones, unless none would be left."""
         trusted = self.trusted & ~pixels
         return replace(self, trusted=trusted) if trusted.any() else self
 
 
 def unclipped(linear: np.ndarray, how: TrustedPixelSettings) -> np.ndarray:
-    """Find the pixels of a view, (n, 3), that no channel of its photo has clipped: (n,), bool.
+    """Select the pixels of a view, (n, 3), that are clipped in no channel of its photo: (n,), bool.
 
-    A linear image with values beyond 1 has no white, and nothing in it is clipped.
+    A linear image with values beyond 1 has no white point, and nothing in it is clipped.
     """
     if linear.max(initial=0.0) > WHITE:
         return np.ones(len(linear), bool)
@@ -50,5 +50,5 @@ def unclipped(linear: np.ndarray, how: TrustedPixelSettings) -> np.ndarray:
 
 
 def unlit(shading: np.ndarray, how: TrustedPixelSettings) -> np.ndarray:
-    """Find the pixels with so little shading, (N, 3), that it tells nothing of the albedo: (N,), bool."""
+    """Select the pixels with too little shading, (N, 3), to constrain the albedo: (N,), bool."""
     return shading.mean(axis=1) <= how.unlit * np.median(shading)

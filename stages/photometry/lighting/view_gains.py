@@ -1,4 +1,4 @@
-"""Exposure and white balance of the views against each other, and whether one light explains them all."""
+"""Relative exposure and white balance of the views, and the differences between views that remain."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ TO_DEVIATION = 1.4826  # median absolute to standard deviation, were the errors 
 
 @dataclass(frozen=True, eq=False)
 class ViewGains:
-    """What the same surface shows in different views.
+    """Gains of the views, and the spread of corresponding pixels after them.
 
     Attributes
     ----------
     gains : ndarray, shape (n, 3), float64
-        Of every view and channel; geometric mean 1. Views without links, and dark channels, have 1.
+        Of every view and channel; geometric mean 1. Views without correspondences, and dark channels, have 1.
     spread : float
-        What is left after the gains: the typical difference of the logarithms of two views' brightness in
-        the same patch of surface. Noise makes it some percent; light that moves, or gloss all over
-        (see `brightening`), much more. 0 without links.
+        Residual after the gains: the typical difference of the logarithms of two views' brightness in the
+        same patch of surface. Noise alone gives some percent; moving light, or specular reflection on all
+        surface (see `brightening`), much more. 0 without correspondences.
     """
 
     gains: np.ndarray
@@ -34,14 +34,15 @@ class ViewGains:
 def view_gains(
     views: StackedViews, image: np.ndarray, trusted: np.ndarray, how: ViewGainSettings
 ) -> ViewGains:
-    """Compare linked pixels of scaled images, (N, 3), as far as both are trusted, (N,), bool.
+    """Estimate per-view gains from corresponding trusted pixels, (N,), bool, of scaled images, (N, 3).
 
     Notes
     -----
-    For every pair of views and channel the median over its links of ``log I^i − log I^j``, as far as both
-    are bright; the gains are the least-squares solution over all pairs, weighted by the root of their links.
-    Under one static light, matt surface shows the same to all views, so that nothing but the gains is left.
-    Fine paint, half a pixel off, is no sign of moving light: differences count by their mean over patches.
+    For every pair of views and channel, the median over its bright correspondences of
+    ``log I^i − log I^j``. The gains are the least-squares solution over all pairs, weighted by the square
+    root of the number of correspondences. Under one static light, diffuse surface has the same radiance in
+    all views, so that only the gains differ. Differences are averaged over patches, since misregistration of
+    fine texture by half a pixel does not indicate moving light.
     """
     floor = np.repeat(_floors(views, image, how), np.diff(views.starts), axis=0)
     logs, bright = np.log(np.maximum(image, floor)), trusted[:, None] & (image > floor)
@@ -54,7 +55,7 @@ def view_gains(
 
 
 def _floors(views: StackedViews, image: np.ndarray, how: ViewGainSettings) -> np.ndarray:
-    """What is dark in every view and channel, (n, 3)."""
+    """Compute the threshold of dark pixels in every view and channel, (n, 3)."""
     bright = [
         np.percentile(image[views.view(k)], how.bright_percentile, axis=0)
         if np.diff(views.starts)[k]
@@ -67,7 +68,7 @@ def _floors(views: StackedViews, image: np.ndarray, how: ViewGainSettings) -> np
 def _log_gains(
     views: StackedViews, logs: np.ndarray, bright: np.ndarray, fewest_correspondences: int
 ) -> np.ndarray:
-    """Of every view in one channel, (n,): 0 where it is dark."""
+    """Solve for the log gain of every view in one channel, (n,): 0 where it is dark."""
     rows, medians = [], []
     for (i, j), (one, other) in zip(sorted(views.correspondences), views.linked_pixels(), strict=True):
         both = bright[one] & bright[other]
@@ -82,7 +83,7 @@ def _log_gains(
 
 
 def _left(views: StackedViews, logs: np.ndarray, bright: np.ndarray, how: ViewGainSettings) -> np.ndarray:
-    """Differences of linked pixels, gains divided out, where both are bright: means of patches, (·,)."""
+    """Average, per patch, the log differences of bright correspondences after the gains, (·,)."""
     patch, left = _patches(views), [np.zeros(0)]
     for one, other in views.linked_pixels():
         both = bright[one] & bright[other]
@@ -95,14 +96,14 @@ def _left(views: StackedViews, logs: np.ndarray, bright: np.ndarray, how: ViewGa
 
 
 def _patches(views: StackedViews) -> np.ndarray:
-    """Number of the patch of its view that every pixel is in, (N,)."""
+    """Number the patch of its view that contains each pixel, (N,)."""
     size = max(1, round(views.side / PATCHES))
     rows, columns = (views.positions() // size).T.astype(np.int64)
     return rows * (int(columns.max(initial=0)) + 1) + columns
 
 
 def _of_patches(patch: np.ndarray, values: np.ndarray, how: ViewGainSettings) -> np.ndarray:
-    """Means of the values in every patch that holds enough, else in every patch that holds some, (·,)."""
+    """Average values in every patch that holds enough, else in every patch that holds some, (·,)."""
     _, own, count = np.unique(patch, return_inverse=True, return_counts=True)
     values = np.clip(values, -how.largest_difference, how.largest_difference)
     means, enough = np.bincount(own.reshape(-1), values) / count, count >= how.fewest_correspondences_in_patch

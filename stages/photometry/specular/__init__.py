@@ -1,1 +1,1 @@
-"""What surface mirrors, told by how views of it differ."""
+"""Specular reflection, estimated from differences between views."""

@@ -1,4 +1,4 @@
-"""Clusters of pixels that have about the same albedo, as far as it is known before it is sought."""
+"""Clusters of pixels of about equal albedo, from a preliminary shading."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from stages.photometry.stack import StackedViews
 def chromaticity_clusters(
     views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, how: ClusterSettings
 ) -> np.ndarray:
-    """Number the cluster of albedo that every pixel belongs to, (N,), int32, below `ClusterSettings.count`.
+    """Assign every pixel to a cluster of albedo, (N,), int32, below `ClusterSettings.count`.
 
     Parameters
     ----------
     views : StackedViews
     image, shading : ndarray, shape (N, 3)
     trusted : ndarray, shape (N,), bool
-        At least one; others have the cluster of what they are linked to, or any.
+        At least one; others get the cluster of their correspondences, or an arbitrary one.
     how : ClusterSettings
 
     Notes
     -----
-    k-means of ``(w b, log R/G, log B/G)``, b the mean logarithm, w `brightness_weight`, of what a pixel and
-    all that it is linked to make of the albedo together, so that a highlight in one view is no cluster of its
+    k-means of ``(w b, log R/G, log B/G)``, b the mean logarithm, w `brightness_weight`, of the albedo
+    averaged over a pixel and its correspondences, so that a highlight in one view forms no cluster of its
     own.
     """
-    albedo = _albedo_seen_together(views, image, shading, trusted, how.min_shading)
+    albedo = _albedo_over_views(views, image, shading, trusted, how.min_shading)
     colours = _colours(albedo, float(np.median(albedo[trusted].mean(axis=1))), how)
     seeds = colours[trusted]
     seeds = seeds[:: max(1, len(seeds) // how.samples)]
@@ -36,10 +36,10 @@ def chromaticity_clusters(
     return vq(colours, palette)[0].astype(np.int32)
 
 
-def _albedo_seen_together(
+def _albedo_over_views(
     views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, min_shading: float
 ) -> np.ndarray:
-    """All light that a pixel and its like in other views send, by all that they are lit by, (N, 3)."""
+    """Divide image by shading, both summed over a pixel and its correspondences, (N, 3)."""
     own = np.concatenate([np.maximum(image, 0), shading], axis=1) * trusted[:, None]
     together = own.copy()
     for (i, j), block in views.correspondences.items():

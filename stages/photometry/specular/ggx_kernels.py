@@ -1,4 +1,4 @@
-"""Compiled loops over the lobes of a rough mirror (GGX): what points show of the light from all around."""
+"""Compiled loops over the lobes of a rough mirror (GGX) that gather light from all around at points."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stages.photometry.transport.irradiance_kernels import CHUNK, blended_visibi
 def gather_mirrored(
     points, normals, offsets, blend, visible, directions, towards, roughness, cells, radiance, out
 ):
-    """``Σ_d V_d c_d m_d e_d / Σ_d c_d m_d`` of chosen points and channels, (n, C), with m of `_mirroring`."""
+    """Gather ``Σ_d V_d c_d m_d e_d / Σ_d c_d m_d`` at chosen points, (n, C), with m of `_mirroring`."""
     for chunk in numba.prange((len(points) + CHUNK - 1) // CHUNK):
         seen = np.empty(8 * visible.shape[1], np.float32)
         for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(points))):
@@ -32,7 +32,7 @@ def gather_mirrored(
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def gather_lobes(points, normals, offsets, blend, visible, directions, towards, roughness, cells, out):
-    """``V_d c_d m_d / Σ_d c_d m_d`` of chosen points and all directions, (n, M), with m of `_mirroring`."""
+    """Compute ``V_d c_d m_d / Σ_d c_d m_d`` at chosen points, (n, M), with m of `_mirroring`."""
     for chunk in numba.prange((len(points) + CHUNK - 1) // CHUNK):
         seen = np.empty(8 * visible.shape[1], np.float32)
         for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(points))):
@@ -49,12 +49,12 @@ def gather_lobes(points, normals, offsets, blend, visible, directions, towards, 
 
 @numba.njit(inline="always", error_model="numpy")
 def _mirroring(normal, offset, direction, towards, roughness):
-    """What a rough mirror sends on from a source, but for factors that all directions share.
+    """Evaluate the specular lobe for one source, up to factors common to all directions.
 
     The source is as in `irradiance_kernels._arriving`.
 
-    Facets by Trowbridge and Reitz (GGX), shadowed on the light's side by Smith's G (Walter et al. 2007, Eq.
-    20, 33, 34); without Fresnel's factor.
+    Microfacets by Trowbridge and Reitz (GGX), with Smith's shadowing of the light alone (Walter et al. 2007,
+    Eq. 20, 33, 34); without the Fresnel factor.
     """
     x, y, z = direction[0] - offset[0], direction[1] - offset[1], direction[2] - offset[2]
     squared = x * x + y * y + z * z

@@ -1,4 +1,4 @@
-"""Lobes of a rough mirror (GGX): what points would show of light from many directions, were they one."""
+"""Specular lobes (GGX) of points under light from many directions."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ def mirrored_light(
     roughness: float,
     points: np.ndarray,
 ) -> np.ndarray:
-    """Average light (M, C) within the lobes of chosen points, were they a rough mirror, (n, C), float32.
+    """Average light (M, C) within the specular lobes of chosen points, (n, C), float32.
 
-    It is 0 where something hides the light. The ways `towards` the cameras, (N, 3), are unit vectors;
-    roughness is α of GGX.
+    Occluded light counts as 0. `towards`, (N, 3), are unit vectors to the cameras; roughness is α of GGX.
     """
     out = np.empty((len(points), radiance.shape[1]), np.float32)
     light = np.ascontiguousarray(radiance, np.float32)
@@ -30,7 +29,7 @@ def mirrored_light(
 def lobes(
     pixels: DirectionalTransport, towards: np.ndarray, roughness: float, points: np.ndarray
 ) -> np.ndarray:
-    """Tell what each direction's light adds to that, per unit, (n, M), float32; see `mirrored_light`."""
+    """Compute the weight of each direction in `mirrored_light` of chosen points, (n, M), float32."""
     out = np.empty((len(points), len(pixels.directions)), np.float32)
     gather_lobes(np.asarray(points), *pixels.geometry, towards, np.float32(roughness), pixels.cells, out)
     return out

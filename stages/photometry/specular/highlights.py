@@ -1,4 +1,4 @@
-"""Highlights, by what one view sees and the others do not."""
+"""Detection and removal of highlights and dark outliers by comparison of views."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ from stages.photometry.stack import Pixels, StackedViews
 
 
 def without_highlights(linked: LinkedPatches, image: np.ndarray, how: HighlightSettings) -> np.ndarray:
-    """Take off what a view sees of its surface beyond what the others see of it.
+    """Remove radiance of a view in excess of the other views at the same surface.
 
     Parameters
     ----------
     linked : LinkedPatches
-        What is the same surface. Only trusted pixels are compared, and looked at: what is clipped is no
-        measure.
+        Correspondences. Only trusted pixels are compared and changed: clipped ones are no measure.
     image : ndarray, shape (N, 3), float32
         Scaled, under one light; gains of the views divided out.
     how : HighlightSettings
@@ -31,13 +30,13 @@ def without_highlights(linked: LinkedPatches, image: np.ndarray, how: HighlightS
 
     Notes
     -----
-    Diffuse surface looks the same from everywhere, and specular reflection only adds. With ``l = log(I + d)``
-    and m its `LinkedPatches.excess`, per channel: ``l ← l − t max(0, m)``, where
+    Diffuse radiance is equal in all views, and specular reflection only adds. With ``l = log(I + d)`` and m
+    its `LinkedPatches.excess`, per channel: ``l ← l − t max(0, m)``, where
     ``t = Σ max(0, m − s − ε) / Σ max(0, m)`` over the channels, ε
-    `tolerance`, s the root mean square of what is negative among m around (less where hardly anything is).
-    One t for all channels, so that the colour moves straight to that which the others see: a window that
-    shows the sky does not turn green. Views that see each other's fine paint half a pixel off differ in both
-    directions alike, and keep what they have. Highlights of a few pixels are cut by half.
+    `tolerance`, s the root mean square of negative m in the neighbourhood (less where they are rare).
+    One t for all channels moves the colour straight to that of the other views: a window that mirrors the sky
+    does not become green. Fine texture misregistered by half a pixel differs equally in both directions, and
+    is kept. Highlights of a few pixels are halved.
     """
     seen = np.maximum(image, 0)
     floor = linked.patches.log_floor
@@ -58,26 +57,26 @@ def without_highlights(linked: LinkedPatches, image: np.ndarray, how: HighlightS
 
 
 def brightening(linked: LinkedPatches, image: np.ndarray) -> float:
-    """How much further views rise above one another than they fall below.
+    """Compute the ratio of positive to negative differences between views.
 
     Parameters
     ----------
     linked : LinkedPatches
-        What is the same surface.
+        Correspondences.
     image : ndarray, shape (N, 3)
         Scaled; gains of the views divided out.
 
     Returns
     -------
     float
-        Of `LinkedPatches.excess` of the brightness' logarithm, over trusted pixels: root mean square of what
-        is positive over that of what is negative. 1 where views see nothing of one another.
+        Of `LinkedPatches.excess` of log brightness over trusted pixels: root mean square of the positive
+        values over that of the negative ones. 1 without correspondences.
 
     Notes
     -----
-    A highlight that one of n views sees of a place makes it about √(n − 1): above 1 for gloss, though two
-    views hardly tell. Lamps that are carried about light most places in most views and leave deep
-    shadows: below 1. Light that is brighter in few of many views passes for gloss.
+    A highlight in one of n views gives about √(n − 1): above 1 for gloss, though two views hardly distinguish
+    it. Moved lamps light most places in most views and cast deep shadows in few: below 1. Light that is
+    brighter in few of many views cannot be distinguished from gloss.
     """
     seen = linked.log_brightness(image)
     excess = linked.excess(seen)[linked.trusted]
@@ -88,17 +87,17 @@ def brightening(linked: LinkedPatches, image: np.ndarray) -> float:
 def darker_outliers(
     linked: LinkedPatches, image: np.ndarray, how: DarkOutlierSettings, power: float = 1.0
 ) -> np.ndarray:
-    """Pixels that most other views contradict: they see the same surface, and far brighter.
+    """Detect pixels that are far darker than their correspondences in most other views.
 
     Parameters
     ----------
     linked : LinkedPatches
-        What is the same surface.
+        Correspondences.
     image : ndarray, shape (N, 3)
         Scaled, under one light; gains of the views divided out.
     how : DarkOutlierSettings
     power : float
-        Of its `ratio`, by which the others must see it brighter.
+        Exponent of `ratio`, by which the other views must be brighter.
 
     Returns
     -------
@@ -106,12 +105,12 @@ def darker_outliers(
 
     Notes
     -----
-    One walks through the picture, the photographer's shadow falls on the stone, a background was painted
-    black: to the views that see the place as it is, it would be a highlight of theirs. Over most of its links
-    a pixel sees less than a third (1 over that ratio), and it is black, or most links of the square around
-    it, or of one close by, say so too; gloss hardly ever does as much (see docs/experiments.md). A square is
-    asked where pixels have more links than one: of two views alone, either may be the one that is wrong. What
-    is dark wherever it is seen stays.
+    Passers-by, the photographer's shadow or a background painted black would make the other views of the
+    place seem to have highlights. Over most of its correspondences an outlier has less than a third of their
+    brightness (1 over that ratio). It is also black, or most correspondences of the square around it, or of
+    one close by, agree; gloss hardly ever differs as much (see docs/experiments.md). A square is used where
+    pixels have more than one correspondence: of two views alone, either may be wrong. Surface that is dark in
+    all views is kept.
     """
     seen, darker = linked.log_brightness(image), np.log(how.ratio**power)
     size_px = linked.patches.patch_px
@@ -120,26 +119,26 @@ def darker_outliers(
         difference = seen[other] - seen[one]
         add_at(balance, one, np.where(difference > darker, 1, -1))
         add_at(balance, other, np.where(-difference > darker, 1, -1))
-    asked = linked.enough & (linked.correspondences > how.min_correspondences_per_pixel)
-    place = asked & (means_around(linked.views, balance, size_px) > 0)
+    used = linked.enough & (linked.correspondences > how.min_correspondences_per_pixel)
+    place = used & (means_around(linked.views, balance, size_px) > 0)
     close = means_around(linked.views, place, size_px) > 0
     return place | (balance > 0) & (close | (image.max(axis=1) <= how.black))
 
 
 @dataclass(frozen=True, eq=False)
 class LinkedPatches:
-    """What pixels can be compared with, counted once.
+    """Correspondences between trusted pixels, counted over small squares.
 
     Attributes
     ----------
     views : StackedViews
     trusted : ndarray, shape (N,), bool
-        Only links between such pixels count.
+        Only correspondences between such pixels count.
     patches : LinkedPatchSettings
-    links : ndarray, shape (N,)
-        Mean number of links in a small square around every pixel.
+    correspondences : ndarray, shape (N,)
+        Mean number of correspondences in a small square around every pixel.
     enough : ndarray, shape (N,), bool
-        Whether enough of that square has some.
+        Whether a sufficient share of that square has correspondences.
     """
 
     views: StackedViews
@@ -150,7 +149,7 @@ class LinkedPatches:
 
     @classmethod
     def of(cls, views: StackedViews, trusted: np.ndarray, patches: LinkedPatchSettings) -> LinkedPatches:
-        """Count the links of all pixels."""
+        """Count the correspondences of all pixels."""
         count = np.zeros(len(trusted))
         for ends in trusted_correspondences(views, trusted):
             for end in ends:
@@ -159,10 +158,10 @@ class LinkedPatches:
         return cls(views, trusted, patches, means_around(views, count, patches.patch_px), enough)
 
     def excess(self, values: np.ndarray) -> np.ndarray:
-        """Mean of ``v_p − v_q`` over all links of the pixels p in small squares to pixels q elsewhere, (N,).
+        """Average ``v_p − v_q`` over the correspondences (p, q) of the pixels p in small squares, (N,).
 
-        Fine paint, half a pixel off, comes to nothing there, a highlight does not. 0 where there are not
-        `enough` links. The cost grows with the links.
+        Misregistration of fine texture by half a pixel averages out, a highlight does not. 0 where there are
+        not `enough` correspondences. The cost is linear in their number.
         """
         total = np.zeros(len(values))
         for one, other in trusted_correspondences(self.views, self.trusted):
@@ -173,19 +172,19 @@ class LinkedPatches:
         return np.where(self.enough, mean, 0)
 
     def log_brightness(self, image: np.ndarray) -> np.ndarray:
-        """Of the channels' mean, (N,); what is darker than noise hardly differs."""
+        """Compute the log of the channels' mean, (N,), with a floor below which values hardly differ."""
         return np.log(np.maximum(image, 0).mean(axis=1) + self.patches.log_floor)
 
 
 def trusted_correspondences(views: StackedViews, trusted: np.ndarray) -> Iterator[Pixels]:
-    """Pairs of pixels that show the same surface point and are both trusted, (N,) bool."""
+    """Yield corresponding pixels, pair of views by pair, that are both trusted, (N,) bool."""
     for one, other in views.linked_pixels():
         both = trusted[one] & trusted[other]
         yield one[both], other[both]
 
 
 def _misfit(views: StackedViews, excess: np.ndarray, min_negative_share: float) -> np.ndarray:
-    """Root mean square of the negative values around every pixel, (N,); less where they are rare."""
+    """Compute the root mean square of negative values around every pixel, (N,); less where they are rare."""
     square = patch_means(views, np.minimum(excess, 0) ** 2)
     share = patch_means(views, excess < 0)
     return np.sqrt(np.maximum(square, 0) / np.maximum(share, min_negative_share))

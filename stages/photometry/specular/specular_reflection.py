@@ -1,4 +1,4 @@
-"""Specular reflection: the image of the light in a surface that is a little of a mirror."""
+"""Specular reflection: the mirror image of the light in partly specular surface."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from stages.photometry.transport.directional_transport import DirectionalTranspo
 
 @dataclass(frozen=True, eq=False)
 class SpecularReflection:
-    """How much of a mirror some surface is.
+    """Parameters of the specular reflection of some surface.
 
     Attributes
     ----------
     strength : ndarray, shape (3,)
-        k of each channel: what the mirror adds, of the light that it shows. It holds the unknown scale that
-        the light has against the albedo.
+        k of each channel: reflected radiance per mean radiance in the lobe. It contains the unknown scale of
+        the light against the albedo.
     roughness : float
         α.
     left : float
-        What it leaves of the differences between the views of that surface: 1 would be no reflection.
+        Share of the view differences of that surface that remains: 1 would be no reflection.
     glossy : ndarray, shape (N,), bool
-        Which pixels show that surface.
+        Pixels of that surface.
     """
 
     strength: np.ndarray
@@ -37,13 +37,13 @@ class SpecularReflection:
     glossy: np.ndarray
 
     def image(self, mirror: Mirror) -> np.ndarray:
-        """What the reflection adds to the image, (N, 3), float32."""
+        """Compute the specular component of the image, (N, 3), float32."""
         added, own = np.zeros((len(self.glossy), 3), np.float32), np.flatnonzero(self.glossy)
         added[own] = self.strength.astype(np.float32) * mirror.image(self.roughness, own)
         return added
 
     def as_json(self) -> dict[str, Any]:
-        """For machines; `glossy` only by its size."""
+        """Convert to plain values for records; of `glossy`, only its size."""
         return {
             "pixels": int(np.count_nonzero(self.glossy)),
             "strength": [round(float(k), 4) for k in self.strength],
@@ -54,23 +54,23 @@ class SpecularReflection:
 
 @dataclass(frozen=True, eq=False)
 class Mirror:
-    """What there is to be seen in the surface: points (N), light of M directions, ways to the cameras."""
+    """Mirror image of light from M directions at N points: transport, radiance, directions to the cameras."""
 
     pixels: DirectionalTransport
     radiance: np.ndarray
     towards: np.ndarray
 
     def image(self, roughness: float, points: np.ndarray) -> np.ndarray:
-        """H of chosen points, (n, 3), float32; see `mirrored_light`."""
+        """Compute H of chosen points, (n, 3), float32; see `mirrored_light`."""
         return mirrored_light(self.pixels, self.radiance, self.towards, roughness, points)
 
 
 def without_specular(
     seen: np.ndarray, added: np.ndarray, how: SpecularSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Take specular reflection off an image, (N, 3), never adding to it; also tell its share, (N,).
+    """Subtract specular reflection from an image, (N, 3) each; return also its share of brightness, (N,).
 
-    The share is that of the brightness. `added` is what the reflection adds, (N, 3), float32.
+    The image never becomes brighter.
     """
     share = added.mean(axis=1) / np.maximum(seen.mean(axis=1), how.min_brightness)
     return np.maximum(seen - added, np.minimum(seen, how.kept_share * seen)), share
@@ -79,7 +79,7 @@ def without_specular(
 def highlights_of(
     views: StackedViews, share: np.ndarray, trusted: np.ndarray, how: SpecularSettings
 ) -> np.ndarray:
-    """Find pixels with so large a specular share that another view, of far less, knows better, (N,)."""
+    """Detect pixels with a large specular share whose correspondences include one of far less, (N,)."""
     least = np.full(len(share), np.inf, np.float32)
     for one, other in trusted_correspondences(views, trusted):
         for own, there in ((one, other), (other, one)):

@@ -1,4 +1,4 @@
-"""How views differ about what they both see, and what light would make them differ so, were it a mirror."""
+"""Differences between corresponding pixels, and their explanation by mirrored light."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from stages.solvers.least_squares.non_negative import descend_above_zero
 
 @dataclass(frozen=True, eq=False)
 class MirroredLight:
-    """Light that, in a mirror of one roughness, makes views differ as they do.
+    """Light that explains the view differences best in a mirror of one roughness.
 
     Attributes
     ----------
     radiance : ndarray, shape (M, 3)
-        At least 0, times the mirror's strength. What all views see alike of it is not told.
+        At least 0, times the mirror's strength. Its component common to all views is not determined.
     roughness : float
         α.
     left : float
-        What it leaves of the differences: 1 where it explains nothing.
+        Share of the differences that remains: 1 where it explains nothing.
     explains_most : bool
-        Whether the surface is specular all over.
+        Whether all surface is taken to be specular.
     """
 
     radiance: np.ndarray
@@ -40,7 +40,7 @@ class MirroredLight:
 
 @dataclass(frozen=True, eq=False)
 class MirrorStrength:
-    """How strong a mirror of one roughness has to be for a known light to make views differ as they do.
+    """Strength of a mirror of one roughness that explains the view differences best under a known light.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class MirrorStrength:
     roughness : float
         α.
     left : float
-        What it leaves of the differences.
+        Share of the differences that remains.
     """
 
     strength: np.ndarray
@@ -59,19 +59,18 @@ class MirrorStrength:
 
 @dataclass(frozen=True, eq=False)
 class InMirror:
-    """How views differ along links, and how a mirror of one roughness would make them differ.
+    """View differences along correspondences, and their derivative by light in a mirror of one roughness.
 
     Attributes
     ----------
     roughness : float
         α.
-    seen : ndarray, shape (L, 3), float32
+    difference : ndarray, shape (L, 3), float32
         ``I_p − f I_q`` with ``f = S_p / S_q``, of the brightness.
     lobes : ndarray, shape (L, M), float32
-        ``m_p − f m_q``, m of `ggx_lobes.lobes`: what light of each direction would add to
-        `difference`.
+        ``m_p − f m_q``, m of `ggx_lobes.lobes`: `difference` per unit of radiance from each direction.
     cells : ndarray, shape (M,)
-        Share of all directions that each stands for.
+        Solid angle of each direction as a share of the sphere.
     how : ViewDifferenceSettings
     """
 
@@ -82,27 +81,29 @@ class InMirror:
     how: ViewDifferenceSettings
 
     def left(self, radiance: np.ndarray) -> tuple[float, np.ndarray]:
-        """What light (M, 3) in the mirror leaves, of 1 where it is dark, and the slope by the light.
+        """Compute the share of the differences that mirrored light (M, 3) leaves, and its gradient.
 
-        ``Σ (√(d² + ε²) − ε)``, d what is not explained, ε the `noise`, over the same of what is seen.
+        ``Σ (√(d² + ε²) − ε)``, d the residual, ε the `noise`, over the same of the differences: 1 without
+        light.
         """
         noise = self.how.noise
         off = self.difference - self.lobes @ radiance.astype(np.float32)
         root = np.sqrt(off**2 + noise**2, dtype=np.float32)
         left = float((root - noise).sum(dtype=np.float64))
-        slope = -(self.lobes.T @ (off / root)) / self._all
-        return left / self._all, slope.astype(np.float64)
+        slope = -(self.lobes.T @ (off / root)) / self._total
+        return left / self._total, slope.astype(np.float64)
 
     @cached_property
-    def _all(self) -> float:
+    def _total(self) -> float:
         noise = self.how.noise
         size = np.sqrt(self.difference**2 + noise**2, dtype=np.float32) - noise
         return max(float(size.sum(dtype=np.float64)), 1e-12)
 
     def light(self) -> MirroredLight:
-        """The light that leaves least of the differences.
+        """Estimate the light that leaves least of the differences.
 
-        Convex, but for a small price of light that differs between directions, where views do not tell.
+        The objective is convex but for a weak prior of uniform light, which determines directions that the
+        differences do not.
         """
 
         def objective(radiance: np.ndarray) -> tuple[float, np.ndarray]:
@@ -117,9 +118,9 @@ class InMirror:
         return MirroredLight(radiance, self.roughness, left, left < how.explained_residual)
 
     def strength(self, radiance: np.ndarray) -> MirrorStrength:
-        """The strength k ≥ 0 for which ``Σ |seen − k H|`` is least, H of known light (M, 3).
+        """Estimate the strength k ≥ 0 that minimises ``Σ |difference − k H|``, H of known light (M, 3).
 
-        By reweighted least squares.
+        Solved by iteratively reweighted least squares.
         """
         mirrored = self.lobes @ radiance.astype(np.float32)
         weight = np.ones_like(self.difference)
@@ -133,7 +134,7 @@ class InMirror:
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """How views differ along links, and how mirrors would make them differ.
+    """View differences along correspondences, for mirrors of several roughnesses.
 
     Attributes
     ----------
@@ -153,27 +154,27 @@ class Differences:
     def of(
         cls,
         views: StackedViews,
-        difference: np.ndarray,
+        image: np.ndarray,
         trusted: np.ndarray,
         towards: np.ndarray,
         pixels: DirectionalTransport,
         shading_at: Callable[[np.ndarray], np.ndarray],
         how: ViewDifferenceSettings,
     ) -> Differences:
-        """Along some of the links between pixels that are trusted, and lit in every channel.
+        """Compute differences along a sample of correspondences that are trusted, and lit in every channel.
 
         Parameters
         ----------
         views : StackedViews
-        seen : ndarray, shape (N, 3), float32
-            The image, gains of the views divided out, all views in one light.
+        image : ndarray, shape (N, 3), float32
+            Gains of the views divided out, all views in one light.
         trusted : ndarray, shape (N,), bool
         towards : ndarray, shape (N, 3), float32
             Unit vectors to the cameras.
         pixels : DirectionalTransport
         shading_at : callable
-            Of chosen pixels by that light, as far as it is known: both ends of a link show one point, and
-            are lit about alike by any light.
+            Shading of chosen pixels by the current estimate of that light: corresponding pixels show one
+            point, so that their shading ratio depends little on it.
         how : ViewDifferenceSettings
         """
         p, q = sampled_correspondences(views, trusted, how.correspondences)
@@ -183,7 +184,7 @@ class Differences:
         most = how.max_shading_ratio
         lit = (np.minimum(of_p, of_q) > least).all(axis=1) & (f < most) & (f > 1 / most)
         p, q, f = p[lit], q[lit], f[lit, None].astype(np.float32)
-        apart = difference[p] - f * difference[q]
+        apart = image[p] - f * image[q]
         own_lobes = (lobes(pixels, towards, a, p) - f * lobes(pixels, towards, a, q) for a in how.roughnesses)
         mirrors = (
             InMirror(a, apart, own, pixels.cells, how)
@@ -192,7 +193,7 @@ class Differences:
         return cls(p, q, tuple(mirrors), how)
 
     def within(self, glossy: np.ndarray) -> Differences:
-        """Those with both ends among some of the pixels, (N,) bool."""
+        """Select the correspondences with both pixels in a set, (N,) bool."""
         both = glossy[self.p] & glossy[self.q]
         mirrors = (
             replace(each, difference=each.difference[both], lobes=each.lobes[both]) for each in self.mirrors
@@ -201,9 +202,9 @@ class Differences:
 
     @cached_property
     def mirrored(self) -> MirroredLight | None:
-        """The light that leaves least of them, in the mirror in which it does.
+        """Light, with its roughness, that leaves least of the differences.
 
-        None where there are too few to tell, or views do not differ.
+        None where there are too few correspondences, or views do not differ.
         """
         how, middle = self.how, self.mirrors[self.how.middle_roughness]
         enough = how.min_correspondences_per_direction * min(middle.lobes.shape[1], how.resolved_directions)
@@ -216,9 +217,9 @@ class Differences:
         return min((found, *others), key=lambda light: light.left)
 
     def strength(self, radiance: np.ndarray) -> MirrorStrength | None:
-        """How strong which mirror has to be for a known light (M, 3); None where there are too few to tell.
+        """Estimate strength and roughness under a known light (M, 3); None with too few correspondences.
 
-        Three numbers instead of the hundreds of `mirrored`: for paints with few links.
+        Three parameters instead of the hundreds of `mirrored`, for clusters with few correspondences.
         """
         if self.p.size < self.how.min_correspondences:
             return None
@@ -226,12 +227,12 @@ class Differences:
         return min(found, key=lambda fit: fit.left)
 
     def in_mirror(self, roughness: float) -> InMirror:
-        """That of one of the roughnesses."""
+        """Select the mirror of one of the roughnesses."""
         return next(mirror for mirror in self.mirrors if mirror.roughness == roughness)
 
 
 def sampled_correspondences(views: StackedViews, trusted: np.ndarray, count: int) -> Pixels:
-    """Every so many-th of all links, `count` or up to twice as many, if both its ends are trusted, (N,)."""
+    """Sample correspondences at a constant stride, `count` to twice as many; keep the trusted ones, (N,)."""
     stride, passed = max(1, views.correspondence_count // count), 0
     ends: list[Pixels] = [(np.empty(0, np.int64), np.empty(0, np.int64))]
     for p, q in views.linked_pixels():

@@ -1,1 +1,1 @@
-"""What surface points see of the light, past what stands in its way and by way of other surface."""
+"""Light transport to surface points: visibility, irradiance and interreflection."""

@@ -1,4 +1,4 @@
-"""Light from many directions all around, and how much of each reaches points of known sky visibility."""
+"""Transport of light from many directions to points of known sky visibility."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import scipy.sparse as sp
 from stages.photometry.transport.irradiance_kernels import gather_irradiance, gather_shares
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-# Of the sphere's radius: nearer to it, light would have no bound; `transfer.light_distances` are 1.5 or more.
+# Of the sphere's radius: nearer to it, irradiance is unbounded; `transfer.light_distances` are 1.5 or more.
 FARTHEST = np.float32(2 / 3)
-AROUND = 6  # neighbours of a cell in a honeycomb: no choice
+AROUND = 6  # neighbours of a cell in a hexagonal grid
 
 # Of a sparse matrix: where rows begin, columns, values.
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -20,7 +20,7 @@ Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Sphere:
-    """Where light comes from that is not infinitely far away.
+    """Sphere on which light at a finite distance originates.
 
     Attributes
     ----------
@@ -35,14 +35,14 @@ class Sphere:
 
 
 def sphere_of(centre: np.ndarray, radius: float) -> Sphere | None:
-    """That which light at a distance comes from, world and model units; None where it is infinitely far."""
+    """Build the sphere of light at a distance, world and model units; None for infinity."""
     return Sphere(tuple(centre), radius) if np.isfinite(radius) else None
 
 
 def offsets_in(sphere: Sphere | None, positions: np.ndarray) -> np.ndarray:
-    """Positions (N, 3) from the sphere's centre, in radii: 0 where it is infinitely large; float32.
+    """Express positions (N, 3) relative to the sphere's centre, in radii, float32; 0 for infinity.
 
-    What lies near the sphere or beyond, as a wide ground may, is taken to lie two thirds of the way out.
+    Points near the sphere or beyond, as of a wide ground, are moved to two thirds of its radius.
     """
     if sphere is None:
         return np.zeros(positions.shape, np.float32)
@@ -52,7 +52,7 @@ def offsets_in(sphere: Sphere | None, positions: np.ndarray) -> np.ndarray:
 
 
 def even_directions(count: int) -> np.ndarray:
-    """Unit vectors spread evenly over the sphere on a spiral, from the zenith (+z) down, (count, 3)."""
+    """Distribute unit vectors evenly over the sphere on a spiral, from the zenith (+z) down, (count, 3)."""
     place = np.arange(count) + 0.5
     z, angle = 1 - 2 * place / count, GOLDEN_ANGLE * place
     radius = np.sqrt(1 - z * z)
@@ -60,9 +60,9 @@ def even_directions(count: int) -> np.ndarray:
 
 
 def honeycomb(directions: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Six directions around each of some, (n, 3), as far away as cells of such a size lie apart, (6 n, 3).
+    """Place six directions, (6 n, 3), around each given one, (n, 3), at the spacing of cells of that size.
 
-    A cell of the honeycomb whose share of all directions is c is as wide as ``√(2/√3 · 4π c)``.
+    A hexagonal cell of solid angle ``4π c`` has the width ``√(2/√3 · 4π c)``.
     """
     directions = directions.astype(np.float64)
     width = np.sqrt(2 / np.sqrt(3) * 4 * np.pi * cells.astype(np.float64))[:, None, None]
@@ -77,7 +77,7 @@ def honeycomb(directions: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class DirectionalTransport:
-    """How light from M directions reaches N points: all of it that they see, by the cosine.
+    """Direct transport of light from M directions to N points: visibility times cosine.
 
     Attributes
     ----------
@@ -86,19 +86,19 @@ class DirectionalTransport:
     offsets : ndarray, shape (N, 3), float32
         Of `offsets_in`.
     blend : csr_array, shape (N, P), float32
-        Every point as a blend of vertices; one without any sees the whole sky.
+        Every point as a blend of vertices; one without vertices sees the whole sky.
     visible : ndarray, shape (P, ⌈M/8⌉), uint8
         Of `sky_visibility.visible_directions`.
     directions : ndarray, shape (M, 3), float32
     cells : ndarray, shape (M,), float32
-        Share of all directions that each stands for; together 1.
+        Solid angle of each direction as a share of the sphere; sums to 1.
 
     Notes
     -----
     ``S(p) = 1/π ∫ V L max(0, n·ω) dω ≈ 4 Σ_d c_d V_d(p) max(0, n_p·ω_d) L_d``, c the cells: the shading of
-    Eq. 1, with all frequencies of the light that M directions hold. V is blended between vertices, the cosine
-    is the point's own. Light from a sphere at hand comes from small sources that face its centre: it changes
-    from place to place, by the angle and with the square of the distance.
+    Eq. 1, with all frequencies of the light that M directions resolve. V is interpolated between vertices;
+    the cosine is the point's own. Light from a finite sphere comes from small sources that face its centre:
+    it varies with position, by the angle and the inverse square of the distance.
     """
 
     normals: np.ndarray
@@ -112,25 +112,25 @@ class DirectionalTransport:
     def of(
         cls, normals: np.ndarray, offsets: np.ndarray, blend: sp.csr_array, visible: np.ndarray, count: int
     ) -> DirectionalTransport:
-        """Of points with unit normals (N, 3), and `count` directions, alike."""
+        """Build the transport to points with unit normals (N, 3) from `count` directions of equal cells."""
         directions, cells = even_directions(count).astype(np.float32), np.full(count, 1 / count, np.float32)
         return cls(np.ascontiguousarray(normals, np.float32), offsets, blend, visible, directions, cells)
 
     def at(self, points: np.ndarray) -> DirectionalTransport:
-        """The same with some of the points only."""
+        """Select some of the points."""
         return replace(
             self, normals=self.normals[points], offsets=self.offsets[points], blend=self.blend[points]
         )
 
     def shares(self, points: np.ndarray) -> np.ndarray:
-        """What each direction's light adds to the shading of chosen points, (n, M), float32."""
+        """Compute the shading of chosen points per unit of radiance from each direction, (n, M), float32."""
         out = np.empty((len(points), len(self.directions)), np.float32)
         gather_shares(np.asarray(points), *self.geometry, out)
         out *= self._weight
         return out
 
     def shading(self, radiance: np.ndarray, points: slice = slice(None)) -> np.ndarray:
-        """Shading of a run of points under light (M, C), from the sky itself: (·, C), float32."""
+        """Compute the direct shading of a range of points under light (M, C): (·, C), float32."""
         first, vertex, weight = self._blend
         begin, end, _ = points.indices(len(self.normals))
         out = np.empty((max(0, end - begin), radiance.shape[1]), np.float32)
@@ -143,7 +143,7 @@ class DirectionalTransport:
 
     @property
     def geometry(self) -> tuple[np.ndarray, np.ndarray, Rows, np.ndarray, np.ndarray]:
-        """What all loops over chosen points look at."""
+        """Arguments common to all loops over chosen points."""
         return self.normals, self.offsets, self._blend, self.visible, self.directions
 
     @property

@@ -1,4 +1,4 @@
-"""The light as a picture of all directions."""
+"""Environment maps: conversion between pictures of all directions and radiance per direction."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from stages.photometry.transport.settings import EnvironmentMapSettings, LightPi
 
 
 def directions_of_picture(rows: int) -> np.ndarray:
-    """Unit vectors behind a picture of all directions, (rows, 2 · rows, 3), world axes.
+    """Compute the unit vectors of an environment map's pixels, (rows, 2 · rows, 3), world axes.
 
-    As environment maps have it, with z up: the zenith in the first row, the middle column towards −y, and the
-    azimuth falling from left to right, so that the picture is seen from inside.
+    Equirectangular, with z up: the zenith in the first row, the middle column towards −y, and the azimuth
+    decreasing from left to right, so that the picture is seen from inside.
     """
     polar = np.pi * (np.arange(rows) + 0.5) / rows
     azimuth = np.pi / 2 - 2 * np.pi * (np.arange(2 * rows) + 0.5) / (2 * rows)
@@ -27,11 +27,11 @@ def directions_of_picture(rows: int) -> np.ndarray:
 def picture_of_light(
     directions: np.ndarray, radiance: np.ndarray, how: LightPictureSettings, cells: np.ndarray | None = None
 ) -> np.ndarray:
-    """Draw light (M, C) from directions (M, 3) as a picture, (rows, 2 · rows, C), float32.
+    """Render light (M, C) from directions (M, 3) as an environment map, (rows, 2 · rows, C), float32.
 
-    Every pixel is a blend of the directions around it, Gaussian, as wide as they are apart. Each direction
-    stands for a cell, a share of all directions, (M,); None: all alike. Where some are finer, the others are
-    divided as well, for else their broader Gaussians would dim what is bright.
+    Every pixel is a Gaussian blend of the directions around it, as wide as their spacing. Each direction has
+    a cell, its share of the sphere, (M,); None: all equal. Where some cells are finer, the others are
+    subdivided as well, since their broader Gaussians would dim bright directions.
     """
     rows = how.rows
     towards = directions_of_picture(rows).reshape(-1, 3)
@@ -47,10 +47,10 @@ def picture_of_light(
 
 
 def light_of_picture(picture: np.ndarray, directions: np.ndarray, how: EnvironmentMapSettings) -> np.ndarray:
-    """Mean light, (M, 3), around each of some even directions, (M, 3), of a picture of all directions.
+    """Average an environment map around each of a set of even directions, (M, 3): radiance, (M, 3).
 
-    Every pixel belongs to the direction nearest to it, and counts by the solid angle that it covers. Pictures
-    with more rows are reduced first, which hardly changes the light of some thousand directions.
+    Every pixel belongs to its nearest direction, weighted by its solid angle. Pictures with more rows than
+    `max_rows` are reduced first, which hardly changes the light of some thousand directions.
     """
     if picture.shape[0] > how.max_rows:
         picture = cv2.resize(picture, (2 * how.max_rows, how.max_rows), interpolation=cv2.INTER_AREA)
@@ -73,10 +73,10 @@ def turned_light(
     directions: np.ndarray,
     how: EnvironmentMapSettings,
 ) -> np.ndarray:
-    """Radiance from each of the world's directions, (M, 3), of a picture that is turned about the vertical.
+    """Sample radiance from world directions, (M, 3), of an environment map rotated about the vertical.
 
-    Counter-clockwise seen from above; turning the light turns the directions the other way.
+    The yaw is counter-clockwise seen from above; directions are rotated by its inverse.
     """
-    turn = np.deg2rad(-turn_deg)
-    turned = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
-    return light_of_picture(picture, directions @ (turned @ upright_from_world).T, how)
+    yaw = np.deg2rad(-turn_deg)
+    rotation = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    return light_of_picture(picture, directions @ (rotation @ upright_from_world).T, how)

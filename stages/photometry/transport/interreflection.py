@@ -1,4 +1,4 @@
-"""Light that surface sends on to other surface."""
+"""Diffuse interreflection between surfaces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stages.photometry.transport.transfer_vectors import Occlusion
 def bounced(
     direct: np.ndarray, seen: Occlusion, albedo: np.ndarray, of_backs: float, bounces: int
 ) -> np.ndarray:
-    """Transfer with interreflection, in one channel.
+    """Compute transfer with interreflection, in one channel.
 
     ``t(X) = t_direct(X) + 1/π ∫ (1 − V) max(0, n·ω) ρ(q) t(q) dω``, q the point hit along ω
 
@@ -22,10 +22,10 @@ def bounced(
     albedo : ndarray, shape (V,)
         ρ, on the absolute scale: within [0, 1).
     of_backs : float
-        ρ of surface that is hit from behind; its light is taken to be that of its front.
+        ρ of surface that is hit from behind; its irradiance is taken to be that of its front.
     bounces : int
-        How often light is passed on. What is left out is at most ``ρ^(bounces + 1)`` of all that would
-        arrive, ρ the brightest there is.
+        Number of interreflections. The truncation error is at most ``ρ^(bounces + 1)`` of the total, ρ the
+        largest albedo.
 
     Returns
     -------

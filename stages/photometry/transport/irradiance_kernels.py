@@ -1,4 +1,4 @@
-"""Compiled loops that gather the light from all around at points: visibility, then irradiance."""
+"""Compiled loops that gather light from all around at points: visibility, then irradiance."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ CHUNK = 1024  # points that share a buffer
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def gather_irradiance(normals, offsets, blend, visible, directions, radiance, out):
-    """``Σ_d V_d g_d e_d`` of every point and channel, (N, C), with g of `_arriving`."""
+    """Gather ``Σ_d V_d g_d e_d`` at every point and channel, (N, C), with g of `_arriving`."""
     for chunk in numba.prange((len(normals) + CHUNK - 1) // CHUNK):
         seen = np.empty(8 * visible.shape[1], np.float32)
         for p in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(normals))):
@@ -27,7 +27,7 @@ def gather_irradiance(normals, offsets, blend, visible, directions, radiance, ou
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def gather_shares(points, normals, offsets, blend, visible, directions, out):
-    """``V_d g_d`` of chosen points and all directions, (n, M)."""
+    """Compute ``V_d g_d`` of chosen points and all directions, (n, M), with g of `_arriving`."""
     for chunk in numba.prange((len(points) + CHUNK - 1) // CHUNK):
         seen = np.empty(8 * visible.shape[1], np.float32)
         for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(points))):
@@ -39,7 +39,7 @@ def gather_shares(points, normals, offsets, blend, visible, directions, out):
 
 @numba.njit(nogil=True)
 def blended_visibility(point, blend, visible, seen):
-    """V of all directions at a blend of vertices; a blend of none sees everything."""
+    """Interpolate V of all directions from a blend of vertices; an empty blend sees everything."""
     first, vertex, weight = blend
     begin, end = first[point], first[point + 1]
     if begin == end:
@@ -58,9 +58,9 @@ def blended_visibility(point, blend, visible, seen):
 
 @numba.njit(inline="always", error_model="numpy")
 def _arriving(normal, offset, direction):
-    """Light on a point from a small source at ``direction``, that faces the origin, on a sphere of radius 1.
+    """Compute irradiance from a small source at ``direction`` on the unit sphere, facing its centre.
 
-    The point is at ``offset``; where that is 0 the sphere is infinitely large.
+    The point is at ``offset``; an offset of 0 stands for a source at infinity.
     """
     x, y, z = direction[0] - offset[0], direction[1] - offset[1], direction[2] - offset[2]
     squared = x * x + y * y + z * z

@@ -1,4 +1,4 @@
-"""Prices of light from all around: of differences between its directions, and between its channels."""
+"""Priors of light from all around: on its contrast between directions, and between channels."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 
 
 def contrast(light: np.ndarray, cells: np.ndarray) -> tuple[float, np.ndarray]:
-    """Mean of ``√(1 + d²) − 1``, d the light's deviation from its mean in units of the mean; all channels.
+    """Compute the mean of ``√(1 + d²) − 1``, d the deviation of light from its mean, relative; with gradient.
 
-    What differs a little costs its square; a sun what it is bright, for by its square it would become broad.
+    The cost is quadratic for small contrast and linear for large: a quadratic cost would blur a sun.
     """
     mean = _mean(light, cells)
     price, by_off = _rooted(light / mean - 1, cells)
@@ -16,10 +16,10 @@ def contrast(light: np.ndarray, cells: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def colour_contrast(light: np.ndarray, cells: np.ndarray) -> tuple[float, np.ndarray]:
-    """Mean of ``2 (√(1 + d²) − 1)``, d the channels' deviation from their mean; whatever the white balance.
+    """Compute the mean of ``2 (√(1 + d²) − 1)``, d the channels' deviation from their mean; with gradient.
 
-    Every channel is taken in units of its own mean over the cells, (M,). A tinge costs its square; a red lamp
-    what it is red, for by its square it would be white.
+    Every channel is divided by its own mean over the cells, (M,), which removes white balance. The cost is
+    quadratic for weak tints and linear for strong ones: a quadratic cost would bleach a red lamp.
     """
     mean = _mean(light, cells)
     part = light / mean
@@ -30,11 +30,11 @@ def colour_contrast(light: np.ndarray, cells: np.ndarray) -> tuple[float, np.nda
 
 
 def _mean(light: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Of every light and channel, (G, 1, 3)."""
+    """Compute the mean radiance of every light and channel, (G, 1, 3)."""
     return np.maximum((cells[:, None] * light).sum(axis=1, keepdims=True), 1e-12)
 
 
 def _rooted(off: np.ndarray, cells: np.ndarray) -> tuple[float, np.ndarray]:
-    """Mean over lights and cells of ``√(1 + d²) − 1``, channels added; and the slope by d, (G, M, 3)."""
+    """Average ``√(1 + d²) − 1`` over lights and cells, summed over channels; with gradient, (G, M, 3)."""
     root, weight = np.sqrt(1 + off**2), cells[:, None] / len(off)
     return float((weight * (root - 1)).sum()), weight * off / root

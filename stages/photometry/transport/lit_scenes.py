@@ -1,4 +1,4 @@
-"""What there is to be seen and lit: pixels, vertices, bounces; a scene per distance of the light."""
+"""Scenes under light from one distance: transport to pixels and vertices, and interreflection."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 
 @dataclass(frozen=True, eq=False)
 class LitScene:
-    """What there is to see.
+    """Pixels and proxy vertices under light from one distance.
 
     Attributes
     ----------
@@ -31,11 +31,11 @@ class LitScene:
     vertices : DirectionalTransport
         P; of the proxy's positions and normals.
     proxy : Proxy
-        Of P vertices, that bounces go between.
+        Mesh of P vertices for interreflection.
     sphere : Sphere or None
-        That the light comes from, world; None: from infinitely far away.
-    eyes : VisibilityProbes or None
-        Of the vertices, where they can be asked to look in other directions.
+        Sphere of the light, world; None: at infinity.
+    probes : VisibilityProbes or None
+        Of the vertices, for visibility in further directions.
     """
 
     pixels: DirectionalTransport
@@ -54,7 +54,7 @@ class LitScene:
         directions: int,
         sphere: Sphere | None,
     ) -> LitScene:
-        """Of pixels with normals (N, 3) that blend the proxy's vertices; see `DirectionalTransport`."""
+        """Build a scene of pixels, normals (N, 3), that blend proxy vertices; see `DirectionalTransport`."""
         own = sp.csr_array(sp.eye_array(len(proxy.positions), dtype=np.float32, format="csr"))
         of_vertices = offsets_in(sphere, proxy.positions)
         return cls(
@@ -65,11 +65,11 @@ class LitScene:
         )
 
     def at(self, pixels: np.ndarray) -> LitScene:
-        """The same with some of the pixels only."""
+        """Select some of the pixels."""
         return replace(self, pixels=self.pixels.at(pixels))
 
     def places(self, pixels: np.ndarray) -> np.ndarray:
-        """Where on the surface chosen pixels are, (n, 3), world axes, from the middle of its vertices.
+        """Interpolate surface points of chosen pixels, (n, 3), world axes, relative to the vertices' mean.
 
         Not a number where a pixel blends no vertices: it sees the back of the mesh.
         """
@@ -80,12 +80,12 @@ class LitScene:
 
     @cached_property
     def nearest_shown(self) -> np.ndarray:
-        """Of the vertices, (P,); see the function of that name."""
+        """Nearest shown vertex of every vertex, (P,); see the function `nearest_shown`."""
         return nearest_shown(self.pixels.blend, self.proxy.positions)
 
 
 def proxy_in(stored: StoredTransfer) -> Proxy:
-    """The mesh that pixels blend the vertices of."""
+    """Build the proxy mesh, whose vertices the pixels blend."""
     seen = Occlusion(stored.blocked, stored.form_factors, stored.behind)
     return Proxy(stored.vertices, stored.normals, seen)
 
@@ -93,7 +93,7 @@ def proxy_in(stored: StoredTransfer) -> Proxy:
 def scenes_by_distance(
     stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray, probes: VisibilityProbes | None = None
 ) -> tuple[list[LitScene], int]:
-    """Scenes in the order of the stored radii, and how many pixels see the back of the mesh.
+    """Build a scene per stored radius, in that order; count the pixels that see the back of the mesh.
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ def scenes_by_distance(
     blend : csr_array, shape (N, P)
     normals : ndarray, shape (N, 3)
         Of the pixels.
-    eyes : VisibilityProbes or None
-        Of the proxy's vertices, for those who look in other directions than are stored.
+    probes : VisibilityProbes or None
+        Of the proxy's vertices, for visibility in other directions than the stored ones.
     """
     blend, opposed = without_opposed(normals, blend, stored.normals)
     proxy, scenes = proxy_in(stored), []

@@ -1,4 +1,4 @@
-"""The shading basis of pixels whose surface points know what they can see, and what shines back on them."""
+"""Shading basis of pixels with visibility of the sky and interreflection."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from stages.photometry.paper.harmonics import shading_basis
 from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 
-WHITEST = 0.95  # no surface gives back more, or bounces would not die out: of `brightest` the bound, too
+WHITEST = 0.95  # upper bound of reflectance, for interreflection to converge; also the bound of `brightest`
 
 
 @dataclass(frozen=True)
 class Bounces:
-    """How light goes on from surface to surface.
+    """Parameters of interreflection.
 
     Attributes
     ----------
     count : int
-        How often it is passed on; 0: not at all.
+        Number of interreflections; 0: none.
     brightest : float
-        What the brightest material is taken to reflect, since images do not tell: in the channel where it is
-        brightest. Under coloured light the others are underestimated by as much.
+        Assumed reflectance of the brightest material, which images do not determine, in its brightest
+        channel. Under coloured light the others are underestimated by as much.
     quantile : float
-        Of all albedo values, that counts as the brightest material.
+        Quantile of all albedo values that counts as the brightest material.
     """
 
     count: int
@@ -37,15 +37,15 @@ class Bounces:
 
 @dataclass(frozen=True, eq=False)
 class PixelTransfer:
-    """N pixels above P vertices: ν of Eq. 1 for points that know what they can see.
+    """Transfer ν of Eq. 1 for N pixels that interpolate the visibility of P vertices.
 
     Attributes
     ----------
     open_sky : ndarray, shape (N, K), float32
-        ν of the pixels' own normals, as if they saw the whole sky.
+        ν of the pixels' own normals under the unoccluded sky.
     blend : csr_array, shape (N, P), float32
         Every pixel as a blend of vertices; rows sum to 1, or to 0 where the back of the mesh is seen.
-    seen : Occlusion
+    occlusion : Occlusion
         Of the vertices, K harmonics.
     vertex_sky : ndarray, shape (P, K), float32
         ν of the vertices' normals.
@@ -67,11 +67,11 @@ class PixelTransfer:
         proxy: Proxy,
         degree: int,
     ) -> tuple[PixelTransfer, int]:
-        """Put it together for harmonics up to a degree; pixels' normals, (N, 3), are unit, world axes.
+        """Build the transfer for harmonics up to a degree; pixels' normals, (N, 3), are unit, world axes.
 
-        Pixels' normals look at the camera, vertices' out of the mesh. Where the two are opposed the mesh is
-        seen from its back, of which nothing is known: such pixels are taken to see the whole sky, and
-        counted.
+        Pixels' normals face the camera, vertices' normals point out of the mesh. Where the two are opposed
+        the back of the mesh is seen, whose visibility is unknown: such pixels are taken to see the whole sky,
+        and counted.
         """
         occlusion, size = proxy.occlusion, (degree + 1) ** 2
         blend, opposed = without_opposed(normals, blend, proxy.normals)
@@ -85,11 +85,11 @@ class PixelTransfer:
         return transfer, opposed
 
     def direct(self) -> np.ndarray:
-        """What reaches the pixels from the sky itself, (N, K), float32."""
+        """Compute the pixels' transfer from the sky itself, (N, K), float32."""
         return self.open_sky - self.blend @ self.occlusion.blocked
 
     def with_bounces(self, albedo: np.ndarray, bounces: Bounces) -> np.ndarray:
-        """The same with what other surface sends on, channel by channel.
+        """Compute the pixels' transfer with interreflection, channel by channel.
 
         Parameters
         ----------
@@ -111,22 +111,22 @@ class PixelTransfer:
         return basis
 
     def at_vertices(self, values: np.ndarray) -> np.ndarray:
-        """See the function of that name."""
+        """Average pixel values at the vertices; see the function `at_vertices`."""
         return at_vertices(self.blend, self.nearest, values)
 
 
 def at_vertices(blend: sp.csr_array, nearest: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Mean of the pixels, (N,), around every vertex, or the shown one `nearest` to it: (P,)."""
+    """Average pixel values, (N,), around every vertex, or the shown one `nearest` to it: (P,)."""
     weight = blend.sum(axis=0)
     means = (blend.T @ values) / np.where(weight > 0, weight, 1)
     return np.where(weight > 0, means, np.median(values))[nearest]
 
 
 def nearest_shown(blend: sp.csr_array, positions: np.ndarray) -> np.ndarray:
-    """Of every vertex the nearest that some pixel shows, (P,): itself, if one does.
+    """Find the nearest vertex that some pixel shows, for every vertex, (P,): itself, if it is shown.
 
-    Where the mesh is finer than the pixels most of its vertices lie between them, and there is always surface
-    that no view sees; light bounces from all of it.
+    Most vertices of a mesh finer than the pixels lie between them, and some surface is seen by no view; all
+    of it takes part in interreflection.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def nearest_shown(blend: sp.csr_array, positions: np.ndarray) -> np.ndarray:
 def without_opposed(
     normals: np.ndarray, blend: sp.csr_array, vertex_normals: np.ndarray
 ) -> tuple[sp.csr_array, int]:
-    """The blend without the pixels that see the back of the mesh, and how many they are."""
+    """Clear the blend of pixels that see the back of the mesh, and count these pixels."""
     facing = np.einsum("pk,pk->p", normals, blend @ vertex_normals) > 0
     kept = sp.csr_array(sp.diags_array(facing.astype(np.float32)) @ blend)
     kept.eliminate_zeros()
@@ -154,9 +154,9 @@ def without_opposed(
 
 
 def on_absolute_scale(albedo: np.ndarray, brightest: float, quantile: float) -> np.ndarray:
-    """Scale it, all channels alike, at least 0, so that the brightest material reflects so much.
+    """Scale albedo by one factor, clipped at 0, to a given reflectance of the brightest material.
 
-    What counts as that is a quantile of all values.
+    The brightest material is a quantile of all values.
     """
     bright = float(np.quantile(albedo, quantile)) if albedo.size else 0.0
     return np.maximum(albedo * (brightest / bright if bright > 0 else 0.0), 0.0)

@@ -1,4 +1,4 @@
-"""The views under another light, from their albedo."""
+"""Relighting of the views from their albedo."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from stages.photometry.transport.pixel_transfer import WHITEST, Bounces, at_vert
 def relit(
     scene: LitScene, albedo: np.ndarray, light: np.ndarray, bounces: Bounces
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Radiance that the pixels would show: Eq. 1 under another light.
+    """Compute the pixels' radiance by Eq. 1 under another light.
 
     Parameters
     ----------
     scene : LitScene
         N pixels, M directions.
     albedo : ndarray, shape (N, 3)
-        On any scale, the channels alike.
+        On any scale, common to the channels.
     light : ndarray, shape (M, 3)
         Radiance from the scene's directions.
     bounces : Bounces
@@ -27,7 +27,7 @@ def relit(
     Returns
     -------
     tuple of two ndarray, shape (N, 3), float32
-        ``ρ S`` with ρ on the absolute scale, and S itself.
+        ``ρ S`` with ρ on the absolute scale, and S.
     """
     absolute = on_absolute_scale(np.maximum(albedo, 0), bounces.brightest, bounces.quantile)
     shading, of_vertices = scene.pixels.shading(light), scene.vertices.shading(light)

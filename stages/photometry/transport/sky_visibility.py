@@ -1,4 +1,4 @@
-"""Visibility of the sky from points: which of many directions nothing is in the way of."""
+"""Visibility of the sky from points, by rays in many directions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from stages.photometry.transport.directional_transport import Sphere, offsets_in
 from stages.photometry.transport.settings import VisibilitySettings
 
-# Rays, as origins and unit directions, (r, 3) float32 each, to whether something is in their way, (r,) bool.
+# Maps rays, as origins and unit directions, (r, 3) float32 each, to whether they are blocked, (r,) bool.
 Blocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -25,21 +25,21 @@ def visible_directions(
     executor: Executor | None = None,
     after_each: Callable[[], None] = lambda: None,
 ) -> np.ndarray:
-    """Tell in which directions points see the sky.
+    """Compute the visibility of the sky from points in many directions.
 
     Parameters
     ----------
     positions : ndarray, shape (P, 3)
-        Where rays begin: a little off the surface.
+        Ray origins: slightly off the surface.
     normals : ndarray, shape (P, 3)
-        Unit. Directions well behind the surface are not looked at, and count as blocked.
+        Unit. Directions well behind the surface are not sampled, and count as blocked.
     blocked : callable
     directions : ndarray, shape (M, 3)
     how : VisibilitySettings
     sphere : Sphere or None
-        That the light comes from, in the frame of the positions; None: from infinitely far away.
+        Sphere of the light, in the frame of the positions; None: at infinity.
     executor : concurrent.futures.Executor or None
-        Threads that look in eight directions at a time; never changes the result.
+        Threads that each trace eight directions at a time; never changes the result.
     after_each : callable
         Called after every eight directions.
 
@@ -50,35 +50,35 @@ def visible_directions(
     """
     origins, normals = np.asarray(positions, np.float32), np.asarray(normals, np.float32)
     offsets = None if sphere is None else offsets_in(sphere, positions)
-    seen = np.zeros((len(origins), -(-len(directions) // 8)), np.uint8)
+    visible = np.zeros((len(origins), -(-len(directions) // 8)), np.uint8)
 
-    def look(byte: int) -> None:
+    def trace(byte: int) -> None:
         for bit, direction in enumerate(np.asarray(directions[8 * byte : 8 * byte + 8], np.float32)):
             towards = np.broadcast_to(direction, origins.shape) if offsets is None else direction - offsets
-            before = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > how.min_cosine)
-            towards = towards[before]
+            facing = np.flatnonzero(np.einsum("pk,pk->p", normals, towards) > how.min_cosine)
+            towards = towards[facing]
             if offsets is not None:
                 towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-            free = ~blocked(origins[before], towards)
-            seen[before[free], byte] |= np.uint8(128 >> bit)
+            free = ~blocked(origins[facing], towards)
+            visible[facing[free], byte] |= np.uint8(128 >> bit)
 
-    for _ in (map if executor is None else executor.map)(look, range(seen.shape[1])):
+    for _ in (map if executor is None else executor.map)(trace, range(visible.shape[1])):
         after_each()
-    return seen
+    return visible
 
 
 @dataclass(frozen=True, eq=False)
 class VisibilityProbes:
-    """Points that sky visibility is asked of, and what is in their way.
+    """Points whose visibility of the sky can be computed, with their occluders.
 
     Attributes
     ----------
     positions : ndarray, shape (P, 3)
-        A little off the surface, relative to the origin.
+        Slightly off the surface, relative to the origin.
     normals : ndarray, shape (P, 3)
         Unit, world axes.
     blocked : callable
-        Of rays relative to the origin.
+        Takes rays relative to the origin.
     origin : ndarray, shape (3,)
         World.
     how : VisibilitySettings
@@ -95,7 +95,7 @@ class VisibilityProbes:
     def see(
         self, directions: np.ndarray, sphere: Sphere | None, after_each: Callable[[], None] = lambda: None
     ) -> np.ndarray:
-        """Tell in which directions they see the sky, or the sphere, in world axes: `visible_directions`."""
+        """Compute the visibility of sky or sphere in directions, world axes; see `visible_directions`."""
         there = None
         if sphere is not None:
             there = Sphere(tuple(np.array(sphere.centre) - self.origin), sphere.radius)
