@@ -64,7 +64,7 @@ def smoothness_of_edges(
 def agreement_of_correspondences(
     views: StackedViews, consistency: float, inconsistent: np.ndarray, gain: float
 ) -> np.ndarray:
-    """Compute μ of Eq. 5 for all correspondences, in the order of `StackedViews.linked_pixels`, (L,), float32.
+    """Compute μ of Eq. 5 for all correspondences, ordered as `StackedViews.linked_pixels`, (L,), float32.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`mode: transfer`: the albedo under a known light, with constant weights (Eq. 2) and with weights per edge."""
+"""`mode: transfer`: the albedo under a known light, by constant weights (Eq. 2) and by weights per edge."""
 
 from __future__ import annotations
 

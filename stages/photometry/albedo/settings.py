@@ -60,20 +60,20 @@ class SoftTextureSettings(Settings):
 
     largest_change: float = setting(
         0.1,
-        "Changes of albedo between neighbouring pixels are clipped to this: larger ones are edges, not slopes.",
+        "Changes of albedo between neighbouring pixels are clipped to this: larger ones are edges.",
         unit="of the logarithm",
         gt=0,
     )
     slopes: Rise = setting(
         (1.1, 2.2),
-        "Mean slope of the albedo in a patch: up to the first, it may come from noise and errors of the light; "
-        "from the second, it is albedo.",
+        "Mean slope of the albedo in a patch: up to the first, it may come from noise and errors of the "
+        "light; from the second, it is albedo.",
         unit="of the logarithm, over a view's side",
     )
     shares: Rise = setting(
         (0.4, 0.7),
-        "Share of the surrounding patches that have such a slope: up to the first, slopes are isolated, as on "
-        "any material; from the second, they are everywhere.",
+        "Share of the surrounding patches that have such a slope: up to the first, slopes are isolated, as "
+        "on any material; from the second, they are everywhere.",
     )
     shrinkage: float = setting(
         0.3,
@@ -129,8 +129,8 @@ class EdgeSettings(Settings):
     )
     soft_texture_factor: float = setting(
         0.3,
-        "Factor of `coarse_lambda` where the albedo varies gradually all over: there, the full λ would remove "
-        "more albedo than errors of the light.",
+        "Factor of `coarse_lambda` where the albedo varies gradually all over: there, the full λ would "
+        "remove more albedo than errors of the light.",
         ge=0,
         le=1,
     )
