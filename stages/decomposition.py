@@ -67,9 +67,7 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
             views, shading, observed, settings, _solver(job, views), job.threads, step
         )
     job.note(uncertainty=solved.detail.uncertainty.as_json())
-    trusted = (
-        observed.trusted & light.trusted
-    )  # without any trusted pixel all are used: their albedo is a guess
+    trusted = observed.trusted & light.trusted  # if none is, all are used: their albedo is a guess
     solved = solved.judged(trusted, settings.confidence)
     _write_albedo(job, cameras, masks, solved, np.float32(light.image_scale) / mean)
     _write_history(job, solved)

@@ -65,7 +65,7 @@ def solve_with_transfer(
         albedo = descent.problem.slices.collect(descent.albedo)
         del basis  # before the next takes its place
         basis = transfer.with_bounces(albedo, bounces)
-        descent.stand_on(basis)
+        descent.replace_basis(basis)
         descent.iterate(how.refresh_iterations)
         step()
     views = replace(views, basis=basis)

@@ -1,7 +1,7 @@
 """Return of freed memory to the system: the C library keeps it for later allocations.
 
-The allocator serves coarse levels from its own heap. The blocks that they leave there are too fragmented for a
-fine level, and make up a tenth of the solver's memory.
+The allocator serves coarse levels from its own heap. The blocks that they leave there are too fragmented
+for a fine level, and make up a tenth of the solver's memory.
 """
 
 from __future__ import annotations

@@ -69,6 +69,6 @@ def conjugate_gradient(
 
 
 def _inverse_diagonal(matrix: sp.csr_array) -> np.ndarray:
-    """Invert the diagonal; 1 for an empty row (no light, neighbour or correspondence), which keeps its start."""
+    """Invert the diagonal; 1 for an empty row (no light, neighbour or correspondence)."""
     diagonal = matrix.diagonal()
     return 1 / np.where(diagonal > 0, diagonal, 1.0)
