@@ -77,9 +77,9 @@ def bounds(
     with q the quotient I/S clipped to the range. The minima are at a, at b, or at q; where S = 0 the data
     cost |I|. Proof: clipping an albedo lowers its variation, and its misfit to the clipped image is no
     greater than that to the image. So without a gauge the bound holds for every albedo; in a gauge, for those
-    within the range. Narrow ranges reduce the cost of unbalanced duals, with a pull beyond ±S; wide ones clip less. The
-    tightest of several bounds is used, from the range of the current albedo to that of all I/S, which a few
-    dark pixels can make arbitrarily wide.
+    within the range. Narrow ranges reduce the cost of unbalanced duals, with a pull beyond ±S; wide ones
+    clip less. The tightest of several bounds is used, from the range of the current albedo to that of all
+    I/S, which a few dark pixels can make arbitrarily wide.
     """
     found = np.empty((blocks.view.size, 2, 3, 2), np.float32)
     _ranges(blocks.begin, blocks.end, albedo, image, shading, share, found)
