@@ -1,4 +1,4 @@
-"""Albedo, shading and light of every view (Eq. 1–4, 9–18): the core of the paper, and what goes past it."""
+"""Albedo, shading and light of every view (Eq. 1–4, 9–18): the core of the paper, and its extensions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CHANNELS = ("red", "green", "blue")
 
 
 def run(job: Job[DecompositionSettings]) -> None:
-    """Decompose under the light that was given, or find it with the albedo; save maps and history.
+    """Decompose under a given light, or estimate it with the albedo; save maps and history.
 
     Memory, per masked pixel and all channels together: `solver: fast` some 550 B in `mode: paper`, 600 B in
     `mode: transfer`, 1350 B there with `light: harmonics`; `solver: paper` about 500 B for what the channels
@@ -40,7 +40,7 @@ def run(job: Job[DecompositionSettings]) -> None:
 
 
 def _under_light(job: Job[DecompositionSettings]) -> None:
-    """Find the albedo under the light that the stage before has found (`light: directions`)."""
+    """Estimate the albedo under the light of the stage `lighting` (`light: directions`)."""
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
@@ -67,14 +67,14 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
             views, shading, observed, settings, _solver(job, views), job.threads, step
         )
     job.note(uncertainty=solved.detail.uncertainty.as_json())
-    trusted = observed.trusted & light.trusted  # where none was, all had to do: their albedo is a guess
+    trusted = observed.trusted & light.trusted  # if none is, all are used: their albedo is a guess
     solved = solved.judged(trusted, settings.confidence)
     _write_albedo(job, cameras, masks, solved, np.float32(light.image_scale) / mean)
     _write_history(job, solved)
 
 
 def _with_its_light(job: Job[DecompositionSettings]) -> None:
-    """Find light and albedo together: the paper's light, or harmonics with transfer vectors."""
+    """Estimate light and albedo together: the paper's light, or harmonics with transfer vectors."""
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
@@ -102,7 +102,7 @@ def _with_its_light(job: Job[DecompositionSettings]) -> None:
         solved = _by_transfer(job, cameras, masks, views, images, own)
         _write_pictures(job, cameras, solved)
     else:
-        del normals  # the stack has its own
+        del normals  # the stack has its own basis
         solved = _as_the_paper(job, views, images)
     _write_albedo(job, cameras, masks, solved, scale)
     write_maps(job.outputs["shading"], cameras, masks, solved.shading, job.executor.map)
@@ -113,7 +113,7 @@ def _with_its_light(job: Job[DecompositionSettings]) -> None:
 def _as_the_paper(
     job: Job[DecompositionSettings], views: StackedViews, images: list[np.ndarray]
 ) -> SolvedWithLight:
-    """Solve `mode: paper` by the solver that was asked for."""
+    """Solve `mode: paper` by the solver in the settings."""
     from stages.photometry import solutions
 
     settings = job.settings
@@ -133,7 +133,7 @@ def _by_transfer(
     images: list[np.ndarray],
     normals: np.ndarray,
 ) -> SolvedWithLight:
-    """Solve Eq. 2 as it stands, with transfer vectors for ν (`light: harmonics`); all data count."""
+    """Solve Eq. 2 with transfer vectors for ν (`light: harmonics`); all pixels have a data term."""
     import numpy as np
 
     from stages.formats.artefacts.transfer_file import read_transfer
@@ -180,7 +180,7 @@ def _weights(job: Job[DecompositionSettings], views: StackedViews) -> EnergyWeig
 def _pixel_transfer(
     job: Job[DecompositionSettings], stored: StoredTransfer, blend: sp.csr_array, normals: np.ndarray
 ) -> PixelTransfer:
-    """Find what the masked pixels see, in harmonics."""
+    """Compute the transfer vectors of the masked pixels, in harmonics."""
     from stages.photometry.transport.lit_scenes import proxy_in
     from stages.photometry.transport.pixel_transfer import PixelTransfer
     from stages.scene.wording import tell_seen_from_behind
@@ -198,9 +198,9 @@ def _write_albedo(
     solved: Solved,
     scale: float | np.ndarray,
 ) -> None:
-    """Write the albedo in the images' own units, Eq. 2's own and the confidence where they are known.
+    """Write the albedo in the images' own units, the minimiser of Eq. 2 and the confidence, if present.
 
-    `scale`: that unit, over the shading's where this is not a mean of 1; of all channels or of each.
+    `scale`: the images' unit over that of the shading; one for all channels or one each.
     """
     from stages.formats.artefacts.view_files import write_maps
 
@@ -232,7 +232,7 @@ def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solv
 
 
 def _write_history(job: Job[DecompositionSettings], solved: Solved) -> None:
-    """Write `energy.json`; warn of what did not converge."""
+    """Write `energy.json`; warn of channels that did not converge."""
     from stages.photometry.energy_history import LEGEND, UNDER_LIGHT
     from stages.photometry.paper.alternation import Outcome
     from stages.photometry.solutions import SolvedUnderLight
@@ -261,7 +261,7 @@ def _write_history(job: Job[DecompositionSettings], solved: Solved) -> None:
             job.warn(f"{which}: {outcome.value}.")
 
 
-# Settings, or groups of them, that are read with one kind of light only.
+# Settings, or groups of them, that are used with one kind of light only.
 OF_HARMONICS = (
     "degree",
     "bounces",
@@ -299,10 +299,10 @@ DECOMPOSITION = Stage(
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
 )
 
-# The same stage in `mode: transfer`. With `light: harmonics` it takes what that light is found from.
+# The same stage in `mode: transfer`. With `light: harmonics` it takes the inputs of that light.
 DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 20,  # ahead of it by what only this mode has learned
+    version=DECOMPOSITION.version + 20,  # ahead of it by the changes of this mode
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
     ignores=("solver", "paper", *OF_DIRECTIONS),
     gives=(
@@ -311,7 +311,7 @@ DECOMPOSITION_BY_TRANSFER = replace(
         Artefact("light_pictures", "the light from all directions, EXR and PNG", output="environment"),
     ),
 )
-# With `light: directions` the light, the shading and what is left of the photos are given.
+# With `light: directions` the light, the shading and the observations are given.
 DECOMPOSITION_UNDER_LIGHT = replace(
     DECOMPOSITION,
     version=DECOMPOSITION.version + 25,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class View:
-    """One view's work: the photo, its camera at working size, what is known there, where the results go."""
+    """Work on one view: the photo, its camera and maps at working size, and the paths of the results."""
 
     photo: Path
     as_stored: bool
@@ -33,7 +33,7 @@ class View:
 
 
 def run(job: Job[FullResolutionSettings]) -> None:
-    """Hand the views to workers. Memory per worker: some 70 B per pixel of a photo."""
+    """Upsample the albedo of all views, in parallel. Memory per worker: some 70 B per pixel of a photo."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.colmap.model import read_model, registered
     from stages.formats.images.photo_turns import read_as_stored

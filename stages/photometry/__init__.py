@@ -1,1 +1,1 @@
-"""How light, normals and albedo make an image, and what an image says of them."""
+"""Photometry: the image model of light, normals and albedo, and its inversion."""

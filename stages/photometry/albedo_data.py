@@ -6,23 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-UNLIT = 0.02  # of the median shading: a quotient by less says nothing
+UNLIT = 0.02  # of the median shading: a quotient by less carries no information
 
 
 @dataclass(frozen=True, eq=False)
 class AlbedoData:
-    """Of all pixels, view after view; scaled, gains of the views included.
+    """Observations of all pixels, view after view; scaled, gains of the views included.
 
     Attributes
     ----------
-    seen : ndarray, shape (N, 3), float32
-        The photos without their specular reflection: what albedo and shading are to explain.
+    observed : ndarray, shape (N, 3), float32
+        The photos without the estimated specular reflection, to be explained by albedo and shading.
     diffuse : ndarray, shape (N, 3), float32
-        Without highlights as well, where one light serves all views.
+        Without highlights as well, where all views share one light.
     trusted : ndarray, shape (N,), bool
-        Pixels whose data count.
+        Pixels with valid data.
     glossy : float
-        How far some materials may be glossy, 0 to 1: they were found, or could not be looked for.
+        Degree to which materials may be glossy, 0 to 1: they were detected, or could not be.
     """
 
     observed: np.ndarray

@@ -1,4 +1,4 @@
-"""Colour apart from brightness: of paint, in any amount of light."""
+"""Chromaticity: the colour of a material, invariant to the amount of light."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ NO_SHADING = 1e-3
 
 
 def chroma_of(image: np.ndarray) -> np.ndarray:
-    """Take the logarithms of red and blue over green, (N, 2); of what is dark, next to nothing."""
+    """Compute the logarithms of red and blue over green, (N, 2), near 0 in dark pixels."""
     logs = np.log(np.maximum(image, 0) + DARK)
     return logs[:, [0, 2]] - logs[:, [1]]
 
 
 def colour_change(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Compute the square of the change of chromaticity between pixels (n, 3) and their neighbours, (n,).
+    """Compute the squared change of chromaticity between pixels and their neighbours, (n, 3); (n,).
 
     Notes
     -----
-    ``|Δ (log(r + d) − log(g + d), log(b + d) − log(g + d))|²`` with d = 0.02 of the scaled image
-    for the sake of noise, the brighter pixel first scaled down to the brightness of the darker. So one
-    paint has one colour in any amount of light, even where it sends back next to nothing in some channel.
+    ``|Δ (log(r + d) − log(g + d), log(b + d) − log(g + d))|²`` with d = 0.02 of the scaled image against
+    noise. The brighter pixel is first scaled down to the brightness of the darker. This makes the change
+    between equal albedos 0 in any amount of light, even where a channel reflects almost nothing.
     """
     levels = [np.maximum(pixels.mean(axis=1, keepdims=True), NEAR_BLACK) for pixels in (one, other)]
     least = np.minimum(*levels)
@@ -31,12 +31,12 @@ def colour_change(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def in_white_light(image: np.ndarray, shading: np.ndarray) -> np.ndarray:
-    """Take the light's colour out of an image, (N, 3), and leave its brightness in: I · mean(S) / S, float32.
+    """Remove the light's colour from an image, (N, 3), and keep its brightness: I · mean(S) / S, float32.
 
-    S counts as no less than a tenth of its mean; where there is no light at all the result is next to black.
+    S is limited to at least a tenth of its mean; without any light the result is nearly black.
 
-    What light does to colours from place to place (red that a mouth throws on itself, blue of the sky in the
-    shadows) is then not taken for paint.
+    Local changes of the light's colour (interreflection of red surface, blue skylight in shadows) are then
+    not mistaken for albedo.
     """
     mean = shading.mean(axis=1, keepdims=True)
     return (image * (mean / np.maximum(shading, np.maximum(0.1 * mean, NO_SHADING)))).astype(np.float32)

@@ -23,7 +23,7 @@ class Weights:
     consistency: float
 
 
-# Where nothing else is set: in `mode: paper` by solver, the best on Fig. 3 (docs/paper); in `mode: transfer`.
+# Defaults: in `mode: paper` by solver, the best on Fig. 3 (docs/paper); in `mode: transfer`.
 USUAL_WEIGHTS = MappingProxyType(
     {"paper": Weights(40.0, 1.0), "fast": Weights(12.0, 0.2), "transfer": Weights(3.0, 1.0)}
 )
@@ -31,7 +31,7 @@ _PAPER, _FAST, _TRANSFER = USUAL_WEIGHTS["paper"], USUAL_WEIGHTS["fast"], USUAL_
 
 
 class DecompositionSettings(Settings):
-    """Settings of the `decomposition` stage; those of `mode: transfer` say so, as do those of the solvers."""
+    """Settings of the `decomposition` stage; those of one mode, light or solver are marked."""
 
     moved = MappingProxyType(
         {
@@ -63,24 +63,24 @@ class DecompositionSettings(Settings):
 
     mode: Literal["paper", "transfer"] = setting(
         "transfer",
-        "paper: nine harmonics of the normal per view and channel, channels apart, as the paper has it. "
-        "transfer: light that knows what each point sees, and what other surface sends on to it; found "
-        "before the albedo by the stage `lighting`, by what it makes of like paint.",
+        "paper: nine harmonics of the normal per view and channel, channels apart, as in the paper. "
+        "transfer: light with visibility and interreflection, estimated before the albedo by the stage "
+        "`lighting` from pairs of pixels of equal albedo.",
     )
     light: Literal["directions", "harmonics"] = setting(
         "directions",
-        "`mode: transfer`. directions: light of at least 0 from all around, under which pixels of like "
-        "colour come out alike. harmonics: the paper's energy as it is, with transfer vectors for ν.",
+        "`mode: transfer`. directions: non-negative radiance of all directions, under which pixels of equal "
+        "albedo agree. harmonics: the paper's energy with transfer vectors for ν.",
     )
     solver: Literal["paper", "fast"] | None = setting(
         None,
         "paper: assembled normal equations, conjugate gradients, Jacobi as the only preconditioner. fast: "
-        "the same energy by a primal-dual scheme on the graph of pixels, lower and sooner. none: paper in "
-        "`mode: paper`, else fast.",
+        "the same energy by a primal-dual scheme on the graph of pixels, to a lower value in less time. "
+        "none: paper in `mode: paper`, else fast.",
     )
     degree: int | None = setting(
         None,
-        "`light: harmonics`: up to this degree l; none: all that `transfer` has.",
+        "`light: harmonics`: greatest degree l; none: that of `transfer`.",
         ge=1,
         le=6,
     )
@@ -92,15 +92,15 @@ class DecompositionSettings(Settings):
     )
     brightest: float | None = setting(
         None,
-        "`light: harmonics`: what the brightest material is taken to reflect; none: "
+        "`light: harmonics`: assumed reflectance of the brightest material; none: "
         "`reflectance_scale.usual_brightest`.",
         ge=0.01,
         le=0.95,
     )
     lambda_: float | None = setting(
         None,
-        "Weight of the albedo's smoothness (λ of Eq. 2). More takes shading out of the albedo, then paint. "
-        "none, in `mode: paper`: the best of a grid on the bust of Fig. 3 (docs/paper), "
+        "Weight of the albedo's smoothness (λ of Eq. 2). A greater value removes shading from the albedo, "
+        "then texture. none, in `mode: paper`: the best of a grid on the bust of Fig. 3 (docs/paper), "
         f"{_PAPER.smoothness:g} for views of 540 × 960 pixels, {_FAST.smoothness:g} with `solver: fast`, and "
         "in proportion to the side at other sizes. In `mode: transfer` λ is always stated for views of "
         f"180 × 180 pixels, none is {_TRANSFER.smoothness:g}, and under `light: directions` it makes "
@@ -113,64 +113,64 @@ class DecompositionSettings(Settings):
         None,
         "Weight of the agreement between views (μ of Eq. 2). none, in `mode: paper`: "
         f"{_PAPER.consistency:g}, or {_FAST.consistency:g} with `solver: fast`, chosen as `lambda` is. In "
-        f"`mode: transfer` μ is shared among the links of a pixel; none: {_TRANSFER.consistency:g}; under "
-        "`light: directions`, in `albedo`, up to five times as much where views contradict each other.",
+        f"`mode: transfer` μ is divided by the correspondences per pixel; none: {_TRANSFER.consistency:g}; "
+        "under `light: directions`, in `albedo`, up to five times as much where views are inconsistent.",
         ge=0,
         le=1e6,
     )
     paper: PaperSettings = group(
-        PaperSettings, "`solver: paper`: light and albedo by turns, each by reweighted least squares."
+        PaperSettings, "`solver: paper`: light and albedo in alternation, by reweighted least squares."
     )
     fast: FastSettings = group(
         FastSettings,
         "`solver: fast`: light and albedo together, by a primal-dual descent from coarse to fine.",
     )
     harmonics: HarmonicsSettings = group(
-        HarmonicsSettings, "`light: harmonics`: when interreflection is found anew, and how light is shown."
+        HarmonicsSettings, "`light: harmonics`: updates of the interreflection, and pictures of the light."
     )
     upright_within_deg: float = UPRIGHT_WITHIN_DEG
     edges: EdgeSettings = group(
         EdgeSettings,
-        "`light: directions`: λ and μ of `albedo`, edge by edge, before the photos' detail is added.",
+        "`light: directions`: λ and μ of `albedo` per edge, before the photos' detail is added.",
     )
     detail: DetailSettings = group(
         DetailSettings,
-        "`light: directions`: the photos' detail beyond that smooth albedo, by a Wiener filter.",
+        "`light: directions`: the photos' detail beyond the smooth albedo, by a Wiener filter.",
     )
     confidence: ConfidenceSettings = group(
-        ConfidenceSettings, "`mode: transfer`: the confidence of every pixel's albedo, 0 to 1."
+        ConfidenceSettings, "`mode: transfer`: the confidence of the albedo per pixel, 0 to 1."
     )
     reflectance_scale: ReflectanceScaleSettings = group(
         ReflectanceScaleSettings,
-        "`light: harmonics`: the absolute scale of the albedo, which says how much light bounces.",
+        "`light: harmonics`: the absolute scale of the albedo, which determines the interreflection.",
     )
     light_pictures: LightPictureSettings = group(
-        LightPictureSettings, "`light: harmonics`: pictures of all directions of the light that is found."
+        LightPictureSettings, "`light: harmonics`: pictures of the estimated light over all directions."
     )
 
     @property
     def kind_of_light(self) -> KindOfLight:
-        """The paper's, or that of `mode: transfer`."""
+        """Kind of light: the paper's, or that of `mode: transfer`."""
         return "paper" if self.mode == "paper" else self.light
 
     @property
     def stopping(self) -> Stopping:
-        """When `solver: fast` is done: what was set, or what suits the mode and its light."""
+        """Stopping criteria of `solver: fast`: the settings, or the defaults for mode and light."""
         return self.fast.stopping(self.kind_of_light)
 
     @property
     def usual_weights(self) -> Weights:
-        """λ and μ where they are not set."""
+        """Defaults of λ and μ."""
         return USUAL_WEIGHTS["transfer" if self.mode == "transfer" else self.solver or "paper"]
 
 
 def check_mode(settings: DecompositionSettings, transfer_degree: int) -> None:
-    """Refuse a solver that does not know the mode's light, and light that the transfer does not know.
+    """Refuse a solver that does not support the mode, moved settings, and a degree above the transfer's.
 
     Raises
     ------
     UserError
-        It does not.
+        The settings contradict one another.
     """
     if settings.mode == "transfer" and settings.solver == "paper":
         raise UserError(
@@ -192,5 +192,5 @@ def check_mode(settings: DecompositionSettings, transfer_degree: int) -> None:
 
 
 def given_or(given: float | None, default: float) -> float:
-    """Give what was set, or the default for none."""
+    """Return the given value, or the default for none."""
     return default if given is None else given

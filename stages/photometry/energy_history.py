@@ -1,4 +1,4 @@
-"""`energy.json`: what every alternation did to the energy, so that a reader can check that it fell."""
+"""`energy.json`: the energy after every alternation, so that a reader can check its descent."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from stages.photometry.paper.energy import EnergyTerms, EnergyWeights
 
 UNDER_LIGHT = {
     "outcome": "of albedo_tv and albedo together: converged if both did",
-    "energy": "Eq. 2 of albedo_tv under the light that was found before, as it stands: no gauge",
-    "gap": "how far it may at most be above the least there is, relative to it, all channels together",
+    "energy": "Eq. 2 of albedo_tv under the light of the stage before, without a gauge",
+    "gap": "upper bound of its excess over the least energy, relative to it, all channels together",
 }
 LEGEND = {
     "energy": "Eq. 2 in the gauge (sum of |albedo| = sum of |image| in each channel)",
     "photo, smooth, multi_view": "the sums of Eq. 3, 4 and 5 in the gauge, before lambda and mu",
     "smoothed": (
-        "Eq. 2 with the smoothed absolute value whose descent reweighting guarantees, before the "
-        "alternation, after the light step, after the albedo step; all before the gauge is reapplied: it "
-        "never rises"
+        "Eq. 2 with the smoothed absolute value, whose descent reweighting guarantees: before the "
+        "alternation, after the light step, after the albedo step, before the gauge is reapplied; it never "
+        "rises"
     ),
     "gap": (
-        "solver: fast: how far the energy, all channels together, may at most be above that of the best "
-        "albedo under the same light, relative to it"
+        "solver: fast: upper bound of the excess over the least energy under the same light, all channels "
+        "together, relative to the energy"
     ),
     "gauge_scale": "factor that then brought the albedo back into the gauge",
 }
 
 
 def descent_as_json(descent: Descent) -> dict[str, Any]:
-    """Write one channel's history as JSON values, without timings: the same run gives the same text."""
+    """Convert one channel's history to JSON values, without timings: the same run gives the same text."""
     return {
         "outcome": descent.outcome.name.lower() if descent.outcome else "unfinished",
         "outcome_text": descent.outcome.value if descent.outcome else "",
@@ -41,7 +41,7 @@ def descent_as_json(descent: Descent) -> dict[str, Any]:
 
 
 def rounds_as_json(descent: FastDescent, weights: EnergyWeights) -> list[dict[str, Any]]:
-    """Write the history of `solver: fast` for every channel: an entry per look at the energy."""
+    """Convert the history of `solver: fast` to JSON values, per channel: an entry per evaluation."""
     return [
         {
             "outcome": descent.outcome.name.lower(),
@@ -60,9 +60,9 @@ def rounds_as_json(descent: FastDescent, weights: EnergyWeights) -> list[dict[st
 
 
 def rounds_under_light_as_json(descent: FastDescent, outcome: Outcome) -> list[dict[str, Any]]:
-    """Write the same of an albedo under a light that stays: no gauge, so energies are Eq. 2 as it stands.
+    """Convert the history of an albedo under a fixed light: energies are Eq. 2 without a gauge.
 
-    The outcome is that of all that was sought under the light.
+    The outcome is that of all albedos under the light.
     """
     return [
         {

@@ -1,7 +1,7 @@
-"""The albedo at the photo's own resolution: what is finer than a working pixel comes from the photo.
+"""The albedo at the photo's own resolution: detail finer than a working pixel is transferred from the photo.
 
-As far as the albedo has what the photo shows just above a working pixel: where it has not, at the rim of a
-shadow or where there is noise alone, what is finer still is no more albedo than that.
+Its share is that of the photo's finest working octave which the albedo contains. Where that octave is not
+albedo, as at the border of a shadow or in noise, finer detail is not albedo either.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from stages.photometry.full_resolution_settings import FullResolutionSettings
 def at_full_resolution(
     albedo: np.ndarray, mask: np.ndarray, photo: np.ndarray, kept: np.ndarray, how: FullResolutionSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Carry an albedo map to a larger image of the same camera.
+    """Upsample an albedo map to a larger image of the same camera, guided by the photo.
 
     Parameters
     ----------
@@ -38,9 +38,9 @@ def at_full_resolution(
     Notes
     -----
     ``ρ↑ · (I / (I↓)↑)^(k↑)``: ↓ the mean over a working pixel, ↑ bilinear, k of `taken_over`. Where the
-    albedo has all that the photo shows, k is 1, and an edge of albedo, which ρ↑ and (I↓)↑ blur alike, is as
-    sharp as in the photo. Outside the mask both go on as at the nearest pixel that lies wholly inside, so
-    that no background mixes in. The map itself where the sizes are equal.
+    albedo contains all detail of the photo, k is 1, and an edge of albedo, which ρ↑ and (I↓)↑ blur equally,
+    is as sharp as in the photo. Outside the mask both are extended from the nearest pixel that lies wholly
+    inside, which excludes the background. With equal sizes, the map is returned unchanged inside the mask.
     """
     rows, columns = photo.shape[:2]
     if not mask.any():
@@ -62,7 +62,7 @@ def at_full_resolution(
 
 
 def taken_over(albedo: np.ndarray, photo: np.ndarray, how: FullResolutionSettings) -> np.ndarray:
-    """Measure how much an albedo has of what the photo shows in its finest octave, around every pixel.
+    """Measure the share of the photo's finest octave that the albedo contains, around every pixel.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ def taken_over(albedo: np.ndarray, photo: np.ndarray, how: FullResolutionSetting
     Returns
     -------
     ndarray, shape (h, w), float32
-        From 0 to 1: ``(⟨a sign b⟩ + ε)/(⟨|b|⟩ + ε)``, a and b what is finer than the finest σ of the mean
-        logarithms of albedo and photo, ⟨⟩ the mean around a pixel, ε the least contrast. By sizes
-        rather than squares, so that the rim of a shadow takes little of the texture beside it along.
+        From 0 to 1: ``(⟨a sign b⟩ + ε)/(⟨|b|⟩ + ε)``, a and b the high-pass of the mean logarithms of albedo
+        and photo, below the finest σ; ⟨⟩ the Gaussian mean, ε the least contrast. Magnitudes rather than
+        squares limit the influence of a shadow's border on texture beside it.
     """
     a, b = (_finest(image, how) for image in (albedo, photo))
     both, own = (
@@ -86,7 +86,7 @@ def taken_over(albedo: np.ndarray, photo: np.ndarray, how: FullResolutionSetting
 
 
 def _finest(image: np.ndarray, how: FullResolutionSettings) -> np.ndarray:
-    """Filter the finest part out of the logarithm's mean over the channels; dark pixels hardly differ."""
+    """High-pass the mean over the channels of the offset logarithm."""
     floor = how.log_offset * np.maximum(image.mean(axis=(0, 1)), 1e-12)
     logs = np.log(np.maximum(image, 0) + floor).mean(axis=2).astype(np.float32)
     return logs - cv2.GaussianBlur(logs, (0, 0), how.finest_sigma_px)
@@ -97,6 +97,6 @@ def _enlarged(image: np.ndarray, photo: np.ndarray) -> np.ndarray:
 
 
 def _filled(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Fill in, outside the mask, the value of the nearest pixel inside."""
+    """Extend an image beyond its mask by the value of the nearest pixel inside."""
     row, column = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return image[row, column]

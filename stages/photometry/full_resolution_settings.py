@@ -11,8 +11,8 @@ class FullResolutionSettings(Settings):
 
     most_contrast: float = setting(
         4.0,
-        "By how much a pixel may be brighter or darker than its surroundings of a working pixel's size: more "
-        "is taken for noise or misfit.",
+        "Greatest ratio of a pixel to its surroundings of a working pixel's size, either way: more is "
+        "assumed to be noise or misregistration.",
         unit="factor",
         gt=1,
     )
@@ -20,26 +20,26 @@ class FullResolutionSettings(Settings):
     fireflies: FireflySettings = group(FireflySettings, "What `most_times_bright` is a multiple of.")
     finest_sigma_px: float = setting(
         1.0,
-        "Albedo and photo are compared by what is finer than this σ in both: only as far as the albedo has "
-        "that of the photo, it gets what is finer still.",
+        "σ of the high-pass by which albedo and photo are compared: the albedo takes finer detail in the "
+        "share in which it contains this octave of the photo.",
         unit="working px",
         gt=0,
     )
     window_px: float = setting(
         1.0,
-        "σ of the surroundings that they are compared in.",
+        "σ of the Gaussian under which they are compared.",
         unit="working px",
         gt=0,
     )
     least_contrast: float = setting(
         0.002,
-        "Where the photo changes by less than this there is nothing to compare, and all is kept.",
+        "Where the photo changes by less than this, the comparison is void, and all detail is kept.",
         unit="of the logarithm",
         gt=0,
     )
     log_offset: float = setting(
         0.02,
-        "Added to the photo before logarithms and quotients: in darker pixels, detail is noise.",
+        "Added to the photo before logarithms and quotients: detail of darker pixels is noise.",
         unit="of the photo's mean",
         gt=0,
     )

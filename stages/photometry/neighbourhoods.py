@@ -1,4 +1,4 @@
-"""Means over neighbourhoods of pixels, inside the masks, and sums over whom they are neighbours of."""
+"""Means over neighbourhoods of pixels, inside the masks, and sums at pixel indices."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 from stages.photometry.stack import StackedViews
 
-PATCHES = 15  # along the side of a view: what is textured, or glossy, is a matter of neighbourhoods
+PATCHES = 15  # along the side of a view: size of the neighbourhoods classified as textured or glossy
 
 
 def patch_means(views: StackedViews, values: np.ndarray) -> np.ndarray:
@@ -16,7 +16,7 @@ def patch_means(views: StackedViews, values: np.ndarray) -> np.ndarray:
 
 
 def patch_side(views: StackedViews) -> int:
-    """Find the side of such a patch, px: odd, at least 3."""
+    """Compute the side of such a patch, px: odd, at least 3."""
     return max(3, 2 * round(views.side / PATCHES / 2) + 1)
 
 
@@ -28,9 +28,9 @@ def means_around(views: StackedViews, values: np.ndarray, size_px: int) -> np.nd
 
 
 def add_at(total: np.ndarray, pixels: np.ndarray, values: np.ndarray | float) -> None:
-    """Add each value where its pixel says, one after the other: a pixel may be there more than once.
+    """Add values at pixel indices, in order; indices may repeat.
 
-    NumPy takes six times as long to do so where it has to convert values, too.
+    Values are converted first: NumPy takes six times as long where it has to convert within `np.add.at`.
     """
     np.add.at(total, pixels, np.asarray(values, total.dtype))
 

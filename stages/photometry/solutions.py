@@ -1,4 +1,4 @@
-"""What a decomposition gives, and the ways of `mode: paper` to it."""
+"""Solutions of a decomposition, and the solvers of `mode: paper`."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from stages.photometry.transport.directional_transport import even_directions
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """What a solver gives.
+    """Solution of a solver.
 
     Attributes
     ----------
     views : StackedViews
-        With the basis that the light is meant for.
+        With the basis of the light.
     albedo : ndarray, shape (N, 3)
         In the unit of the scaled images.
     shading : ndarray, shape (N, 3)
@@ -38,7 +38,7 @@ class Solved:
     outcomes : list of Outcome
         Per channel.
     albedo_tv : ndarray, shape (N, 3), or None
-        Eq. 2's own, where `albedo` is another.
+        The minimiser of Eq. 2, where `albedo` is another.
     confidence : ndarray, shape (N,), or None
         In `mode: transfer`.
     """
@@ -54,29 +54,29 @@ class Solved:
 
 @dataclass(frozen=True, eq=False)
 class SolvedUnderLight(Solved):
-    """What is found under a light that was given.
+    """Solution under a given light.
 
     Attributes
     ----------
     detail : Detail
-        The albedo with it, and how uncertain shading and albedo are.
+        The albedo with its detail, and the uncertainty of shading and albedo.
     """
 
     detail: Detail = field(kw_only=True)
 
     def judged(self, trusted: np.ndarray, how: ConfidenceSettings) -> SolvedUnderLight:
-        """Add the confidence of every pixel, by its expected error."""
+        """Add the confidence of every pixel, from its expected error."""
         return replace(self, confidence=confidence_of(self.detail.variance, trusted, how))
 
 
 @dataclass(frozen=True, eq=False)
 class SolvedWithLight(Solved):
-    """What is found together with the light.
+    """Solution for albedo and light together.
 
     Attributes
     ----------
     light : ndarray, shape (n, 3, K)
-        Of the basis.
+        Coefficients of the basis.
     """
 
     light: np.ndarray = field(kw_only=True)
@@ -89,12 +89,12 @@ class SolvedWithLight(Solved):
         trusted: np.ndarray,
         how: ConfidenceSettings,
     ) -> SolvedWithLight:
-        """Add the confidence of every pixel, by its circumstances."""
+        """Add the confidence of every pixel, from visibility, incidence, shading and residual."""
         known = confidence(views, image, self.shading, self.albedo, incidence, trusted, how)
         return replace(self, confidence=known)
 
     def sampled_light(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Sample the harmonic light in M = `count` directions: these, (M, 3), and the light, (n, M, 3)."""
+        """Sample the harmonic light; returns M = `count` directions, (M, 3), and the light, (n, M, 3)."""
         directions = even_directions(count)
         degree = int(self.light.shape[2] ** 0.5) - 1
         return directions, np.einsum("mk,nck->nmc", real_harmonics(directions, degree), self.light)
@@ -134,7 +134,7 @@ def solve_jointly(
 
 
 def solution_of(descent: FastDescent, views: StackedViews, weights: EnergyWeights) -> SolvedWithLight:
-    """Present what the fast solver found, in all channels together."""
+    """Convert the solution of the fast solver, all channels together."""
     histories = rounds_as_json(descent, weights)
     outcomes = [descent.outcome] * len(histories)
     return SolvedWithLight(views, descent.albedo, descent.shading, histories, outcomes, light=descent.light)

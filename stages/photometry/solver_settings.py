@@ -1,4 +1,4 @@
-"""What the settings of `decomposition` mean to the solvers, at the size of the views."""
+"""Weights of the solvers, from the settings of `decomposition` and the size of the views."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from stages.photometry.decomposition_settings import DecompositionSettings, give
 if TYPE_CHECKING:
     from stages.photometry.paper.energy import EnergyWeights
 
-PAPER_SIDE = 720.0  # px: side of the paper's 540 × 960 as a square, for which λ of `mode: paper` is stated
+PAPER_SIDE = 720.0  # px: side of a square of the paper's 540 × 960, for which λ of `mode: paper` is stated
 
 
 def weights_at(
     settings: DecompositionSettings, side: float, correspondences_per_pixel: float
 ) -> EnergyWeights:
-    """Scale λ and μ of Eq. 2 to views of a side, px, were they squares.
+    """Scale λ and μ of Eq. 2 to views of a side, px, taken as squares.
 
-    The data count pixels and the smoothness lengths, so the same balance takes a λ in proportion to the side.
+    The data term grows with the area and the smoothness with the side, so λ is proportional to the side.
     """
     from stages.photometry.paper.energy import EnergyWeights
 

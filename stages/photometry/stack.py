@@ -1,4 +1,4 @@
-"""All views of a set stacked into long vectors, as in Eq. 17: what the colour channels share."""
+"""All views of a set stacked into long vectors, as in Eq. 17; shared by the colour channels."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class StackedViews:
     starts : ndarray, shape (n + 1,), int64
         View i owns the places ``starts[i]:starts[i + 1]``.
     basis : ndarray, shape (N, K) or (N, K, 3), float32
-        ν of Eq. 1, K = 9 harmonics in `mode: paper`; or that of each channel, where light that bounces
-        makes them differ.
+        ν of Eq. 1, K = 9 harmonics in `mode: paper`; one per channel where interreflection makes them
+        differ.
     masks : tuple of ndarray, shape (h_i, w_i), bool
         Ω of every view.
-    links : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
+    correspondences : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
         C_ij.
     """
 
@@ -55,21 +55,21 @@ class StackedViews:
 
     @property
     def correspondence_count(self) -> int:
-        """How many correspondences there are, over all pairs."""
+        """Number of correspondences, over all pairs of views."""
         return sum(block.nnz for block in self.correspondences.values())
 
     @property
     def correspondences_per_pixel(self) -> float:
-        """How many links an average pixel has."""
+        """Mean number of correspondences per pixel."""
         return 2 * self.correspondence_count / max(int(self.starts[-1]), 1)
 
     @property
     def side(self) -> float:
-        """Mean side of the views, were they squares, px."""
+        """Mean side of the views, taken as squares, px."""
         return float(np.mean([np.sqrt(mask.size) for mask in self.masks]))
 
     def view(self, i: int) -> slice:
-        """Places of view i."""
+        """Return the places of view i."""
         return slice(int(self.starts[i]), int(self.starts[i + 1]))
 
     def of_channel(self, channel: int) -> StackedViews:
@@ -81,12 +81,12 @@ class StackedViews:
         return np.concatenate([np.argwhere(mask).astype(np.int32) for mask in self.masks])
 
     def neighbours(self) -> Iterator[Pixels]:
-        """Go through the pairs of pixels that touch: those of D_x, then those of D_y, view by view."""
+        """Iterate over pairs of adjacent pixels: those of D_x, then those of D_y, view by view."""
         for mask, first in zip(self.masks, self.starts[:-1].tolist(), strict=True):
             yield from neighbours(mask, first)
 
     def linked_pixels(self) -> Iterator[Pixels]:
-        """Go through the pairs of pixels that show the same surface point, pair of views by pair of views."""
+        """Iterate over pairs of corresponding pixels, pair of views by pair of views."""
         return linked_pixels(self.correspondences, self.starts)
 
     def shading(self, light: np.ndarray) -> np.ndarray:
@@ -102,7 +102,7 @@ class StackedViews:
 
     @cached_property
     def equations(self) -> NormalEquations:
-        """Pattern of JᵀJ, found when first asked for, as all that follows: only `solver: paper` does."""
+        """Pattern of JᵀJ, computed on first use, as are the operators below, by `solver: paper` only."""
         return NormalEquations.of([self.d_x, self.d_y, self.c])
 
     @property
@@ -139,16 +139,16 @@ def stack_views(
     masks : sequence of ndarray, shape (h_i, w_i), bool
         Ω of every view.
     normals_in_world : sequence of ndarray, shape (h_i, w_i, 3), or None
-        Unit inside the mask. None for a basis of nothing, where the light is none of harmonics.
-    links : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
-        C_ij: at most one 1 per row. A pair that is absent has no links.
+        Unit inside the mask. None for an empty basis, where the light is not of harmonics.
+    correspondences : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
+        C_ij: at most one 1 per row. A pair that is absent has no correspondences.
     each : callable
         `map`, or that of an executor: view by view.
 
     Raises
     ------
     ValueError
-        The links are not of that kind.
+        The correspondences are not of that kind.
     """
     starts = first_pixels(masks)
     check_correspondences(correspondences, np.diff(starts).tolist())

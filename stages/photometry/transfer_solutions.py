@@ -1,4 +1,4 @@
-"""The ways of `mode: transfer` to a decomposition, by either kind of light."""
+"""Solvers of `mode: transfer`, for either kind of light."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def solve_by_transfer(
     threads: int,
     step: Callable[[], None],
 ) -> SolvedWithLight:
-    """Find light and albedo together, with `light: harmonics`."""
+    """Estimate light and albedo together, with `light: harmonics`."""
     descent, views = solve_with_transfer(views, images, transfer, solver, bounces, how, threads, step)
     solved = solution_of(descent, views, solver.weights)
     return replace(solved, albedo_tv=solved.albedo)
@@ -45,22 +45,22 @@ def solve_under_light(
     threads: int,
     step: Callable[[], None],
 ) -> SolvedUnderLight:
-    """Find the albedo under `light: directions`, which is known."""
-    found = decompose_under_light(
+    """Estimate the albedo under the known light of `light: directions`."""
+    solution = decompose_under_light(
         views, shading, data, settings.edges, settings.detail, solver, threads, step
     )
-    outcome = worse(found.smooth.outcome, found.detailed.outcome)
+    outcome = worse(solution.smooth.outcome, solution.detailed.outcome)
     return SolvedUnderLight(
         views=views,
-        albedo=found.detail.albedo,
+        albedo=solution.detail.albedo,
         shading=shading,
-        histories=rounds_under_light_as_json(found.smooth, outcome),
+        histories=rounds_under_light_as_json(solution.smooth, outcome),
         outcomes=[outcome] * 3,
-        albedo_tv=np.maximum(found.smooth.albedo, 0),
-        detail=found.detail,
+        albedo_tv=np.maximum(solution.smooth.albedo, 0),
+        detail=solution.detail,
     )
 
 
 def worse(one: Outcome, other: Outcome) -> Outcome:
-    """Choose of two the one that did not converge, if there is one."""
+    """Choose the outcome that did not converge, if there is one."""
     return other if one is Outcome.CONVERGED else one

@@ -1,1 +1,1 @@
-"""Operators on masked pixels, reweighted least squares, conjugate gradients: nothing here knows of light."""
+"""Solvers on pixel graphs: operators, reweighted least squares, conjugate gradients, a primal-dual scheme."""

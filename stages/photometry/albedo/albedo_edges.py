@@ -25,7 +25,7 @@ def smoothness_of_edges(
     image : ndarray, shape (N, 3)
         Scaled, in white light.
     shading : ndarray, shape (N, 3)
-        Under the light that was found.
+        Under the estimated light.
     textured : ndarray, shape (N,)
         0 to 1; see `Appearance`.
     soft : ndarray, shape (N,)
@@ -35,13 +35,13 @@ def smoothness_of_edges(
     Notes
     -----
     ``λ_pq = fine + (coarse − fine) · (1 − exp(−|Δ log S| / s)) · exp(−|Δ chroma|² / c² − θ²)``, s and c the
-    steps, ``θ = |Δ log I − Δ log S| / (|Δ log S| + d)``, d the tolerance: less where `textured`.
+    steps, ``θ = |Δ log I − Δ log S| / (|Δ log S| + d)``, d the tolerance, smaller where `textured`.
 
-    Light that is nearly neutral changes the brightness of a material, not its colour; and a model of the
-    light errs where the light changes: at creases, at the rims of shadows. Where the surface lies evenly in
-    the light, all that the photo shows is albedo; and so it is where the photo changes by much more than the
-    shading does. A large λ takes away whatever is less than 2 λ px across, soft blotches as well as shadows
-    that are not there: where the texture is `soft`, coarse becomes ``max(f coarse, fine)``, f its factor.
+    Nearly neutral light changes the brightness of a material, not its colour. A model of the light errs
+    where the shading changes: at creases and at the borders of shadows. On evenly lit surface every change
+    of the photo is albedo, and so is a change much larger than that of the shading. A large λ removes
+    whatever is less than 2 λ px across, soft texture as well as errors of the light. Where the texture is
+    `soft`, coarse becomes ``max(f coarse, fine)``, f its factor.
     """
     lit = np.log(np.maximum(shading.mean(axis=1), NO_SHADING)).astype(np.float32)
     seen = np.log(np.maximum(image.mean(axis=1), 0) + DARK).astype(np.float32)
@@ -64,13 +64,13 @@ def smoothness_of_edges(
 def agreement_of_correspondences(
     views: StackedViews, consistency: float, inconsistent: np.ndarray, gain: float
 ) -> np.ndarray:
-    """Compute μ of Eq. 5 for all links in the order of `StackedViews.linked_pixels`, (L,), float32.
+    """Compute μ of Eq. 5 for all correspondences, ordered as `StackedViews.linked_pixels`, (L,), float32.
 
     Parameters
     ----------
     views : StackedViews
     consistency : float
-        μ where views agree.
+        μ where views are consistent.
     inconsistent : ndarray, shape (N,)
         0 to 1; see `Appearance`.
     gain : float
@@ -78,9 +78,9 @@ def agreement_of_correspondences(
 
     Notes
     -----
-    ``μ (1 + gain · (i_p + i_q) / 2)``. Where views contradict each other, a pixel's own photo is the least
-    reliable, and what the other views say counts more. Where they agree, links blur fine texture by their
-    half a pixel, and gain nothing.
+    ``μ (1 + gain · (i_p + i_q) / 2)``. Where views are inconsistent, a pixel's own observation is the least
+    reliable, and those of other views weigh more. Where they are consistent, a larger μ gains nothing and
+    blurs fine texture, since correspondences are half a pixel off.
     """
     ends = [inconsistent[one] + inconsistent[other] for one, other in views.linked_pixels()]
     of_correspondences = np.concatenate(ends) / 2 if ends else np.empty(0)

@@ -1,4 +1,4 @@
-"""`mode: transfer`: the albedo under the light that was found, once as Eq. 2 has it and once by edge."""
+"""`mode: transfer`: the albedo under a known light, by constant weights (Eq. 2) and by weights per edge."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class AlbedoSolution:
     Attributes
     ----------
     smooth : FastDescent
-        Eq. 2's ρ under that light, for `albedo_tv`.
+        ρ of Eq. 2 under that light, for `albedo_tv`.
     detailed : FastDescent
-        Before the detail came back that the photos have.
+        ρ with weights per edge, before the detail is added.
     detail : Detail
-        The albedo with it, and how uncertain it is.
+        ρ with the photos' detail, and its uncertainty.
     """
 
     smooth: FastDescent
@@ -51,20 +51,20 @@ def decompose_under_light(
     threads: int,
     step: Callable[[], None],
 ) -> AlbedoSolution:
-    """Estimate the albedo: Eq. 2's ρ, and ρ by edge with the photo's detail.
+    """Estimate the albedo under a known light: ρ of Eq. 2, and ρ with weights per edge and added detail.
 
     Parameters
     ----------
     views : StackedViews
-        Their basis is not looked at.
+        The basis is not used.
     shading : ndarray, shape (N, 3), float32
-        By the light, with the gains of the views.
-    observed : AlbedoData
+        Under the light, gains of the views included.
+    data : AlbedoData
     edges : EdgeSettings
-        Of the smooth albedo that `albedo` begins with.
+        Weights of the smooth albedo that `albedo` begins with.
     how_detailed : DetailSettings
     descent : FastSolver
-        λ and μ are those of `albedo_tv`; μ is the least that links have in `albedo`.
+        Its λ and μ are those of `albedo_tv`; its μ is the least of any correspondence in `albedo`.
     threads : int
         Never changes the result.
     step : callable

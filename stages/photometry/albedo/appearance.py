@@ -20,9 +20,9 @@ class Appearance:
     Attributes
     ----------
     textured : ndarray
-        Most edges are the albedo's, and the views agree about the surface.
+        Most edges are edges of the albedo, and the views are consistent.
     inconsistent : ndarray
-        Few edges are, and the views contradict each other all the same.
+        Few edges are, yet the views are inconsistent.
     """
 
     textured: np.ndarray
@@ -37,35 +37,35 @@ def appearance_of(
     how: EdgeSettings,
     glossy: float,
 ) -> Appearance:
-    """Classify neighbourhoods by what the shading leaves unexplained, and by how views differ in that.
+    """Classify neighbourhoods by the residual of the shading and its differences between views.
 
     Parameters
     ----------
     views : StackedViews
     image : ndarray, shape (N, 3)
-        Scaled, in white light; highlights and all.
+        Scaled, in white light, highlights included.
     shading : ndarray, shape (N, 3)
     trusted : ndarray, shape (N,), bool
-        Pixels by which views are compared.
+        Pixels in which views are compared.
     how : EdgeSettings
-        The step of chroma, and `appearance`.
+        `chroma_step` and `appearance` are used.
     glossy : float
-        How far some materials may be glossy, 0 to 1: they were found, or could not be looked for.
+        Degree to which materials may be glossy, 0 to 1: they were detected, or could not be.
 
     Notes
     -----
-    An edge is the albedo's where the photo changes by more than the shading explains, or in colour:
+    An edge is one of albedo where the photo changes by more than the shading, or in colour:
     ``1 − exp(−(|Δ log I − Δ log S| / (|Δ log S| + d))² − |Δ chroma|² / c²)``, d the tolerance. `textured`
-    rises with the share g of such edges in a neighbourhood. On a single material there are few of them,
-    whatever its relief; at the rims of shadows and at parts' borders they are lines. So texture is
-    distinguished from errors of the light.
+    rises with the share g of such edges in a neighbourhood. A single material has few of them, whatever its
+    relief; at the borders of shadows and parts they are lines. This distinguishes texture from errors of the
+    light.
 
-    Views are compared by the quotient I/S, where there is light enough, in small squares. They contradict
-    each other where all around they differ one way, ``e = |mean excess|``; fine texture half a pixel off
-    makes them differ both ways: ``inconsistent = (1 − g) (1 − exp(−(e / v)²))``, v their difference. Glossy
-    curls, whose highlights differ both ways, too, pass for texture; where there may be such, they are
-    distinguished by how much views differ at all, ``d = mean |excess|``: ``textured = g exp(−(d / v)²)``, and
-    elsewhere ``g exp(−(e / v)²)``; between the two by degrees.
+    Views are compared by the quotient I/S, in small squares, where the shading is sufficient. Inconsistent
+    views differ with one sign throughout a neighbourhood, ``e = |mean excess|``; fine texture half a pixel
+    off gives both signs: ``inconsistent = (1 − g) (1 − exp(−(e / v)²))``, v the setting `view_difference`.
+    Highlights on fine glossy relief give both signs, too, and resemble texture. Where materials may be
+    glossy, they are distinguished by the magnitude of the differences, ``d = mean |excess|``:
+    ``textured = g exp(−(d / v)²)``, otherwise ``g exp(−(e / v)²)``, mixed by `glossy`.
     """
     own = how.appearance
     brightness, light = (np.maximum(each.mean(axis=1), 0) for each in (image, shading))
@@ -81,7 +81,7 @@ def appearance_of(
             add_at(degree, end, 1)
     grained = rise(patch_means(views, of_albedo / np.maximum(degree, 1)), own.textured_share)
     compared = trusted & (light > own.least_shading * np.median(light))
-    quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # the same in any amount of light
+    quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # invariant to the amount of light
     excess = LinkedPatches.of(views, compared, own.patches).excess(quotient)
     agreed = _agreement(patch_means(views, excess), own)
     alike = agreed if glossy == 0 else _agreement(patch_means(views, np.abs(excess)), own)
@@ -90,11 +90,11 @@ def appearance_of(
 
 
 def rise(share: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
-    """Rise smoothly from 0 at the lower end, and below, to 1 at the upper, and above; float32."""
+    """Evaluate a smoothstep: 0 up to the lower end, 1 from the upper end on; float32."""
     t = np.clip((share - ends[0]) / (ends[1] - ends[0]), 0, 1)
     return (t * t * (3 - 2 * t)).astype(np.float32)
 
 
 def _agreement(difference: np.ndarray, how: AppearanceSettings) -> np.ndarray:
-    """Weigh differences between views: 1 where they agree, 0 where they differ by far more than they may."""
+    """Weight differences between views by ``exp(−(difference / v)²)``, float32."""
     return np.exp(-((difference / how.view_difference) ** 2)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Confidence of each pixel's albedo, 0 to 1."""
+"""Confidence of the albedo per pixel, 0 to 1."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from stages.photometry.stack import StackedViews
 
 
 def confidence_of(variance: np.ndarray, trusted: np.ndarray, how: ConfidenceSettings) -> np.ndarray:
-    """Compute confidence by the expected error, (N,), float32: ``1/(1 + σ²/h²)``, h its half error.
+    """Compute confidence from the expected error, (N,), float32: ``1/(1 + σ²/h²)``, h the half error.
 
     Parameters
     ----------
     variance : ndarray, shape (N,)
-        σ², expected of the albedo's logarithm.
+        σ², expected variance of the log albedo.
     trusted : ndarray, shape (N,), bool
-        Pixels whose data counted; the others, filled in from neighbours and other views, are at 0.
+        Pixels with valid data; the others, filled in from neighbours and other views, have confidence 0.
     how : ConfidenceSettings
     """
     return np.where(trusted, 1 / (1 + variance / how.half_error**2), 0).astype(np.float32)
@@ -31,7 +31,7 @@ def confidence(
     trusted: np.ndarray,
     how: ConfidenceSettings,
 ) -> np.ndarray:
-    """Compute confidence by circumstances, where no error is expected of the albedo.
+    """Compute confidence from visibility, incidence, shading and residual, without an expected error.
 
     Parameters
     ----------
@@ -39,21 +39,21 @@ def confidence(
     image, shading, albedo : ndarray, shape (N, 3)
         Scaled.
     incidence : ndarray, shape (N,)
-        Cosine between the normal and the way to the camera.
+        Cosine between the normal and the direction to the camera.
     trusted : ndarray, shape (N,), bool
-        Pixels whose data counted.
+        Pixels with valid data.
     how : ConfidenceSettings
 
     Returns
     -------
     ndarray, shape (N,), float32
-        From 0 (filled in from the neighbourhood) to 1.
+        0 (filled in from the neighbourhood) to 1.
 
     Notes
     -----
-    ``v/(v + 1) · cos θ · s/(s + h median s) · 1/(1 + (r/q)²)``: v views that see the point, this one
-    included; θ the incidence; s the shading, h its half; r what the model leaves unexplained,
-    ``2 |I − ρ S| / (I + ρ S)`` over all channels, q its half. 0 where the pixel was not trusted.
+    ``v/(v + 1) · cos θ · s/(s + h median s) · 1/(1 + (r/q)²)``: v the number of views of the point, this one
+    included; θ the incidence; s the shading, h its half value; r the relative residual,
+    ``2 |I − ρ S| / (I + ρ S)`` over all channels, q its half value. 0 in untrusted pixels.
     """
     seen_by = 1 + views_that_see_it(views)
     light = np.maximum(shading, 0).mean(axis=1)
@@ -67,7 +67,7 @@ def confidence(
 def views_that_see_it(views: StackedViews) -> np.ndarray:
     """Count the other views that see the surface point of every pixel, (N,).
 
-    A coarse pixel may be linked to many of one view, which counts once.
+    A coarse pixel may correspond to several pixels of one view, which counts once.
     """
     count = np.zeros(int(views.starts[-1]), np.int32)
     for (i, j), block in views.correspondences.items():

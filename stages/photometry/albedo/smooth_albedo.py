@@ -1,4 +1,4 @@
-"""The albedo under a light that is known: the convex half of Eq. 2, from coarse to fine."""
+"""The albedo under a known light: the convex half of Eq. 2, from coarse to fine."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ def albedo_under_light(
     Parameters
     ----------
     views : StackedViews
-        Their basis is not looked at.
+        The basis is not used.
     images : list of 3 ndarray, shape (N,)
         Scaled.
     shading : ndarray, shape (N, 3)
         S.
     trusted : ndarray, shape (N,), bool
-        Pixels whose data count. The others take their albedo from their neighbours, here and in other views.
+        Pixels with a data term. The others are inferred from neighbours and corresponding pixels.
     edges : EdgeWeights
-        λ_pq and μ_pq, where they are not the solver's own for all.
+        λ_pq and μ_pq, where they differ from the solver's constants.
     solver : FastSolver
     threads : int
         Never changes the result.
@@ -44,16 +44,16 @@ def albedo_under_light(
 
     Notes
     -----
-    Weighted by S as it is, the data term asks for the weighted median of I/S over all pixels, in all views,
-    that are tied to one another: highlights of a few views, and dark pixels with their noisy quotients,
-    have no say. No gauge is needed: the light holds the scale. It is Eq. 10 under a light that stays.
+    The data term is weighted by S. Over pixels of equal albedo, in all views, its minimum is the weighted
+    median of I/S, robust to highlights in a few views and to the noisy quotients of dark pixels. No gauge is
+    needed, since the light fixes the scale. This is Eq. 10 under a fixed light.
     """
     kept = trusted[:, None]
     basis = np.where(kept, np.maximum(shading, 0), 0).astype(np.float32)[:, None, :]
     images = [np.where(trusted, image, 0).astype(np.float32) for image in images]
     views = replace(views, basis=basis)
     light = np.ones((views.view_count, 3, 1))
-    found = finish(  # a level or a descent that has a name takes room
+    found = finish(  # a named level or descent would stay in memory
         views,
         images,
         from_coarse_to_fine(finest_level(views, images, solver.weights, edges), solver.how, threads, light),

@@ -1,4 +1,4 @@
-"""Albedo that varies gradually all over: inferred from evenly lit surface, for the relief beside it."""
+"""Albedo that varies gradually all over: detected on evenly lit surface, for the relief around it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stages.photometry.stack import StackedViews
 def soft_texture(
     views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, how: EdgeSettings
 ) -> np.ndarray:
-    """Measure how far the albedo around every pixel varies gradually, 0 to 1; (N,), float32.
+    """Measure the degree to which the albedo around every pixel varies gradually, 0 to 1; (N,), float32.
 
     Parameters
     ----------
@@ -26,15 +26,15 @@ def soft_texture(
     shading : ndarray, shape (N, 3)
     trusted : ndarray, shape (N,), bool
     how : EdgeSettings
-        The steps of shading and chroma, and `soft_texture`.
+        `shading_step`, `chroma_step` and `soft_texture` are used.
 
     Notes
     -----
-    The mean slope of log I/S in a patch, across and down, over neighbours that are evenly lit and have one
-    colour, each weighted by ``exp(−|Δ log S| / s − |Δ chroma|² / c²)``; and the share of the patches around
-    that have one. Noise and grain have no mean slope, the light errs where the shading changes, and its rims
-    and borders of materials are few: a single material has slopes here and there, a marble of greys nearly
-    all over.
+    The mean slope of log I/S in a patch, across and down, over evenly lit neighbours of equal colour, each
+    weighted by ``exp(−|Δ log S| / s − |Δ chroma|² / c²)``; then the share of surrounding patches that have a
+    slope. Noise and grain have no mean slope. Errors of the light occur where the shading changes, and their
+    borders, like those of materials, are few. A single material has isolated slopes, grey marble has them
+    nearly everywhere.
     """
     soft = how.soft_texture
     light = np.maximum(shading.mean(axis=1), NO_SHADING)
@@ -53,5 +53,5 @@ def soft_texture(
         for own, every in zip(change, weight, strict=True)
     )
     slope = rise(np.hypot(across, down) * views.side, soft.slopes)
-    around_px = 2 * patch_side(views) - 1  # all patches that share a pixel with this one's
+    around_px = 2 * patch_side(views) - 1  # all patches that overlap this one's
     return rise(means_around(views, slope, around_px), soft.shares)

@@ -1,6 +1,6 @@
-"""The albedo's detail: the residual of a smooth albedo, except what errors of the shading and noise explain.
+"""Detail of the albedo: the residual of a smooth albedo, filtered by the uncertainty of shading and noise.
 
-Per octave and colour axis, a Wiener filter: the residual's energy against that of shading error and noise.
+A Wiener filter per octave and colour axis: residual energy against that of shading error and noise.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Detail:
     ----------
     albedo : ndarray, shape (N, 3), float32
     variance : ndarray, shape (N,), float32
-        Of the albedo's mean logarithm, that is expected: its square root is the relative error.
+        Expected variance of the albedo's mean logarithm; its square root is the relative error.
     uncertainty : ShadingUncertainty
     """
 
@@ -51,38 +51,38 @@ def with_detail(
     trusted: np.ndarray,
     how: DetailSettings,
 ) -> Detail:
-    """Add the photo's detail to a smooth albedo, except what noise and errors of the shading explain.
+    """Add the photo's detail to a smooth albedo, except what noise and shading error explain.
 
     Parameters
     ----------
     views : StackedViews
     albedo : ndarray, shape (N, 3)
-        As far as it is known by smoothness and other views.
+        The smooth albedo, inferred from all views.
     image, shading : ndarray, shape (N, 3)
-        Scaled, without gloss.
+        Scaled, without specular reflection.
     trusted : ndarray, shape (N,), bool
-        Pixels whose data count. The others have the detail that is kept of their surface in other views; what
-        no other view shows keeps its albedo.
+        Pixels with valid data. The others take the kept detail of corresponding pixels; those without
+        correspondences keep the smooth albedo.
     how : DetailSettings
 
     Notes
     -----
     ``ρ + (ρ + d/S) (exp(Σ_k g_k r_k) − 1)``: r = log (I + d)/(ρ S + d), d the offset, as mean logarithm,
-    log R/G and log B/G, divided into octaves r_k; I/S where all g_k are 1. In every octave:
+    log R/G and log B/G, divided into octaves r_k; the result is I/S where all g_k are 1. In every octave:
 
-    1. Of brightness, in the finest octaves, the shading's own change is reduced to what the photos show of
-       it, `ShownChange`.
-    2. r_k of the other views is averaged in, by inverse variance of noise and misregistration.
-    3. ``g_k = max(0, 1 − U/E)``: E the local variance of r_k, by the mean of |r_k|^1.5, U that of
-       what noise and the shading's error, ``κ² L²``, make of it (`ShadingUncertainty`).
-    4. Beyond ``2 L²``, which a shadow in the wrong place can make, all of E may be albedo; below, no more
-       than a quantile of that on evenly lit surface.
+    1. In the finest octaves, the brightness band of the shading is reduced to the change that the photos
+       show (`ShownChange`).
+    2. r_k is averaged with that of other views, by inverse variance of noise and misregistration.
+    3. ``g_k = max(0, 1 − U/E)``: E the local variance of r_k, from the mean of |r_k|^1.5; U the variance
+       expected from noise and the shading's error, ``κ² L²`` (`ShadingUncertainty`).
+    4. A displaced shadow leaves up to ``2 L²``: energy beyond that may all be albedo. Energy below is
+       limited to a quantile of that on evenly lit surface.
 
-    Where the residual is no more than its uncertainty, the smooth albedo stays; where it is much more, the
-    photo divided by its shading is the albedo; between, by degrees.
+    Where the residual does not exceed its uncertainty, the smooth albedo stays. Where it exceeds it by far,
+    the albedo is I/S. The transition is gradual.
 
-    The variance adds up what is expected of every octave, ``g² U + (1 − g)² E``, and shares of L² and of the
-    local mean square of r; and what the albedos of different views differ by.
+    The variance is the sum over the octaves of ``g² U + (1 − g)² E`` and of a share of L², plus a share of
+    the local mean square of r, plus the variance between views.
     """
     light = np.maximum(shading, UNLIT * max(float(np.median(shading)), 1e-6))
     detailed = np.maximum(albedo, 0).astype(np.float32)
@@ -98,9 +98,9 @@ def with_detail(
 
 
 def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> np.ndarray:
-    """Average the squared difference of the log albedo from that of other views, around every pixel, (N,).
+    """Average the squared difference of log albedo between views, around every pixel, (N,).
 
-    Where no other view sees the surface, the mean of where one does.
+    Pixels without correspondences take the mean of the others.
     """
     logs = np.log(albedo.mean(axis=1, keepdims=True) + scene.how.log_offset).astype(np.float32)
     seen = scene.others.count > 0
@@ -112,7 +112,7 @@ def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> np.ndarra
 
 
 def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, ShadingUncertainty]:
-    """Estimate what of the three axes is albedo, (N, 3), its expected variance, (N,), and the uncertainty."""
+    """Filter the three axes: the kept albedo, (N, 3), its expected variance, (N,), and the uncertainty."""
     how, limits, response = scene.how, scene.how.uncertainty, response_to_noise(scene.how.sigmas_px)
     measured, between_views = how.noise.compared_octaves, scene.others.share >= how.noise.linked_share
     noise = np.zeros((measured, 3))
@@ -141,5 +141,5 @@ def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, ShadingUncertaint
 
 
 def _share_of_signal(energy: np.ndarray, uncertain: np.ndarray) -> np.ndarray:
-    """Compute the share of a value that is signal: its energy less the uncertainty's, over its energy."""
+    """Compute the Wiener share of signal: ``max(0, 1 − U/E)``, U the uncertainty, E the energy."""
     return np.maximum(0, 1 - uncertain / np.maximum(energy, TINY)).astype(np.float32)

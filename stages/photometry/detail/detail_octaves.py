@@ -1,4 +1,4 @@
-"""One octave of the residual of a smooth albedo: what of it errors of the shading and noise can explain."""
+"""Octaves of the residual of a smooth albedo, filtered by the uncertainty of shading and noise."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ AXES, QUOTIENT, LIT = slice(0, 3), 3, 4  # columns of `DetailScene.maps`
 
 @dataclass(frozen=True, eq=False)
 class DetailScene:
-    """Photos and what explains them; fields as the arguments of `with_detail`; `explained`: ρ S."""
+    """Photos with their model; fields as the arguments of `with_detail`; `light`: S, `explained`: ρ S."""
 
     views: StackedViews
     image: np.ndarray
@@ -41,38 +41,38 @@ class DetailScene:
 
     @cached_property
     def pixels(self) -> KnownPixels:
-        """The pixels that are trusted."""
+        """The trusted pixels."""
         return KnownPixels.of(self.views, self.trusted)
 
     @cached_property
     def others(self) -> OtherViews:
-        """The trusted pixels that show the same surface in other views."""
+        """The correspondences of the trusted pixels."""
         return OtherViews.of(self.views, self.trusted)
 
     @cached_property
     def seen_by_others(self) -> KnownPixels:
-        """Pixels whose surface other views see, too."""
+        """Trusted pixels with correspondences in other views."""
         return KnownPixels.of(self.views, self.others.count > 0)
 
     @cached_property
     def noise_scale(self) -> np.ndarray:
-        """Noise over that at median brightness, (N, 3); see `noise_by_brightness`."""
+        """Noise relative to that at median brightness, (N, 3); see `noise_by_brightness`."""
         return noise_by_brightness(self.explained, self.how)
 
     @cached_property
     def response(self) -> np.ndarray:
-        """Share of a change of log shading that shows in ``log(I + d)``: little where it is dark, (N,)."""
+        """Derivative of ``log(I + d)`` by log shading, (N,): small in dark pixels."""
         return (self.explained / (self.explained + self.how.log_offset)).mean(axis=1)
 
     @cached_property
     def sample(self) -> np.ndarray:
-        """Numbers of the pixels that uncertainty and noise are estimated from."""
+        """Indices of the pixels that uncertainty and noise are estimated from."""
         trusted = np.flatnonzero(self.trusted)
         return trusted[:: max(1, -(-len(trusted) // self.how.sample_pixels))]
 
     @cached_property
     def maps(self) -> np.ndarray:
-        """Axes of the residual, mean logarithm of I/S, and of S: (N, 5)."""
+        """Axes of the residual, mean logarithm of I/S, mean logarithm of S: (N, 5)."""
         offset, most = self.how.log_offset, self.how.largest_residual
         left = axes_of(np.clip(log_quotient(self.image, self.explained, offset), -most, most))
         quotient = log_quotient(self.image, self.light, offset).mean(axis=1)
@@ -81,21 +81,21 @@ class DetailScene:
 
 @dataclass(frozen=True, eq=False)
 class DetailOctave:
-    """One octave of a scene, the shading's change reduced to what the photos show of it.
+    """One octave of a scene, the shading's change reduced to that which the photos show.
 
     Attributes
     ----------
     scene : DetailScene
     left : ndarray, shape (N, 3)
-        Band of the residual, its axes.
+        Band of the residual, in its axes.
     quotient : ndarray, shape (N,)
         Band of log I/S.
     size, stated : ndarray, shape (N,)
-        Local mean square of the shading's band, reduced, and as it was given.
+        Local mean square of the shading's band, after and before the reduction.
     shown : float
         Share of the shading's change that the photos show, on average.
     wide_px : float
-        σ of the surroundings that energies are averaged over.
+        σ of the Gaussian that energies are averaged under.
     """
 
     scene: DetailScene
@@ -108,7 +108,7 @@ class DetailOctave:
 
     @classmethod
     def of(cls, scene: DetailScene, number: int, bands: np.ndarray, sigma_px: float) -> DetailOctave:
-        """Reduce the shading's change, in the fine octaves, to what the photos show of it."""
+        """Reduce the shading's change, in the fine octaves, to that which the photos show."""
         how = scene.how
         left, quotient, change = bands[:, AXES].copy(), bands[:, QUOTIENT], bands[:, LIT] * scene.response
         stated = size = scene.pixels.mean(change**2, max(sigma_px, how.least_shading_window_px))
@@ -129,7 +129,7 @@ class DetailOctave:
         return error_of_change(self.size[some], self.quotient[some], self.left[some, 0], self.scene.how)
 
     def noise(self, coarser: np.ndarray) -> np.ndarray:
-        """Estimate the noise in this band at median brightness, (3,), by what views do not share.
+        """Estimate the noise of this band at median brightness, (3,), from differences between views.
 
         `coarser`: the band of log I/S in the next octave.
         """
@@ -137,7 +137,7 @@ class DetailOctave:
         some = some[scene.others.count[some] > 0]
         of_both = scene.noise_scale[some] * np.sqrt(1 + 1 / scene.others.count[some])[:, None]
         difference = (self.left - self.left_by_others)[some] / of_both
-        texture = scene.pixels.mean(coarser**2, self.wide_px)[some]  # of brightness: that has least noise
+        texture = scene.pixels.mean(coarser**2, self.wide_px)[some]  # brightness has the least noise
         return np.array([noise_between_views(axis, texture, scene.how.classes) for axis in difference.T])
 
     @cached_property
@@ -146,7 +146,7 @@ class DetailOctave:
         return self.scene.others.mean(self.left)
 
     def kept(self, error: float, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Estimate what of the band is albedo, (N, 3), and the expected variance of its first axis, (N,)."""
+        """Filter the band: the kept albedo, (N, 3), and the expected variance of its first axis, (N,)."""
         scene, how, others = self.scene, self.scene.how, self.scene.others
         band, noise = self._fused(np.square(noise.astype(np.float32) * scene.noise_scale))
         of_axes = np.square(np.array(how.uncertainty.of_axes, np.float32))
@@ -166,10 +166,10 @@ class DetailOctave:
         return np.where(scene.trusted[:, None], share * band, 0), expected[:, 0]
 
     def _fused(self, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Average in the band of the other views; returns that and the variance of its noise, (N, 3) each.
+        """Fuse the band with that of other views; returns it and the variance of its noise, (N, 3) each.
 
-        Others are as noisy, over their number; and misplaced by what they differ by beyond noise. Either is
-        weighted by its inverse variance.
+        Weights are inverse variances. That of the others is the noise over their number, plus
+        misregistration: the excess of the differences between views over noise.
         """
         others = self.scene.others
         if not (others.count.any() and noise.any()):
@@ -183,7 +183,7 @@ class DetailOctave:
 
 
 def noise_without_others(scene: DetailScene) -> np.ndarray:
-    """Estimate the noise of the three axes from the octaves of brightness, every view by itself, (3,)."""
+    """Estimate the noise of the three axes, (3,), from the octaves of brightness within each view."""
     how, some = scene.how, scene.sample
     sizes, quotients = [], []
     for bands, sigma_px in scene.pixels.octaves(scene.maps[:, [QUOTIENT, LIT]], how.sigmas_px):
@@ -197,13 +197,13 @@ def noise_without_others(scene: DetailScene) -> np.ndarray:
 
 
 def axes_of(logs: np.ndarray) -> np.ndarray:
-    """Convert logarithms of channels, (N, 3), to mean logarithm, log R/G and log B/G."""
+    """Convert logarithms of channels, (N, 3), to mean logarithm, log R/G and log B/G, (N, 3)."""
     red, green, blue = logs.T
     return np.stack([logs.mean(axis=1), red - green, blue - green], axis=1)
 
 
 def channels_of(axes: np.ndarray) -> np.ndarray:
-    """Convert back what `axes_of` made."""
+    """Invert `axes_of`."""
     mean, red, blue = axes.T
     green = mean - (red + blue) / 3
     return np.stack([green + red, green, green + blue], axis=1)

@@ -1,4 +1,4 @@
-"""The camera's noise, estimated from what views do not share, or from one view's octaves."""
+"""Camera noise, estimated from differences between views, or from the octaves of one view."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ TINY, TINIER = 1e-7, 1e-8  # against division by 0, of variances of logarithms
 
 
 def noise_by_brightness(explained: np.ndarray, how: DetailSettings) -> np.ndarray:
-    """Compute noise over that at median brightness, (N, 3), float32.
+    """Compute noise relative to that at median brightness, (N, 3), float32.
 
-    Of mean logarithm, log R/G and log B/G. Photons' variance grows as their number does, so a channel's
-    ``log(I + d)`` varies by 1/(E + d) of what is explained, E; the axes by the sum of these over their
-    channels. Limited to the range of scales.
+    For mean logarithm, log R/G and log B/G. Under photon noise, the variance of ``log(I + d)`` in a channel
+    is proportional to 1/(E + d), E the modelled image; that of an axis is the sum over its channels.
+    Limited to the range of scales.
     """
     red, green, blue = 1 / (np.maximum(explained, 0) + how.log_offset).T
     variance = np.stack([(red + green + blue) / 9, red + green, blue + green], axis=1)
@@ -28,21 +28,20 @@ def noise_by_brightness(explained: np.ndarray, how: DetailSettings) -> np.ndarra
 
 
 def noise_between_views(difference: np.ndarray, texture: np.ndarray, classes: ClassSettings) -> float:
-    """Estimate noise as the standard deviation of what views do not share, where surface has no texture.
+    """Estimate noise as the standard deviation of differences between views, extrapolated to no texture.
 
     Parameters
     ----------
     difference : ndarray, shape (n,)
-        Of a band between a view and the mean of its others, by the standard deviation that it has for noise
-        of 1 in each.
+        Of a band, between a view and the mean of the others; normalised to unit variance for unit noise.
     texture : ndarray, shape (n,)
-        Local mean square of the next coarser band: noise there is another, texture is much the same.
+        Local mean square of the next coarser band: its noise is independent, its texture similar.
     classes : ClassSettings
 
     Notes
     -----
-    Texture that views see half a pixel off differs between them as well: in classes of equal number by
-    texture t², ``d² ≈ N + m t²``, by non-negative least squares over relative errors.
+    Texture that is misregistered by half a pixel differs between views as well. In classes of equal number
+    by texture t², ``d² ≈ N + m t²`` is fitted by non-negative least squares over relative errors.
     """
     groups = by_size(texture, classes)
     strengths = [texture[own].mean() for own in groups]
@@ -51,20 +50,20 @@ def noise_between_views(difference: np.ndarray, texture: np.ndarray, classes: Cl
 
 
 def noise_of_one_view(sizes: list[np.ndarray], quotients: list[np.ndarray], how: DetailSettings) -> float:
-    """Estimate white noise from a view alone, where no other shows the same.
+    """Estimate white noise from single views, where correspondences are few.
 
     Parameters
     ----------
     sizes, quotients : list of ndarray, shape (n,)
-        Of the finest octaves: local mean squares of the band of log S, and the band of log I/S by the noise
-        at its brightness.
+        Of the finest octaves: local mean squares of the band of log S, and the band of log I/S over the
+        relative noise at its brightness.
     how : DetailSettings
 
     Notes
     -----
-    Where the shading is most even, texture t and noise N are distinguished by their octaves, of which noise
-    is white and halves from one to the next: ``variance_k ≈ t² s_k² + N² w_k²``, s the spectrum of texture, w
-    the response to white noise, by non-negative least squares over relative errors.
+    Where the shading is most even, texture t and noise N are distinguished by their spectra: white noise
+    halves from one octave to the next. ``variance_k ≈ t² s_k² + N² w_k²``, s the spectrum of texture, w the
+    response to white noise, is fitted by non-negative least squares over relative errors.
     """
     deviations = [_least_deviation(*each, how) for each in zip(sizes, quotients, strict=True)]
     spectrum, count = how.noise.texture_spectrum, len(deviations)
@@ -76,7 +75,7 @@ def noise_of_one_view(sizes: list[np.ndarray], quotients: list[np.ndarray], how:
 
 
 def _least_deviation(size: np.ndarray, band: np.ndarray, how: DetailSettings) -> float:
-    """Find the least standard deviation of a class among those in which the shading is most even."""
+    """Find the least standard deviation among the classes with the most even shading."""
     groups = by_size(size, how.classes)
     even = groups[: max(1, int(len(groups) * how.noise.even_share))]
     return min((deviation(band[own]) for own in even), default=0.0)

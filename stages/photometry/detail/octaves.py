@@ -1,4 +1,4 @@
-"""Octaves of maps: differences of Gaussian means over what is known."""
+"""Octaves of maps: differences of Gaussian means over the known pixels."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ import numpy as np
 from stages.formats.artefacts.view_files import image_of
 from stages.photometry.stack import StackedViews
 
-COARSE = 4.0  # px: Gaussians from here on are taken of a smaller image, to 3 %, a fifth of the time at σ = 32
+COARSE = 4.0  # px: above, Gaussians use a smaller image, accurate to 3 %; a fifth of the time at σ = 32
 TINY = 1e-6  # against division by 0
 
 
 def gaussian_mean(values: np.ndarray, weight: np.ndarray, sigma_px: float) -> np.ndarray:
-    """Average values under a Gaussian, over what is known of them (normalised convolution).
+    """Average known values under a Gaussian (normalised convolution).
 
     Parameters
     ----------
     values : ndarray, shape (h, w) or (h, w, c), float32
-        0 where their weight is.
+        0 where the weight is 0.
     weight : ndarray, shape (h, w), float32
-        0 where nothing is known, else 1.
+        1 where the value is known, else 0.
     sigma_px : float
 
     Returns
     -------
     ndarray, shape as `values`, float32
-        ``(G * (w v)) / (G * w)``; 0 far from all that is known.
+        ``(G * (w v)) / (G * w)``; 0 far from all known pixels.
     """
     total, known = _smoothed(values, sigma_px), np.maximum(_smoothed(weight, sigma_px), TINY)
     return total / (known if values.ndim == 2 else known[..., None])
@@ -38,13 +38,13 @@ def gaussian_mean(values: np.ndarray, weight: np.ndarray, sigma_px: float) -> np
 
 @dataclass(frozen=True, eq=False)
 class KnownPixels:
-    """Pixels of stacked views of which something is known.
+    """The known pixels of stacked views.
 
     Attributes
     ----------
     masks : sequence of ndarray, shape (h_i, w_i), bool
     starts : ndarray, shape (n + 1,)
-        View i owns the places ``starts[i]:starts[i + 1]`` of what is stacked.
+        View i owns the places ``starts[i]:starts[i + 1]`` of the stack.
     known : ndarray, shape (N,), bool
     """
 
@@ -58,7 +58,7 @@ class KnownPixels:
         return cls(views.masks, views.starts, known)
 
     def mean(self, values: np.ndarray, sigma_px: float) -> np.ndarray:
-        """Average what is stacked, (N,) or (N, c), under a Gaussian in each view; float32."""
+        """Average stacked values, (N,) or (N, c), under a Gaussian in each view; float32."""
         out = np.empty(values.shape, np.float32)
         for mask, begin, end in zip(self.masks, self.starts[:-1], self.starts[1:], strict=True):
             weight = image_of(mask, self.known[begin:end].astype(np.float32))
@@ -68,19 +68,19 @@ class KnownPixels:
         return out
 
     def octaves(self, values: np.ndarray, sigmas_px: tuple[float, ...]) -> Iterator[tuple[np.ndarray, float]]:
-        """Divide what is stacked, (N,) or (N, c), into octaves, the finest first, and what is left at last.
+        """Divide stacked values, (N,) or (N, c), into octaves, finest first, then the low-pass remainder.
 
         Parameters
         ----------
         values : ndarray
         sigmas_px : tuple of float
-            Ascending: an octave lies between one and the next, the first below.
+            Ascending: an octave lies between one and the next, the first below the first.
 
         Yields
         ------
         tuple of ndarray, shape as `values`, float32, and float
-            ``G(σ_{k−1}) − G(σ_k)``, 0 where nothing is known, and σ_k in pixels; then ``G(σ_last)`` and
-            infinity. Their sum is what is known of the values.
+            ``G(σ_{k−1}) − G(σ_k)``, 0 outside the known pixels, and σ_k in pixels; then ``G(σ_last)`` and
+            infinity. They sum up to the values at the known pixels.
         """
         known = self.known if values.ndim == 1 else self.known[:, None]
         finer = values.astype(np.float32)
@@ -93,7 +93,7 @@ class KnownPixels:
 
 @cache
 def response_to_noise(sigmas_px: tuple[float, ...]) -> tuple[float, ...]:
-    """Compute the standard deviation of each octave of white noise that has 1 in a pixel."""
+    """Compute the standard deviation of each octave of unit white noise."""
     side = 2 * int(4 * sigmas_px[-1]) + 1
     everywhere = np.ones((side, side), bool)
     impulse = np.zeros(side**2, np.float32)
@@ -104,7 +104,7 @@ def response_to_noise(sigmas_px: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _smoothed(image: np.ndarray, sigma_px: float) -> np.ndarray:
-    """Blur an image that is 0 around itself by a Gaussian."""
+    """Blur an image by a Gaussian, with zeros beyond its border."""
     if sigma_px < COARSE:
         return cv2.GaussianBlur(image, (0, 0), sigma_px, borderType=cv2.BORDER_CONSTANT)
     height, width = image.shape[:2]

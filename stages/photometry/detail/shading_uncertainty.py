@@ -1,4 +1,4 @@
-"""Standard uncertainty of the shading, octave by octave, estimated from the photos divided by it."""
+"""Standard uncertainty of the shading, octave by octave, estimated from the quotient of photo and shading."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ TINY = 1e-12  # against logarithms of and division by 0, of squares
 
 @dataclass(frozen=True)
 class ShadingUncertainty:
-    """Standard uncertainties of shading and photos, as estimated from the scene.
+    """Standard uncertainties of shading and photos, estimated from the scene.
 
     Attributes
     ----------
     shown : tuple of float
         Per octave, finest first: share of the shading's own change that the photos show, on average.
     of_change : tuple of float
-        Per octave: standard deviation of the error over what is left of the shading's own local change.
+        Per octave: standard deviation of the error over the shading's own local change, as reduced.
     noise : tuple of 3 float
         Standard deviation of the camera's noise in a working pixel of median brightness: of the mean
         logarithm, of log R/G and log B/G.
@@ -34,7 +34,7 @@ class ShadingUncertainty:
     noise: tuple[float, float, float]
 
     def as_json(self) -> dict[str, Any]:
-        """For records."""
+        """Convert to JSON values for records."""
         brightness, *chroma = (round(value, 4) for value in self.noise)
         return {
             "shading_shown_by_photos": [round(value, 3) for value in self.shown],
@@ -45,23 +45,23 @@ class ShadingUncertainty:
 
 
 def log_quotient(image: np.ndarray, explained: np.ndarray, offset: float) -> np.ndarray:
-    """Compute ``log((I + d) / (E + d))``, elementwise, float32; of what is dark in both, next to nothing."""
+    """Compute ``log((I + d) / (E + d))``, elementwise, float32; near 0 where both are dark."""
     return np.log((np.maximum(image, 0) + offset) / (np.maximum(explained, 0) + offset)).astype(np.float32)
 
 
 def log_shading(light: np.ndarray) -> np.ndarray:
-    """Average the logarithms of the channels of a shading above 0, (N, 3); (N,), float32."""
+    """Average the logarithms of the channels of a positive shading, (N, 3); (N,), float32."""
     return np.log(light).mean(axis=1).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class ShownChange:
-    """Excess of the change that the photos show over the shading's: −1, nothing of it; 0, all of it.
+    """Excess of the change in the photos over that of the shading: −1, none is shown; 0, all of it.
 
     Attributes
     ----------
     log_size : ndarray, shape (k,)
-        Mean squares of the shading's local change, their logarithms; ascending.
+        Logarithms of the mean squares of the shading's local change, per class; ascending.
     excess : ndarray, shape (k,)
     """
 
@@ -72,25 +72,25 @@ class ShownChange:
     def of(
         cls, change: np.ndarray, left: np.ndarray, size: np.ndarray, sigma_px: float, how: DetailSettings
     ) -> ShownChange:
-        """Compare one octave of a shading with what it leaves of the photos.
+        """Regress the residual on the shading, in one octave.
 
         Parameters
         ----------
         change : ndarray, shape (n,)
-            Band of the shading's logarithm, as it shows in the photo's.
+            Band of the log shading, times the response of ``log(I + d)``.
         left : ndarray, shape (n,)
             Band of log I/(ρ S).
         size : ndarray, shape (n,)
             Local mean square of `change`.
         sigma_px : float
-            Lower σ of the octave: values nearer to one another than that are one.
+            Lower σ of the octave: values closer than that are not independent.
         how : DetailSettings
 
         Notes
         -----
         In classes of equal number by size, the slope of `left` on `change`: 0 if the shading is right, −1 if
-        the photos show nothing of it, as of bumps that stereo makes and facets that visibility is
-        interpolated over. What may be chance, some standard errors, is taken off its square.
+        the photos show no such change, as of bumps of the stereo depth and facets of the interpolated
+        visibility. The square of the slope is reduced by that of some standard errors.
         """
         log_size, excess, limits = [], [], how.uncertainty
         for own in by_size(size, how.classes):
@@ -117,12 +117,12 @@ class ShownChange:
 
     @property
     def shown(self) -> float:
-        """Share of the change that is shown, on average over the classes."""
+        """Mean share of the shading's change that the photos show, over the classes."""
         return float(1 + self.excess.mean()) if len(self.excess) else 1.0
 
 
 def error_of_change(size: np.ndarray, quotient: np.ndarray, left: np.ndarray, how: DetailSettings) -> float:
-    """Estimate κ: standard deviation of the shading's error over its own local change, in one octave.
+    """Estimate κ, the standard deviation of the shading's error over its own local change, in one octave.
 
     Parameters
     ----------
@@ -134,11 +134,12 @@ def error_of_change(size: np.ndarray, quotient: np.ndarray, left: np.ndarray, ho
 
     Notes
     -----
-    In classes of equal number by L², e² is the variance of the band of log I/S, by the median so that
-    borders of materials do not count. ``e² ≈ τ² + κ² L²``, by non-negative least squares over relative
-    errors: κ is the shading's error, τ texture and noise; κ² counts less its standard error. The same of log
-    I/(ρ S), by mean squares, as borders are in ρ. Either is too large where albedo is in it, the one by
-    strong borders, the other by what ρ has lost, so the lesser counts, times `estimate_factor`.
+    In classes of equal number by L², e² is the variance of the band of log I/S, estimated by the median so
+    that borders of materials do not count. ``e² ≈ τ² + κ² L²`` is fitted by non-negative least squares over
+    relative errors: κ is the shading's error, τ texture and noise. κ² is reduced by its standard error. A
+    second estimate uses log I/(ρ S) and mean squares, since borders are in ρ. Albedo biases both upwards,
+    the first by strong borders, the second by detail that ρ lacks. The smaller is used, times
+    `estimate_factor`.
     """
     classes = by_size(size, how.classes)
     by_median = _slope(classes, size, lambda own: deviation(quotient[own]) ** 2)
@@ -147,7 +148,7 @@ def error_of_change(size: np.ndarray, quotient: np.ndarray, left: np.ndarray, ho
 
 
 def _slope(classes: list[np.ndarray], size: np.ndarray, variance_of: Callable[[np.ndarray], float]) -> float:
-    """Fit κ, less its standard error."""
+    """Fit κ, with κ² reduced by its standard error."""
     strengths = [size[own].mean() for own in classes]
     line = line_through(strengths, [variance_of(own) for own in classes], 1e-6)
     return float(np.sqrt(max(line.slope - line.error, 0.0))) if line else 0.0

@@ -1,4 +1,4 @@
-"""Statistics of pixels in classes of equal number, sorted by some size."""
+"""Statistics of pixels in classes of equal number, sorted by a measure of size."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ from scipy.optimize import nnls
 
 from stages.photometry.detail.settings import ClassSettings
 
-MAD = 0.6745  # of a normal deviate: what half of all stay below
+MAD = 0.6745  # median absolute value of a standard normal deviate
 
 
 def by_size(size: np.ndarray, classes: ClassSettings) -> list[np.ndarray]:
-    """Sort pixels, (n,), into classes of equal number, the smallest first: their numbers; few make fewer."""
+    """Sort pixels, (n,), into classes of equal number, smallest first; returns their indices.
+
+    Few pixels make fewer classes.
+    """
     count = min(classes.most, len(size) // classes.fewest_pixels)
     return np.array_split(np.argsort(size, kind="stable"), count) if count else []
 
 
 def deviation(values: np.ndarray) -> float:
-    """Estimate a standard deviation by the median absolute value, so that outliers do not count."""
+    """Estimate a standard deviation from the median absolute value, robust to outliers."""
     return float(np.median(np.abs(values))) / MAD if values.size else 0.0
 
 
@@ -33,14 +36,14 @@ class Line:
 
 
 def line_through(strengths: list[float], variances: list[float], floor: float) -> Line | None:
-    """Fit a line to classes by non-negative least squares over relative errors; None to less than three.
+    """Fit a line to classes by non-negative least squares over relative errors; None for fewer than three.
 
     Parameters
     ----------
     strengths, variances : list of float
-        Of every class.
+        Per class.
     floor : float
-        Added to a variance that errors are relative to.
+        Added to the variance that errors are relative to.
     """
     count = len(variances)
     if count < 3:

@@ -19,20 +19,20 @@ from stages.solvers.kernels.threading_layer import use_threads
 from stages.solvers.primal_dual.graph import PrimalDual
 from stages.solvers.primal_dual.problem import Steps
 
-PIXELS_PER_THREAD = 20_000  # fewer are not worth a barrier of threads: speed, and no result
+PIXELS_PER_THREAD = 20_000  # with fewer, barriers cost more than threads gain; changes speed, no result
 UNIFORM = 1 / np.sqrt(4 * np.pi)  # ν of the first harmonic, the same for every normal
 
 
 @dataclass(frozen=True)
 class FastSolver:
-    """What is minimised, when that is done, and how.
+    """Weights, stopping rule and settings of the fast solver.
 
     Attributes
     ----------
     weights : EnergyWeights
     stopping : Stopping
     how : FastSettings
-        Its `stopping` has been asked already.
+        `stopping` is already resolved from it.
     """
 
     weights: EnergyWeights
@@ -42,7 +42,7 @@ class FastSolver:
 
 @dataclass(frozen=True, eq=False)
 class FastDescent:
-    """The solution.
+    """Solution of the fast solver.
 
     Attributes
     ----------
@@ -50,10 +50,10 @@ class FastDescent:
     light : ndarray, shape (n, 3, K), float64
     shading : ndarray, shape (N, 3), float64
     terms : tuple of EnergyTerms
-        Eq. 2's, per channel, in the gauge.
+        Of Eq. 2, per channel, in the gauge.
     rounds : tuple of Round
-        The first is the state that they began with, the last the solution: an earlier one again where it
-        did not converge and the energy has risen since.
+        The first is the initial state, the last the solution. Without convergence, where the energy has risen
+        since, the round of the best state is repeated at the end.
     outcome : Outcome
     """
 
@@ -85,7 +85,7 @@ def solve(
     step : callable
         Called after every round.
     """
-    return finish(  # nothing on the way has a name: a level, a descent that is held takes room
+    return finish(  # intermediates have no name: a named level or descent would stay in memory
         views,
         images,
         from_coarse_to_fine(finest_level(views, images, solver.weights), solver.how, threads),
@@ -97,32 +97,32 @@ def solve(
 def from_coarse_to_fine(
     finest: Level, how: FastSettings, threads: int, light: np.ndarray | None = None
 ) -> PrimalDual:
-    """Descend on every coarser level, the coarsest first; the finest one then begins where they end.
+    """Descend on every coarser level, coarsest first; returns the finest, initialised from them.
 
-    A light that is given, (n, 3, K), stays as it is.
+    A given light, (n, 3, K), is held fixed.
     """
     keep_large_blocks_apart()
     levels = pyramid(finest, how.coarsest_pixels)
-    del finest  # a level makes room once it is arranged
+    del finest  # frees each level once it is arranged
     groups = [level.group for level in levels if level.group is not None]  # the finest has none
     use_threads(threads_for(levels[0].pixels, threads))
     descent = start(levels.pop(0), how) if light is None else under(light, levels.pop(0), how)
     while levels:
         descent.iterate(how.coarse_iterations * 2 ** (len(levels) - 1))
-        legacy = descent.legacy()
+        coarse = descent.legacy()
         del descent  # before the finer level takes its place
         use_threads(threads_for(levels[0].pixels, threads))
         problem = problem_of(levels.pop(0))
         give_back_free_memory()
-        descent = PrimalDual.inheriting(legacy, problem, groups[0])
-        del legacy  # makes room for what follows
+        descent = PrimalDual.inheriting(coarse, problem, groups[0])
+        del coarse  # frees memory for the next step
         descent.fill_in(groups.pop(0))
         give_back_free_memory()
     return descent
 
 
 def start(level: Level, how: FastSettings) -> PrimalDual:
-    """Begin as the paper does: the image is all albedo, and the shading as near to 1 as the basis allows."""
+    """Initialise as the paper does: albedo equal to the image, shading as near to 1 as the basis allows."""
     problem = problem_of(level)
     albedo = level.image / level.share[:, None]
     light = np.zeros((level.starts.size - 1, 3, level.basis.shape[1]))
@@ -131,7 +131,7 @@ def start(level: Level, how: FastSettings) -> PrimalDual:
 
 
 def under(light: np.ndarray, level: Level, how: FastSettings) -> PrimalDual:
-    """Begin with the image divided by its shading, where there is any, and leave the light alone."""
+    """Initialise with ρ = I/S where S is large enough, else 0; the light is held fixed."""
     view = level.view_of_pixel
     shading = np.stack(
         [np.einsum("pk,pk->p", level.basis[:, :, c], light[view, c]) for c in range(3)], axis=1
@@ -143,7 +143,7 @@ def under(light: np.ndarray, level: Level, how: FastSettings) -> PrimalDual:
 
 
 def threads_for(pixels: int, threads: int) -> int:
-    """Count the threads that have enough to do between two barriers."""
+    """Limit the threads to those with enough pixels between two barriers."""
     return min(threads, 1 + pixels // PIXELS_PER_THREAD)
 
 
@@ -154,10 +154,10 @@ def finish(
     solver: FastSolver,
     step: Callable[[], None],
 ) -> FastDescent:
-    """Go in rounds on the finest level until the energy settles.
+    """Iterate in rounds on the finest level until the stopping rule holds.
 
-    Where it does not, the best state seen is kept. A descent that the caller does not keep makes room for
-    what is looked at in the end.
+    Without convergence, the best state is returned. If the caller holds no reference to the descent, its
+    memory is freed before the final evaluation.
     """
     stopping, how = solver.stopping, solver.how
     rounds = [_evaluated(descent, how)]
@@ -173,7 +173,7 @@ def finish(
         outcome = verdict(rounds, stopping, how)
         if outcome is not None:
             break
-    if outcome is Outcome.CONVERGED:  # its gap is the one that was judged
+    if outcome is Outcome.CONVERGED:  # the gap that met the stopping rule
         kept = descent.albedo, descent.light
     elif rounds[-1] is not best:
         rounds.append(best)
@@ -186,7 +186,7 @@ def finish(
 
 
 def steps_of(how: FastSettings) -> Steps:
-    """Hand the numbers of an iteration to the solver."""
+    """Convert the settings of an iteration to the solver's."""
     steps = how.steps
     return Steps(
         scale=steps.scale,

@@ -1,4 +1,4 @@
-"""Eq. 2 of stacked views as what the fast solver takes in: levels, and the saddle problem of each."""
+"""Eq. 2 of stacked views as input of the fast solver: levels, and the saddle-point problem of each."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from stages.solvers.primal_dual.sliced_graph import sliced_graph, slices_of
 
 @dataclass(frozen=True, eq=False)
 class EdgeWeights:
-    """λ and μ where they differ from edge to edge; None: those of the energy for all.
+    """λ and μ per edge; None: the constants of the energy.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ ALIKE = EdgeWeights()
 def finest_level(
     views: StackedViews, images: list[np.ndarray], weights: EnergyWeights, edges: EdgeWeights = ALIKE
 ) -> Level:
-    """Make the level of the pixels themselves; images are 3 scaled channels of (N,)."""
+    """Build the level of single pixels; images are 3 scaled channels of (N,)."""
     return Level(
         starts=views.starts,
         positions=views.positions(),
@@ -64,7 +64,7 @@ def graph_of(views: StackedViews, weights: EnergyWeights, edges: EdgeWeights = A
 
 
 def _linked_views(views: StackedViews) -> np.ndarray:
-    """Number every set of views that links join, shape (n,): each has a scale of its own."""
+    """Label the connected components of views, shape (n,): each component has its own scale."""
     pairs = np.array([pair for pair, block in views.correspondences.items() if block.nnz], np.int64).reshape(
         -1, 2
     )
@@ -75,7 +75,7 @@ def _linked_views(views: StackedViews) -> np.ndarray:
 def problem_of(level: Level) -> Problem:
     """Arrange a level in slices.
 
-    Whoever does not keep the level makes room: its graph is let go before the rest is arranged.
+    If the caller holds no reference to the level, its graph is freed before the rest is arranged.
     """
     slices = slices_of(level.graph, level.starts)
     graph = sliced_graph(level.graph, slices)

@@ -1,4 +1,4 @@
-"""The problem of Eq. 2 at several sizes: pixels in groups of 2×2 within their view."""
+"""A pyramid of Eq. 2: pixels in groups of 2×2 within their view."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class Level:
     ----------
     starts : ndarray, shape (n + 1,), int64
     positions : ndarray, shape (N, 2), int32
-        Row and column in the own view, at this level's size.
+        Row and column within the view, at this level's size.
     basis : ndarray, shape (N, K, 1 or 3), float32
-        ν, shared by the channels or of each.
+        ν, shared by the channels or one per channel.
     image : ndarray, shape (N, 3), float32
     share : ndarray, shape (N,), float32
-        How full every group is: 1 where nothing is missing.
+        Filled share of every group: 1 where no pixel is missing.
     graph : HalfEdges
-        λ and μ are in its weights.
+        Its weights include λ and μ.
     gauge_of_view : ndarray, shape (n,), int64
-        The same number for views that links join.
+        Equal for views that correspondences connect.
     group : ndarray, shape (N of the finer level,), int32, or None
-        Where every pixel of the next finer level went; None at the finest.
+        Group of every pixel of the next finer level; None at the finest.
     """
 
     starts: np.ndarray
@@ -43,20 +43,20 @@ class Level:
 
     @property
     def pixels(self) -> int:
-        """N."""
+        """N, the number of pixels or groups."""
         return int(self.starts[-1])
 
     @property
     def view_of_pixel(self) -> np.ndarray:
-        """Number of the view that every pixel belongs to, shape (N,)."""
+        """Index of the view of every pixel, shape (N,)."""
         return np.repeat(np.arange(self.starts.size - 1), np.diff(self.starts))
 
 
 def coarser(level: Level) -> Level:
-    """Make the next level: groups of up to 2×2 pixels.
+    """Build the next coarser level, of groups of up to 2×2 pixels.
 
-    Sums are divided by four, so that steps that suit one level suit the next: the data term of a full group
-    stays, the smoothness weighs half, the agreement as much as before.
+    Sums are divided by four, so that the same step sizes suit all levels. The data term of a full group and
+    the consistency keep their weight, the smoothness has half.
     """
     half = level.positions // 2
     starts, group = _groups(half, level.starts)
@@ -78,7 +78,7 @@ def coarser(level: Level) -> Level:
 
 
 def pyramid(finest: Level, fewest: int) -> list[Level]:
-    """Make levels, the coarsest first; none has fewer than `fewest` pixels per view on average."""
+    """Build all levels, coarsest first; none has fewer than `fewest` pixels per view on average."""
     levels = [finest]
     while levels[0].pixels >= 4 * fewest * (finest.starts.size - 1):
         levels.insert(0, coarser(levels[0]))
@@ -86,7 +86,7 @@ def pyramid(finest: Level, fewest: int) -> list[Level]:
 
 
 def _groups(half: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number the places that are taken, view after view, row by row: starts (n + 1,), group (N,)."""
+    """Number the occupied places, view after view, row by row: starts (n + 1,), group (N,)."""
     group, counts = np.empty(len(half), np.int32), list[int]()
     for begin, end in zip(starts[:-1], starts[1:], strict=True):
         rows, columns = half[begin:end].T
@@ -100,7 +100,7 @@ def _groups(half: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _quarter_sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Sum up over the groups, divided by four, (count, k) float32, of values (N, k)."""
+    """Sum values (N, k) over the groups, divided by four; (count, k), float32."""
     sums = np.zeros((count, values.shape[1]))
     _add_up(group, values, sums)
     sums /= 4

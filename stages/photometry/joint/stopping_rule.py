@@ -1,4 +1,4 @@
-"""When `solver: fast` is done: what the rounds so far say about what further ones would bring."""
+"""Stopping rule of `solver: fast`: the remaining decrease of the energy, extrapolated from the rounds."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from stages.photometry.paper.alternation import Outcome
 
 @dataclass(frozen=True)
 class Round:
-    """What a round left.
+    """State after a round.
 
     Attributes
     ----------
     iterations : int
-        So far, on the finest level, all of them.
+        Total so far, on the finest level.
     energy : tuple of float
         Eq. 2 per channel, in the gauge; summed in float32 within every eight pixels.
     gap : float
-        How far the energy may at most be above that of the best albedo under this light, relative to it.
+        Upper bound of the excess over the least energy under this light, relative to the energy.
     """
 
     iterations: int
@@ -31,16 +31,16 @@ class Round:
 
 
 def verdict(rounds: Sequence[Round], stopping: Stopping, how: FastSettings) -> Outcome | None:
-    """Say how the descent has ended, or None: it goes on.
+    """Decide the outcome of the descent; None while it is to continue.
 
     Parameters
     ----------
     rounds : sequence of Round
-        The first is the state that they began with.
+        The first is the initial state.
     stopping : Stopping
         The tolerance is compared with `left_to_gain`.
     how : FastSettings
-        From how many rounds on, and what counts as a standstill.
+        Least number of rounds, and criteria of a stall.
     """
     if len(rounds) <= how.min_rounds:
         return None
@@ -52,16 +52,15 @@ def verdict(rounds: Sequence[Round], stopping: Stopping, how: FastSettings) -> O
 
 
 def left_to_gain(rounds: Sequence[Round]) -> float:
-    """Estimate what is left to gain, relative to the energy now; infinite where nothing slows down.
+    """Extrapolate the remaining decrease, relative to the current energy; infinite without deceleration.
 
     Notes
     -----
-    From what the last doubling of all rounds has gained, b, and the one before, a: were it to go on like
-    that, every doubling gaining b/a of the one before, ``b²/(a − b)`` would be left. That is the whole of an
-    error that falls as any power of their number. A descent that crawls looks settled from one round to the
-    next, but gains more with every doubling: a < b. It is an estimate: a plateau as long as all
-    rounds before it would pass for the end. Energies count by the least so far; where the last one
-    is above that, at least the difference is left.
+    With b the decrease over the last doubling of the rounds, a that over the one before, and a constant ratio
+    b/a, the remaining decrease is ``b²/(a − b)``. This is exact for an error that falls as a power of the
+    number of rounds. A slow descent looks settled from one round to the next, but gains more with every
+    doubling: a < b. A plateau as long as all rounds before it would be mistaken for convergence. Energies are
+    replaced by their running minimum; where the last one exceeds it, at least the difference remains.
     """
     energies = np.array([sum(one.energy) for one in rounds])
     least, last = np.minimum.accumulate(energies), len(energies) - 1

@@ -1,4 +1,4 @@
-"""`light: harmonics`: the energy of Eq. 2 under light that knows what it can see, bounces included."""
+"""`light: harmonics`: the energy of Eq. 2 under light with visibility and interreflection."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def solve_with_transfer(
     Parameters
     ----------
     views : StackedViews
-        Their basis is not looked at.
+        The basis is not used.
     images : list of 3 ndarray, shape (N,)
         Scaled.
     transfer : PixelTransfer
     solver : FastSolver
     bounces : Bounces
     how : HarmonicsSettings
-        When interreflection is found anew.
+        Updates of the interreflection.
     threads : int
         Never changes the result.
     step : callable
@@ -50,12 +50,12 @@ def solve_with_transfer(
     Returns
     -------
     tuple of FastDescent and StackedViews
-        The solution, and the views with the basis that it stands on.
+        The solution, and the views with its basis.
 
     Notes
     -----
-    Coarser levels know the direct light only. What bounces depends on the albedo, a little: at every refresh
-    the basis takes in the albedo so far, and the descent goes on from where it is.
+    Coarser levels use direct light only. Interreflection depends weakly on the albedo: every refresh
+    recomputes the basis from the current albedo, and the descent continues from its state.
     """
     basis = transfer.direct()
     finest = finest_level(replace(views, basis=basis), images, solver.weights)
@@ -65,7 +65,7 @@ def solve_with_transfer(
         albedo = descent.problem.slices.collect(descent.albedo)
         del basis  # before the next takes its place
         basis = transfer.with_bounces(albedo, bounces)
-        descent.stand_on(basis)
+        descent.replace_basis(basis)
         descent.iterate(how.refresh_iterations)
         step()
     views = replace(views, basis=basis)

@@ -1,1 +1,1 @@
-"""The paper's own light and albedo: nine harmonics per view, alternating least squares (Eq. 1 to 18)."""
+"""The paper's method: nine harmonics per view, alternating least squares (Eq. 1 to 18)."""

@@ -20,7 +20,7 @@ def albedo_step(
     weights: EnergyWeights,
     how: PaperSettings,
 ) -> LinearSolution:
-    """Reweight all albedos once, with the light held.
+    """Update all albedos by one reweighting, with the light held.
 
     Eq. 13: ``{ρ^i} = argmin Σ_i Σ_p w_i |I^i − ρ^i σ^i·ν^i|² + λ Σ_i Σ_p (w_∂x |∂x ρ^i|² + w_∂y |∂y ρ^i|²)
     + μ Σ_{i<j} Σ_{p^i} Σ_{p^j} C_ij w_ij |ρ^i(p^i) − ρ^j(p^j)|²``, solved as Eq. 17.
@@ -29,18 +29,18 @@ def albedo_step(
     ----------
     views : StackedViews
     image, albedo : ndarray, shape (N,), float64
-        I and ρ^(k), where the weights are taken and conjugate gradients start.
+        I and ρ^(k), at which the weights are evaluated and conjugate gradients start.
     light : ndarray, shape (n, 9), float64
         σ^(k+1).
     weights : EnergyWeights
     how : PaperSettings
-        δ, and when conjugate gradients end.
+        δ, and the stopping criteria of conjugate gradients.
 
     Notes
     -----
-    Deviation 3: Eq. 13 prints σ^(k), Eq. 17 σ^(k+1); the new light is used throughout, in the weights of
-    Eq. 12 too. The weighted squares then touch the smoothed energy where this step begins, so that this
-    step by itself, not only the whole alternation, cannot raise it.
+    Deviation 3: Eq. 13 has σ^(k), Eq. 17 σ^(k+1); the new light is used throughout, also in the weights of
+    Eq. 12. The weighted squares then majorise the smoothed energy and touch it at the start of this step, so
+    that the step itself, not only the whole alternation, cannot raise it.
     """
     matrix, rhs = albedo_system(views, image, albedo, light, weights, how.delta)
     return conjugate_gradient(matrix, rhs, albedo, how.cg_tolerance, how.cg_max_steps)
@@ -54,7 +54,7 @@ def albedo_system(
     weights: EnergyWeights,
     delta: float,
 ) -> tuple[sp.csr_array, np.ndarray]:
-    """Assemble the normal equations JᵀJ and Jᵀb of Eq. 17, weighted where `albedo` and `light` are."""
+    """Assemble the normal equations JᵀJ and Jᵀb of Eq. 17, with weights at `albedo` and `light`."""
     shading = views.shading(light)
     photo = l1_weights(photometric_residual(image, albedo, shading), delta)
     differences = np.concatenate(

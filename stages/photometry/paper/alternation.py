@@ -23,7 +23,7 @@ from stages.photometry.stack import StackedViews
 
 
 class Outcome(Enum):
-    """How an alternation ended; the text says what to try."""
+    """Outcome of an alternation; the text suggests what to try."""
 
     CONVERGED = "converged: the energy hardly changes any more"
     LIMIT_REACHED = (
@@ -49,7 +49,7 @@ class State:
 
 @dataclass(frozen=True)
 class AlternationRecord:
-    """What one alternation did.
+    """Record of one alternation.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class AlternationRecord:
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """How far one channel has come: where it stands, how it got there, and, once it is over, how it ended."""
+    """Descent of one channel: current state, history, and the outcome once it has ended."""
 
     state: State
     start_energy: float
@@ -91,12 +91,12 @@ class Descent:
 
     @property
     def ended(self) -> Outcome:
-        """How it ended.
+        """Outcome of a descent that has ended.
 
         Raises
         ------
         ValueError
-            It goes on.
+            It has not ended.
         """
         if self.outcome is None:
             raise ValueError(f"not over after {len(self.history)} alternations")
@@ -104,7 +104,7 @@ class Descent:
 
 
 def start(views: StackedViews, image: np.ndarray, weights: EnergyWeights) -> Descent:
-    """Begin at the paper's initial guess: ρ = I, which is in the gauge already, and σ = 1."""
+    """Initialise with the paper's guess: ρ = I, which is in the gauge, and σ = 1."""
     light = np.ones((views.view_count, views.basis.shape[1]))
     terms = energy_terms(views, image, image, light)
     return Descent(State(image.copy(), light, terms), terms.total(weights))
@@ -113,13 +113,13 @@ def start(views: StackedViews, image: np.ndarray, weights: EnergyWeights) -> Des
 def alternate(
     views: StackedViews, image: np.ndarray, state: State, weights: EnergyWeights, how: PaperSettings
 ) -> tuple[State, AlternationRecord]:
-    """Alternate once, (k) → (k + 1).
+    """Perform one alternation, (k) → (k + 1).
 
     Eq. 9: ``{σ^i}^(k+1) = argmin_σ ε({σ^i, ρ^i,(k)})``, by one reweighting (Eq. 11).
 
     Eq. 10: ``{ρ^i}^(k+1) = argmin_ρ ε({σ^i,(k+1), ρ^i})``, by one reweighting (Eq. 13).
 
-    Then the gauge is reapplied (Deviation 1), to σ inversely.
+    Then the gauge is reapplied to ρ (Deviation 1), and inversely to σ.
     """
     before = smoothed_energy(views, image, state.albedo, state.light, weights, how.delta)
     light = light_step(views, image, state.albedo, state.light, how)
@@ -147,7 +147,7 @@ def alternate(
 def advance(
     views: StackedViews, image: np.ndarray, descent: Descent, weights: EnergyWeights, how: PaperSettings
 ) -> Descent:
-    """Alternate once, and decide whether it is over: the energy settled, or the limit is reached."""
+    """Perform one alternation, and set the outcome if the energy has settled or the limit is reached."""
     state, record = alternate(views, image, descent.state, weights, how)
     history = (*descent.history, record)
     outcome = None
@@ -166,18 +166,18 @@ def decompose_channels(
     executor: Executor,
     after_each: Callable[[], None] = lambda: None,
 ) -> list[Descent]:
-    """Alternate Eq. 9 and 10 in every channel, from the paper's start; channels know nothing of each other.
+    """Alternate Eq. 9 and 10 in every channel independently, from the paper's initial guess.
 
     Parameters
     ----------
     views : StackedViews
     images : sequence of ndarray, shape (N,), float64
-        The channels of the linear images, scaled so that δ means what it says (99th percentile = 1).
+        The channels of the linear images, scaled to a 99th percentile of 1, the unit of δ.
     weights : EnergyWeights
     how : PaperSettings
     executor : Executor
         Each task is one alternation of one channel, so that three channels share two workers evenly. The
-        tasks do not depend on each other's timing: neither does the result.
+        result does not depend on the timing of the tasks.
     after_each : callable
         Called in this thread after every alternation.
 
@@ -187,7 +187,7 @@ def decompose_channels(
         One per channel, each with its outcome.
     """
     descents = [start(views, image, weights) for image in images]
-    _ = views.equations  # found here once: the channels' threads would each find it
+    _ = views.equations  # computed once here, else every channel's thread would compute it
 
     def submit(channel: int) -> Future[Descent]:
         return executor.submit(advance, views, images[channel], descents[channel], weights, how)
@@ -204,5 +204,5 @@ def decompose_channels(
 
 
 def _relative_change(before: float, after: float) -> float:
-    """Compute |after − before| / before; 0 between equals, so that a black channel converges at once."""
+    """Compute |after − before| / before; 0 if equal, so that a black channel converges at once."""
     return 0.0 if after == before else abs(after - before) / max(before, 1e-300)

@@ -1,4 +1,4 @@
-"""The energy, the smoothed energy that reweighting descends, and the gauge that gives both a meaning."""
+"""The energy, the smoothed energy that reweighting descends, and the gauge that fixes their scale."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stages.solvers.least_squares.reweighted_least_squares import smoothed_absol
 
 @dataclass(frozen=True)
 class EnergyWeights:
-    """What the terms of Eq. 2 weigh.
+    """Weights of the terms of Eq. 2.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class EnergyTerms:
     multi_view: float
 
     def total(self, weights: EnergyWeights) -> float:
-        """Sum them up.
+        """Sum the terms with their weights.
 
         Eq. 2: ``ε = Σ_i ε_Photo(σ^i, ρ^i) + λ Σ_i ε_Smooth(ρ^i) + μ Σ_{i<j} ε_MV(ρ^i, ρ^j)``
         """
@@ -45,12 +45,12 @@ class EnergyTerms:
 
 
 def photometric_residual(image: np.ndarray, albedo: np.ndarray, shading: np.ndarray) -> np.ndarray:
-    """Compute what the model leaves of the image, ``I − ρ σ·ν``, shape (N,)."""
+    """Compute the residual of the image, ``I − ρ σ·ν``, shape (N,)."""
     return image - albedo * shading
 
 
 def photometric_term(image: np.ndarray, albedo: np.ndarray, shading: np.ndarray) -> float:
-    """Sum up the misfit to the images over the views.
+    """Sum the photometric misfit over the views.
 
     Eq. 3: ``ε_Photo(σ^i, ρ^i) = Σ_p |I^i(p) − ρ^i(p) σ^i·ν^i(p)|``
     """
@@ -58,7 +58,7 @@ def photometric_term(image: np.ndarray, albedo: np.ndarray, shading: np.ndarray)
 
 
 def smoothness_term(views: StackedViews, albedo: np.ndarray) -> float:
-    """Sum up the anisotropic total variation over the views.
+    """Sum the anisotropic total variation over the views.
 
     Eq. 4: ``ε_Smooth(ρ^i) = Σ_p |∂x ρ^i(p)| + |∂y ρ^i(p)|``
     """
@@ -66,7 +66,7 @@ def smoothness_term(views: StackedViews, albedo: np.ndarray) -> float:
 
 
 def consistency_term(views: StackedViews, albedo: np.ndarray) -> float:
-    """Sum up the disagreement of the views about the same surface point, summed over the pairs i < j.
+    """Sum the differences between corresponding albedos over the pairs of views i < j.
 
     Eq. 5: ``ε_MV(ρ^i, ρ^j) = Σ_{p^i} Σ_{p^j} C_ij(p^i, p^j) |ρ^i(p^i) − ρ^j(p^j)|``
     """
@@ -74,18 +74,18 @@ def consistency_term(views: StackedViews, albedo: np.ndarray) -> float:
 
 
 def _differences_of(albedo: np.ndarray, pairs: Iterable[Pixels]) -> np.ndarray:
-    """Sum up ``|ρ_q − ρ_p|`` of every channel, float64, view by view: never all pairs at a time."""
+    """Sum ``|ρ_q − ρ_p|`` per channel, float64, view by view: never all pairs at a time."""
     total = np.zeros(albedo.shape[1:])
     for p, q in pairs:
         apart = np.abs(albedo[q].astype(np.float64) - albedo[p])
-        total += np.ascontiguousarray(apart.T).sum(axis=-1)  # channel by channel, in pairs: no digit is lost
+        total += np.ascontiguousarray(apart.T).sum(axis=-1)  # contiguous per channel: pairwise summation
     return total
 
 
 def energy_terms(
     views: StackedViews, image: np.ndarray, albedo: np.ndarray, light: np.ndarray
 ) -> EnergyTerms:
-    """Evaluate all three sums for one channel: image and albedo of shape (N,), light of shape (n, 9)."""
+    """Evaluate the three sums of one channel: image and albedo of shape (N,), light of shape (n, 9)."""
     return EnergyTerms(
         photo=photometric_term(image, albedo, views.shading(light)),
         smooth=smoothness_term(views, albedo),
@@ -96,7 +96,7 @@ def energy_terms(
 def channel_terms(
     views: StackedViews, images: Sequence[np.ndarray], albedo: np.ndarray, shading: np.ndarray
 ) -> tuple[EnergyTerms, ...]:
-    """Evaluate all three sums for every channel: images of shape (N,), albedo and shading (N, c)."""
+    """Evaluate the three sums of every channel: images of shape (N,), albedo and shading (N, c)."""
     photo = [photometric_term(image, albedo[:, c], shading[:, c]) for c, image in enumerate(images)]
     smooth = _differences_of(albedo, views.neighbours())
     multi_view = _differences_of(albedo, views.linked_pixels())
@@ -111,9 +111,9 @@ def smoothed_energy(
     weights: EnergyWeights,
     delta: float,
 ) -> float:
-    """Evaluate Eq. 2 with h_δ in place of ``|·|``: what each step at fixed δ can only lower.
+    """Evaluate Eq. 2 with h_δ in place of ``|·|``, which no step at fixed δ can raise.
 
-    Differences that do not exist (mask borders, pixels without a link) add nothing, not even h_δ(0).
+    Missing differences (mask borders, pixels without correspondence) add nothing, not even h_δ(0).
     """
     photo = smoothed_absolute(photometric_residual(image, albedo, views.shading(light)), delta).sum()
     smooth = (
@@ -125,12 +125,12 @@ def smoothed_energy(
 
 
 def gauge_scale(image: np.ndarray, albedo: np.ndarray) -> float:
-    """Find the factor s that brings Σ|s ρ| to Σ|I| over all pixels of a channel; 1 where there is none.
+    """Compute the factor s with Σ|s ρ| = Σ|I| over all pixels of a channel; 1 where there is none.
 
     Notes
     -----
-    Deviation 1: the paper fixes no gauge. (ρ, σ) → (s ρ, σ/s) leaves Eq. 3 alone and scales Eq. 4 and 5 by
-    s, so that inf ε = 0 and a long descent drifts to black. Energies are compared in this gauge only.
+    Deviation 1: the paper fixes no gauge. (ρ, σ) → (s ρ, σ/s) leaves Eq. 3 unchanged and scales Eq. 4 and 5
+    by s, so that inf ε = 0 and a long descent drifts to black. Energies are compared in this gauge only.
     """
     current, wanted = float(np.abs(albedo).sum()), float(np.abs(image).sum())
     return wanted / current if current > 0 and wanted > 0 else 1.0

@@ -1,4 +1,4 @@
-"""Real spherical harmonics and the shading basis that they give a convex Lambertian surface."""
+"""Real spherical harmonics and their shading basis for a convex Lambertian surface."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def real_harmonics(directions: np.ndarray, degree: int) -> np.ndarray:
     values = np.empty((*directions.shape[:-1], (degree + 1) ** 2))
     for m in range(degree + 1):
         cosine, sine = _powers(x, y, m)
-        for l, q in enumerate(_legendre(z, m, degree), start=m):  # noqa: E741 — the usual letter
+        for l, q in enumerate(_legendre(z, m, degree), start=m):  # noqa: E741 — the conventional letter
             scale = sqrt((2 * l + 1) / (4 * pi) * factorial(l - m) / factorial(l + m))
             centre = l * l + l
             values[..., centre + m] = scale * q * cosine
@@ -49,14 +49,14 @@ def clamped_cosine(degree: int) -> np.ndarray:
 
 
 def shading_basis(normals_in_world: np.ndarray, degree: int = 2) -> np.ndarray:
-    """Evaluate ν(p) of the shading ``S = σ·ν`` that a surface open to the whole sky receives; for degree 2
+    """Evaluate ν(p) of the shading ``S = σ·ν`` of a surface with unobstructed sky; for degree 2
 
     Eq. 1: ``I^i(p) = ρ^i(p) σ^i·ν^i(p)`` with ``ν_k = (A_l/π) Y_k(n)``, k = 1 … 9.
 
     Parameters
     ----------
     normals_in_world : ndarray, shape (..., 3)
-        Unit normals. World axes, so that one light can serve all views.
+        Unit normals, in world axes so that one light can be shared by all views.
     degree : int
         Largest l; the paper's nine harmonics have 2.
 

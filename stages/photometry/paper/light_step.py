@@ -13,7 +13,7 @@ from stages.solvers.least_squares.reweighted_least_squares import l1_weights
 def light_step(
     views: StackedViews, image: np.ndarray, albedo: np.ndarray, light: np.ndarray, how: PaperSettings
 ) -> np.ndarray:
-    """Reweight all lights once, with the albedo held.
+    """Update all lights by one reweighting, with the albedo held.
 
     Eq. 11: ``σ^i = argmin Σ_p w_i(p) |I^i(p) − ρ^i(p) σ^i·ν^i(p)|²``, for every view i, with w of Eq. 12.
 
@@ -22,9 +22,9 @@ def light_step(
     views : StackedViews
     image, albedo : ndarray, shape (N,), float64
     light : ndarray, shape (n, 9), float64
-        σ^(k), where the weights are taken.
+        σ^(k), at which the weights are evaluated.
     how : PaperSettings
-        δ, and which directions of the light count as observed.
+        δ, and the rank tolerance.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def light_step(
 def _weighted_fit(
     columns: np.ndarray, target: np.ndarray, weights: np.ndarray, rank_tolerance: float
 ) -> np.ndarray:
-    """Solve ``argmin Σ w (target − columns x)²`` by pseudo-inverse: the shortest x where several fit equally.
+    """Solve ``argmin Σ w (target − columns x)²`` by pseudo-inverse: the minimum-norm solution.
 
     einsum rather than BLAS products: the same bits whatever the number of threads.
     """

@@ -1,4 +1,4 @@
-"""Settings of `solver: paper`: reweighting, conjugate gradients, and when the alternation ends."""
+"""Settings of `solver: paper`: reweighting, conjugate gradients, and the stopping rule of the alternation."""
 
 from __future__ import annotations
 
@@ -17,35 +17,34 @@ class PaperSettings(Settings):
     )
     max_alternations: int = setting(
         50,
-        "Alternations of light and albedo at most, as in the paper.",
+        "Greatest number of alternations of light and albedo, as in the paper.",
         unit="alternations",
         ge=1,
     )
     energy_tolerance: float = setting(
         1e-3,
-        "Relative change of the energy, in the gauge and between two alternations, to stop at, as in the "
-        "paper.",
+        "Relative change of the energy, in the gauge and between two alternations, at which to stop, as in "
+        "the paper.",
         ge=0,
         lt=1,
     )
     cg_tolerance: float = setting(
         1e-6,
         "Relative residual at which the albedo's linear system counts as solved. The paper names none; at "
-        "1e-2 the energy stands still far too high and passes for converged.",
+        "1e-2 the energy stagnates far too high and is mistaken for converged.",
         gt=0,
         lt=1,
     )
     cg_max_steps: int = setting(
         1000,
-        "Steps of conjugate gradients at most; some hundreds are usual.",
+        "Greatest number of steps of conjugate gradients; some hundreds are usual.",
         unit="steps",
         ge=1,
     )
     rank_tolerance: float = setting(
         1e-12,
-        "Directions of a view's light whose eigenvalue in the normal equations is below this part of the "
-        "greatest are left at 0: they are the rounding of normals and basis, kept in 32 bits, of which this "
-        "is the square.",
+        "Directions of a view's light whose eigenvalue in the normal equations is below this fraction of the "
+        "greatest are set to 0, as rounding of normals and basis in 32 bits; this is about its square.",
         gt=0,
         lt=1,
     )

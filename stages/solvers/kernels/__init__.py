@@ -1,1 +1,1 @@
-"""What compiled loops stand on: eight numbers at a time, sliced sparse rows, threads, memory."""
+"""Foundations of the compiled loops: SIMD lanes, sliced sparse rows, threads, memory."""

@@ -1,7 +1,7 @@
-"""Where numba keeps compiled loops: in a folder named by what they are compiled from.
+"""Numba's cache of compiled loops, in a folder named by a digest of their sources.
 
-Numba looks at the file of a loop, not at those of the functions it calls, so that an edit there would meet an
-old kernel.
+Numba checks the file of a loop only, not those of the functions it calls: after an edit there it would use an
+outdated kernel.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import os
 from pathlib import Path
 
 VARIABLE = "NUMBA_CACHE_DIR"  # numba reads it when it is imported
-COMPILED = b"numba"  # what every file names whose functions are compiled
+COMPILED = b"numba"  # occurs in every file with compiled functions
 
 
 def digest_of_loops(root: Path) -> str:
-    """Digest names and contents of all Python files under a folder that name numba."""
+    """Digest names and contents of all Python files under a folder that mention numba."""
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
         content = path.read_bytes()
@@ -25,10 +25,10 @@ def digest_of_loops(root: Path) -> str:
 
 
 def name_loop_cache(root: Path) -> None:
-    """Tell numba a folder for the loops under `root`: in its ``__pycache__``, else in the user's cache.
+    """Set numba's cache folder for the loops under `root`: in its ``__pycache__``, else in the user's cache.
 
-    What the environment says already holds. Nothing is said where neither folder can be written: numba then
-    finds its own place, or compiles anew.
+    A value in the environment takes precedence. If neither folder is writable, nothing is set: numba then
+    uses its own default, or compiles again.
     """
     if VARIABLE in os.environ:
         return

@@ -1,8 +1,8 @@
-"""Eight numbers at a time: the vectors that compiled loops over pixels work on.
+"""SIMD vectors of eight numbers for compiled loops over pixels.
 
-The compiler does not turn loops over a graph of pixels into vector instructions by itself; with these it
-has no choice. Inside ``numba.njit`` functions a `Lanes` value adds, subtracts, multiplies and divides lane
-by lane like a number.
+The compiler does not vectorise loops over a graph of pixels by itself; these types make the vectors explicit.
+Inside ``numba.njit`` functions a `Lanes` value adds, subtracts, multiplies and divides lane by lane like a
+number.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from numba.extending import models, overload, register_model
 if TYPE_CHECKING:
     Taken = ParamSpec("Taken")
 
-    # What numba's stubs get wrong: whoever calls an intrinsic gives no typing context, and gets an answer.
+    # Numba's stubs are wrong here: a call of an intrinsic takes no typing context, and returns a value.
     def intrinsic(function: Callable[Concatenate[Any, Taken], object]) -> Callable[Taken, Any]: ...
 else:
     from numba.extending import intrinsic
 
-COUNT = 8  # what AVX2 takes of float32: speed, and the order in which sums are taken
+COUNT = 8  # float32 lanes of AVX2; affects speed, and the order of sums
 
 _WIDE = {
     types.float32: ir.VectorType(ir.FloatType(), COUNT),
@@ -34,7 +34,7 @@ _INT32 = ir.VectorType(ir.IntType(32), COUNT)
 _QUAD = ir.VectorType(ir.FloatType(), 4)
 _WIDTH = ir.IntType(64)
 
-# How eight pixels of four numbers each become four rows of eight, and back: pairs are interleaved within
+# Transposition of eight pixels of four numbers to four rows of eight, and back: pairs are interleaved within
 # each half of a vector, twice.
 _LOW, _HIGH = (0, 8, 1, 9, 4, 12, 5, 13), (2, 10, 3, 11, 6, 14, 7, 15)
 _EVEN, _ODD = (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15)
@@ -61,7 +61,7 @@ _THREE = types.UniTuple(Lanes(types.float32), 3)
 
 @intrinsic
 def load(typingctx, array, place):
-    """Load eight numbers of a flat array, float32, float64, int8 or int16 (as float32), from a place on."""
+    """Load eight numbers of a flat array from a place on: float32, float64, int8 or int16 (as float32)."""
     narrow = array.dtype in (types.int8, types.int16)
     lanes = Lanes(types.float32 if narrow else array.dtype)
 
@@ -76,7 +76,7 @@ def load(typingctx, array, place):
 
 @intrinsic
 def store(typingctx, array, place, lanes):
-    """Write eight numbers into a flat array, from a place on; rounded to the nearest where it is int16."""
+    """Write eight numbers into a flat array from a place on; rounded to the nearest if it is int16."""
     narrow = array.dtype == types.int16
 
     def emit(context, builder, signature, arguments):
@@ -92,7 +92,7 @@ def store(typingctx, array, place, lanes):
 
 @intrinsic
 def gather_channels(typingctx, array, pixels, place):
-    """Load three channels, a `Lanes` each, of the eight pixels that ``pixels[place:place + 8]`` names.
+    """Load three channels, a `Lanes` each, of the eight pixels ``pixels[place:place + 8]``.
 
     The array holds four numbers per pixel, the fourth unused: one load fetches a pixel.
     """
@@ -110,7 +110,7 @@ def gather_channels(typingctx, array, pixels, place):
 
 @intrinsic
 def prefetch_pixels(typingctx, array, pixels, place):
-    """Have the eight pixels that ``pixels[place:place + 8]`` names fetched into the nearest cache."""
+    """Prefetch the eight pixels ``pixels[place:place + 8]`` into the nearest cache."""
 
     def emit(context, builder, signature, arguments):
         origin = context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -130,7 +130,7 @@ def prefetch_pixels(typingctx, array, pixels, place):
 
 @intrinsic
 def load_channels(typingctx, array, place):
-    """Load three channels, a `Lanes` each, of eight pixels that lie side by side, four numbers each."""
+    """Load three channels, a `Lanes` each, of eight consecutive pixels, four numbers each."""
 
     def emit(context, builder, signature, arguments):
         first = _pointer(context, builder, signature, arguments)
@@ -142,7 +142,7 @@ def load_channels(typingctx, array, place):
 
 @intrinsic
 def store_channels(typingctx, array, place, red, green, blue):
-    """Write three channels of eight pixels, four numbers each; the fourth is blue once more."""
+    """Write three channels of eight pixels, four numbers each; the fourth repeats blue."""
 
     def emit(context, builder, signature, arguments):
         first, (red, green, blue) = _pointer(context, builder, signature, arguments), arguments[2:]
@@ -166,7 +166,7 @@ def store_channels(typingctx, array, place, red, green, blue):
 
 @intrinsic
 def spread(typingctx, number):
-    """Put the same number into all lanes."""
+    """Broadcast a number to all lanes."""
 
     def emit(context, builder, signature, arguments):
         return _splat(builder, _WIDE[number], arguments[0])
@@ -176,7 +176,7 @@ def spread(typingctx, number):
 
 @intrinsic
 def lane_sum(typingctx, lanes):
-    """Add up the lanes, in an order that never changes."""
+    """Sum the lanes, in a fixed order."""
 
     def emit(context, builder, signature, arguments):
         values = [
@@ -236,7 +236,7 @@ def where_above(typingctx, tested, bound, then, otherwise):
 
 
 def _arithmetic(function, instruction):
-    """Let two `Lanes` meet in an operator."""
+    """Define an operator on two `Lanes`."""
 
     @intrinsic
     def of_lanes(typingctx, left, right):
@@ -262,7 +262,7 @@ for _function, _instruction in (
 
 
 def _pointer(context, builder, signature, arguments):
-    """Point to where ``array[place]`` lies, `array` and `place` being the first two arguments."""
+    """Compute the address of ``array[place]``, `array` and `place` being the first two arguments."""
     array = context.make_array(signature.args[0])(context, builder, arguments[0])
     return builder.gep(array.data, [arguments[1]])
 
@@ -272,7 +272,7 @@ def _load_quad(builder, at):
 
 
 def _channels(builder, quads):
-    """Take the first three numbers of eight pixels as three vectors of eight."""
+    """Transpose the first three numbers of eight pixels to three vectors of eight."""
     wide = [_mixed(builder, quads[lane], quads[lane + 4], range(8)) for lane in range(4)]
     near, far = _mixed(builder, wide[0], wide[1], _LOW), _mixed(builder, wide[2], wide[3], _LOW)
     near_blue, far_blue = _mixed(builder, wide[0], wide[1], _HIGH), _mixed(builder, wide[2], wide[3], _HIGH)
@@ -284,7 +284,7 @@ def _channels(builder, quads):
 
 
 def _mixed(builder, left, right, order):
-    """Lanes of two vectors in a given order, the right one's counted on from the left one's."""
+    """Shuffle the lanes of two vectors; those of the right are numbered after those of the left."""
     lanes = ir.Constant(ir.VectorType(ir.IntType(32), len(order)), list(order))
     return builder.shuffle_vector(left, right, lanes)
 

@@ -1,4 +1,4 @@
-"""Pixels in slices of eight, so that compiled loops take eight of them at a time."""
+"""Sliced ELLPACK layout: pixels in slices of eight, for SIMD loops."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ import scipy.sparse as sp
 import stages.solvers.kernels.threading_layer  # noqa: F401
 from stages.solvers.kernels.simd import COUNT
 
-# What compiled loops count by. Unsigned throughout: numba checks signed places for negative values.
+# Index constants of compiled loops. Unsigned throughout: numba checks signed indices for negative values.
 ZERO, ONE, THREE = np.uint64(0), np.uint64(1), np.uint64(3)
 EIGHT, SIXTEEN, SLICE = np.uint64(8), np.uint64(16), np.uint64(24)  # a slice: three channels of eight pixels
 QUADS = np.uint64(32)  # a slice of an interleaved array: eight pixels of four numbers
 
-BLOCK = 128  # slices that a thread takes at a time; the order of sums depends on it, and on nothing else
+BLOCK = 128  # slices per task of a thread; the order of sums depends on it alone
 
 
 @dataclass(frozen=True, eq=False)
 class Slices:
-    """Every view's pixels in slices of eight; a view's last slice is filled up.
+    """Pixels of every view in slices of eight; a view's last slice is padded.
 
-    Values of k kinds per pixel, (N, k), are held as (S, k, 8): kind by kind within a slice.
+    Values of k kinds per pixel, (N, k), are stored as (S, k, 8): kind by kind within a slice.
 
     Attributes
     ----------
     starts : ndarray, shape (n + 1,), int64
         View i owns the pixels ``starts[i]:starts[i + 1]``.
     first : ndarray, shape (n + 1,), int64
-        And the slices ``first[i]:first[i + 1]``.
+        View i owns the slices ``first[i]:first[i + 1]``.
     places : ndarray, shape (N,), int32
-        Where pixel p is: lane ``place % 8`` of slice ``place // 8``.
+        Pixel p is lane ``place % 8`` of slice ``place // 8``.
     """
 
     starts: np.ndarray
@@ -44,7 +44,7 @@ class Slices:
     def of(cls, starts: np.ndarray, rank: np.ndarray | None = None) -> Slices:
         """Fill slices with pixels in the order of a rank, (N,), int32: a permutation within the views.
 
-        As they are by default. The array becomes the places.
+        Without a rank the order is kept. The array is overwritten and becomes the places.
         """
         first = np.concatenate([[0], np.cumsum(-(-np.diff(starts) // COUNT))]).astype(np.int64)
         places = np.arange(starts[-1], dtype=np.int32) if rank is None else rank
@@ -54,12 +54,12 @@ class Slices:
 
     @property
     def pixels(self) -> int:
-        """N."""
+        """N, the number of pixels."""
         return int(self.starts[-1])
 
     @property
     def count(self) -> int:
-        """S."""
+        """S, the number of slices."""
         return int(self.first[-1])
 
     def spread(self, values: np.ndarray) -> np.ndarray:
@@ -88,7 +88,7 @@ class Slices:
 
     @cached_property
     def blocks(self) -> Blocks:
-        """The slices in runs of at most `BLOCK`, none across two views: what a thread takes at a time."""
+        """Tasks of the threads: runs of at most `BLOCK` slices, none across two views."""
         views, begins = [], []
         for number in range(len(self.first) - 1):
             own = np.arange(self.first[number], self.first[number + 1], BLOCK)
@@ -120,7 +120,7 @@ class Blocks:
         return sp.csr_array((ones, places), shape=(self.view_count, self.view.size))
 
     def by_view(self, sums: np.ndarray) -> np.ndarray:
-        """Add sums of every block, (B, …), up for every view, (n, …)."""
+        """Sum values of every block, (B, …), per view, (n, …)."""
         return (self._membership @ sums.reshape(len(sums), -1)).reshape(self.view_count, *sums.shape[1:])
 
 
@@ -135,5 +135,5 @@ def _spread(values, places, sliced):
 
 @numba.njit(inline="always")
 def held_at(place, channel):
-    """Find where a channel of a place lies in rows of three channels of eight, flat."""
+    """Compute the flat index of a place's channel in rows of three channels of eight."""
     return place // 8 * 24 + place % 8 + 8 * channel

@@ -1,4 +1,4 @@
-"""Conjugate gradients with Jacobi, the only preconditioner of `solver: paper`; steps are counted."""
+"""Conjugate gradients with Jacobi preconditioner, of `solver: paper`; steps are counted."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 @dataclass(frozen=True, eq=False)
 class LinearSolution:
-    """Where conjugate gradients ended.
+    """Solution of conjugate gradients.
 
     Attributes
     ----------
     x : ndarray, shape (N,), float64
     steps : int
-        Steps taken.
+        Number of steps.
     relative_residual : float
         ``|b − A x| / |b|``, computed afresh; 0 where b = 0.
     reached : bool
@@ -35,21 +35,21 @@ def conjugate_gradient(
 ) -> LinearSolution:
     """Solve ``A x = b`` for a symmetric positive semi-definite A, from `start`.
 
-    Every step lowers ``½ xᵀA x − bᵀx``, so that stopping early still leaves a better x than `start`: the
-    descent of reweighted least squares does not hang on the tolerance.
+    Every step lowers ``½ xᵀA x − bᵀx``, so that x is better than `start` after an early stop, too: the
+    descent of reweighted least squares does not depend on the tolerance.
 
     Parameters
     ----------
     matrix : csr_array, shape (N, N), float64
     rhs, start : ndarray, shape (N,), float64
     tolerance : float
-        Relative residual |b − A x| / |b| to stop at.
+        Relative residual |b − A x| / |b| at which to stop.
     max_steps : int
 
     Notes
     -----
-    Deviation 2: the paper names no tolerance. An inner solver stopped early makes the energy change so
-    little that the outer stopping rule takes it for convergence, hence a tight default upstream.
+    Deviation 2: the paper names no tolerance. If the inner solver stops early, the energy changes so little
+    that the outer stopping rule mistakes it for convergence; hence the tight default in the settings.
     """
     size = float(np.linalg.norm(rhs))
     if size == 0:
@@ -69,6 +69,6 @@ def conjugate_gradient(
 
 
 def _inverse_diagonal(matrix: sp.csr_array) -> np.ndarray:
-    """Invert the diagonal; 1 for an empty row (no light, neighbour or link), which keeps its start."""
+    """Invert the diagonal; 1 for an empty row (no light, neighbour or correspondence)."""
     diagonal = matrix.diagonal()
     return 1 / np.where(diagonal > 0, diagonal, 1.0)

@@ -1,4 +1,4 @@
-"""C of Eq. 18: differences of albedo between pixels of two views that show the same surface point."""
+"""C of Eq. 18: differences of albedo between corresponding pixels of two views."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ Correspondences = Mapping[tuple[int, int], sp.csr_array]
 def linked_pixels(
     correspondences: Correspondences, starts: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Go through the pairs of views in the order of Eq. 18, and give the pixels that each links.
+    """Iterate over the pairs of views in the order of Eq. 18, yielding their corresponding pixels.
 
     Parameters
     ----------
-    links : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
+    correspondences : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
         C_ij: at most one 1 per row.
     starts : ndarray, shape (n + 1,), int64
         View i owns the numbers ``starts[i]:starts[i + 1]``.
@@ -35,14 +35,14 @@ def linked_pixels(
 
 
 def correspondence_matrix(correspondences: Correspondences, pixel_counts: Sequence[int]) -> sp.csr_array:
-    """Arrange the pairs' matrices by block; for four views
+    """Assemble the block matrix of all pairs; for four views
 
     Eq. 18: ``C = [B12 C12 . . ; B13 . C13 . ; B14 . . C14 ; . B23 C23 . ; . B24 . C24 ; . . B34 C34]``.
 
     Parameters
     ----------
-    links : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
-        C_ij: at most one 1 per row. A pair that is absent has no links.
+    correspondences : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
+        C_ij: at most one 1 per row. A pair that is absent has no correspondences.
     pixel_counts : sequence of int
         |Ω^i| of every view; N together.
 
@@ -55,7 +55,7 @@ def correspondence_matrix(correspondences: Correspondences, pixel_counts: Sequen
     Raises
     ------
     ValueError
-        A pair is not i < j, a block has the wrong shape, or a row has more than one link.
+        A pair is not i < j, a block has the wrong shape, or a row has more than one correspondence.
     """
     starts = np.concatenate([[0], np.cumsum(pixel_counts)])
     check_correspondences(correspondences, pixel_counts)
@@ -74,19 +74,19 @@ def correspondence_matrix(correspondences: Correspondences, pixel_counts: Sequen
 
 
 def _first_rows(pixel_counts: Sequence[int]) -> dict[tuple[int, int], int]:
-    """First block row of every pair."""
+    """Compute the first block row of every pair."""
     pairs = list(combinations(range(len(pixel_counts)), 2))
     ends = np.cumsum([pixel_counts[i] for i, _ in pairs]).tolist()
     return dict(zip(pairs, [0, *ends], strict=False))
 
 
 def check_correspondences(correspondences: Correspondences, pixel_counts: Sequence[int]) -> None:
-    """Refuse what is not Eq. 18's.
+    """Validate correspondences for Eq. 18.
 
     Raises
     ------
     ValueError
-        A pair is not i < j, a block has the wrong shape, or a row has more than one link.
+        A pair is not i < j, a block has the wrong shape, or a row has more than one correspondence.
     """
     for (i, j), block in correspondences.items():
         if not 0 <= i < j < len(pixel_counts):
@@ -95,4 +95,4 @@ def check_correspondences(correspondences: Correspondences, pixel_counts: Sequen
         if block.shape != expected:
             raise ValueError(f"C of pair ({i}, {j}) has shape {block.shape}; expected {expected}.")
         if np.any(np.diff(block.indptr) > 1):
-            raise ValueError(f"C of pair ({i}, {j}) has a row with more than one link.")
+            raise ValueError(f"C of pair ({i}, {j}) has a row with more than one correspondence.")

@@ -11,19 +11,19 @@ Pixels = tuple[np.ndarray, np.ndarray]
 
 
 def first_pixels(masks: Sequence[np.ndarray]) -> np.ndarray:
-    """Number the pixels of all masks, view after view, row by row: places in the stacked vector of Eq. 17.
+    """Count the pixels of all masks, as offsets of the views in the stacked vector of Eq. 17.
 
     Returns
     -------
     ndarray, shape (n + 1,), int64
-        View i owns the numbers ``starts[i]:starts[i + 1]``.
+        View i owns the numbers ``starts[i]:starts[i + 1]``, row by row.
     """
     counts = [int(np.count_nonzero(mask)) for mask in masks]
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
 def neighbours(mask: np.ndarray, first: int = 0) -> tuple[Pixels, Pixels]:
-    """Find the pairs of pixels of one mask that D_x and D_y subtract: right − left, below − above.
+    """List the pairs of pixels of one mask that D_x and D_y subtract: right − left, below − above.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ def difference_matrices(masks: Sequence[np.ndarray]) -> tuple[sp.csr_array, sp.c
     Returns
     -------
     d_x, d_y : csr_array, shape (N, N), float64
-        x points right, y down. The row of a pixel whose neighbour is not in Ω is empty: nothing is charged
-        at the border of a mask.
+        x points right, y down. The row of a pixel whose neighbour is not in Ω is empty: the border of a
+        mask adds nothing.
     """
     starts = first_pixels(masks)
     pairs = [neighbours(mask, first) for mask, first in zip(masks, starts[:-1].tolist(), strict=True)]

@@ -1,4 +1,4 @@
-"""Least values of smooth functions of numbers that are not negative."""
+"""Minimisation of smooth functions of non-negative variables."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize
 
-SETTLED = 1e-5  # slope by any of the numbers at which a descent ends: further, light explains paint
+SETTLED = 1e-5  # greatest partial derivative at which a descent ends: further, light is fitted to albedo
 
 
 def descend_above_zero(
@@ -16,10 +16,10 @@ def descend_above_zero(
     steps: int,
     settled: float = SETTLED,
 ) -> np.ndarray:
-    """Descend from a start, of any shape and at least 0, by at most so many steps of L-BFGS-B.
+    """Minimise over values of at least 0, from a start of any shape, by at most `steps` steps of L-BFGS-B.
 
-    The objective gives value and slope, of the start's shape both. It ends where the slope by none of the
-    numbers is more than `settled`, but for what would go below 0.
+    The objective returns its value and its gradient, of the start's shape. The descent ends when no component
+    of the projected gradient exceeds `settled`.
     """
 
     def flat(values: np.ndarray) -> tuple[float, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Iteratively reweighted least squares for sums of absolute values: weights, smoothed energy, system."""
+"""Iteratively reweighted least squares for L1 energies: weights, smoothed energy, normal equations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 
 def l1_weights(residual: np.ndarray, delta: float) -> np.ndarray:
-    """Weight every squared residual, ``1 / |residual|_δ`` with ``|·|_δ = max(δ, |·|)``, any shape.
+    """Compute the weights of squared residuals, ``1 / |residual|_δ`` with ``|·|_δ = max(δ, |·|)``, any shape.
 
     Eq. 12: ``w_i(p) = 1 / |I^i(p) − ρ^i(p) σ^i·ν^i(p)|_δ``
 
@@ -24,7 +24,7 @@ def l1_weights(residual: np.ndarray, delta: float) -> np.ndarray:
 
 
 def smoothed_absolute(residual: np.ndarray, delta: float) -> np.ndarray:
-    """Evaluate the function whose descent these weights guarantee: |r|, but a parabola where |r| ≤ δ.
+    """Evaluate the smoothed absolute value whose descent these weights guarantee.
 
     ``h_δ(r) = |r|`` for |r| > δ, else ``r²/(2δ) + δ/2``.
 
@@ -38,7 +38,7 @@ def smoothed_absolute(residual: np.ndarray, delta: float) -> np.ndarray:
 
 
 def without_empty_rows(operator: sp.csr_array) -> sp.csr_array:
-    """Drop the rows that are 0: differences that do not exist, which no norm should count."""
+    """Drop the empty rows: missing differences, which no norm should count."""
     return operator[np.diff(operator.indptr) > 0]
 
 
@@ -46,8 +46,8 @@ def without_empty_rows(operator: sp.csr_array) -> sp.csr_array:
 class NormalEquations:
     """``Diag(d) + Σ_e c_e (e_head − e_tail)(e_head − e_tail)ᵀ`` with a fixed pattern and changing weights.
 
-    Each difference of two unknowns touches two places of the diagonal and two beside it; all places are
-    found once, so that reweighting only fills numbers. The pattern may be shared between threads.
+    Each difference of two unknowns contributes to two diagonal and two off-diagonal entries. Their places are
+    computed once, so that reweighting only fills in values. The pattern may be shared between threads.
 
     Attributes
     ----------
@@ -71,12 +71,12 @@ class NormalEquations:
 
     @classmethod
     def of(cls, operators: Sequence[sp.csr_array]) -> NormalEquations:
-        """Find the pattern of Σ DᵀWD for operators whose every row is one −1 and one +1.
+        """Compute the pattern of Σ DᵀWD for operators whose every row is one −1 and one +1.
 
         Raises
         ------
         ValueError
-            A row is something else, or two rows link the same two unknowns.
+            A row is something else, or two rows have the same two unknowns.
         """
         size = operators[0].shape[1]
         ends = [_ends(operator) for operator in operators]
@@ -88,13 +88,13 @@ class NormalEquations:
         places.sort_indices()
         if places.nnz != rows.size:
             raise ValueError("Two differences link the same two unknowns; the pattern expects one.")
-        found = np.empty(rows.size, np.int32)
-        found[places.data - 1] = np.arange(rows.size)
-        on_diagonal, above, below = np.split(found, [size, size + tail.size])
+        place_of = np.empty(rows.size, np.int32)
+        place_of[places.data - 1] = np.arange(rows.size)
+        on_diagonal, above, below = np.split(place_of, [size, size + tail.size])
         return cls(tail, head, places.indptr, places.indices, on_diagonal, above, below)
 
     def assemble(self, diagonal: np.ndarray, weights: np.ndarray) -> sp.csr_array:
-        """Fill in the matrix of the normal equations of the least-squares problem
+        """Assemble the normal equations of the least-squares problem
 
         Eq. 17: ``argmin ‖J ρ − b‖²`` with
         ``J = [Diag(√w σ·ν) ; √λ Diag(√w_x) D_x ; √λ Diag(√w_y) D_y ; √μ Diag(√w_ij) C]`` and

@@ -1,4 +1,4 @@
-"""Where an epoch of `PrimalDual` began: what its iterations are drawn back to."""
+"""Anchor of a Halpern epoch of `PrimalDual`: the state with which its iterations are averaged."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401
 
-# What draws duals back is good enough in 8 bits: notches of an edge's, as it is stored, and of a pixel's own.
+# For anchors of duals, 8 bits suffice: quantisation steps of an edge's dual, as stored, and of a pixel's.
 EDGE_NOTCH, DATA_NOTCH = np.float32(256), np.float32(1 / 63)
 
 
@@ -20,7 +20,7 @@ class Anchor:
     Attributes
     ----------
     edge_dual, data_dual : ndarray of int8
-        In notches, flat.
+        In quantisation steps, flat.
     albedo : ndarray of float32
         Flat.
     light : ndarray, shape (n, 3, K), float64
@@ -35,17 +35,17 @@ class Anchor:
     def at(
         cls, edge_dual: np.ndarray, data_dual: np.ndarray, albedo: np.ndarray, light: np.ndarray
     ) -> Anchor:
-        """Copy it."""
+        """Copy a state, duals quantised."""
         duals = in_notches(edge_dual, EDGE_NOTCH), in_notches(data_dual.ravel(), DATA_NOTCH)
         return cls(*duals, albedo.ravel().copy(), light)
 
 
-# For iterations that are not drawn back, and do not read it.
+# Placeholder for plain iterations, which do not read it.
 NOWHERE = Anchor(np.empty(0, np.int8), np.empty(0, np.int8), np.empty(0, np.float32), np.zeros(1))
 
 
 def in_notches(values: np.ndarray, notch: np.float32) -> np.ndarray:
-    """Round to 127 notches either way, alike for both signs: an edge's two ends stay negatives."""
+    """Quantise to ±127 steps, symmetrically: the duals of an edge's two ends stay negatives."""
     notches = np.empty(values.size, np.int8)
     _count(values, notch, notches)
     return notches

@@ -1,4 +1,4 @@
-"""How far an albedo may be from the best one under the same light: a bound from the duals."""
+"""Duality gap of an albedo under a fixed light: an upper bound of its excess energy."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from stages.solvers.kernels.simd import (
 from stages.solvers.kernels.sliced_ellpack import EIGHT, ONE, QUADS, SIXTEEN, SLICE, THREE, ZERO, Blocks
 from stages.solvers.primal_dual.sliced_graph import SlicedGraph
 
-UNIT = np.float32(16383)  # a dual at its bound, as it is stored: 16 bits hold twice that
+UNIT = np.float32(16383)  # a dual of 1, as stored: 16 bits hold twice that
 
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What an albedo costs, and the best one at least, per channel, (3,) each, float64.
+    """Energy of an albedo, and lower bound of the least energy, per channel, (3,) each, float64.
 
-    The best in a gauge: of those within the range of the bound that counts (see `bounds`).
+    In a gauge, the least is over the albedos within the range of the tightest bound (see `bounds`).
     """
 
     energy: np.ndarray
@@ -37,7 +37,7 @@ class Bounds:
 
     @property
     def gap(self) -> float:
-        """How far the energy, over all channels, may be above the least possible, relative to it."""
+        """Upper bound of the excess over the least energy, all channels together, relative to the energy."""
         energy, least = float(self.energy.sum()), float(self.least.sum())
         return (energy - least) / energy if energy > 0 else 0.0
 
@@ -63,23 +63,23 @@ def bounds(
     albedo : ndarray, shape (S · 8, 4), float32
         Interleaved: four numbers per pixel.
     multiplier : ndarray, shape (n, 3), float64
-        m, of every view's gauge: the minimum is over the albedos with ``Σ share |ρ| = wanted``. With m = 0 it
-        is over all.
+        m, of every view's gauge: the minimum is over the albedos with ``Σ share |ρ| = wanted``; for m = 0,
+        over all.
     kept : ndarray, shape (3,), float64
         ``Σ m · wanted`` over the gauges.
     widths : tuple of float
-        The ranges of albedo to try, in units of the one found, about its middle; that of all I/S is one more.
+        The ranges of albedo to try, in units of the current one, about its middle; that of all I/S is added.
 
     Notes
     -----
     For duals within ±w, and any range ``[a, b]``,
     ``E ≥ Σ_p min_{a ≤ v ≤ b} (|S_p| |q_p − v| + (Kᵀy)_p v − m share_p |v|) + kept``,
-    with q the quotient I/S clipped to the range; the minima are at a, at b, or at q, and where S = 0 the data
-    cost |I|. For clipping an albedo lowers its variation, and its misfit to the clipped image is no greater
-    than it was to the image. So without a gauge no albedo at all is below the bound; in a gauge, none that
-    lies in the range is. Narrow ranges make cheap what does not balance yet, a pull beyond ±S, and wide ones
-    clip less: the best of several counts, from that of the albedo found to that of all I/S, which a few dark
-    pixels can make endless.
+    with q the quotient I/S clipped to the range. The minima are at a, at b, or at q; where S = 0 the data
+    cost |I|. Proof: clipping an albedo lowers its variation, and its misfit to the clipped image is no
+    greater than that to the image. So without a gauge the bound holds for every albedo; in a gauge, for those
+    within the range. Narrow ranges reduce the cost of unbalanced duals, with a pull beyond ±S; wide ones
+    clip less. The tightest of several bounds is used, from the range of the current albedo to that of all
+    I/S, which a few dark pixels can make arbitrarily wide.
     """
     found = np.empty((blocks.view.size, 2, 3, 2), np.float32)
     _ranges(blocks.begin, blocks.end, albedo, image, shading, share, found)
@@ -102,7 +102,7 @@ def bounds(
 
 def _widened(of_albedo: np.ndarray, of_quotients: np.ndarray, widths: tuple[float, ...]) -> np.ndarray:
     """List the ranges to try, (R, 3, 2), float32."""
-    # Not finite: no pixels, a channel without light, or with hardly any.
+    # Ranges are not finite without pixels, or for a channel with no or hardly any light.
     found, quotients = (
         np.where(np.isfinite(ends).all(axis=-1, keepdims=True), ends, np.float32(0))
         for ends in (of_albedo, of_quotients)
@@ -113,7 +113,7 @@ def _widened(of_albedo: np.ndarray, of_quotients: np.ndarray, widths: tuple[floa
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def _ranges(begins, ends, albedo, image, shading, share, ranges):
-    """Least and greatest albedo, then least and greatest I/S, of every block and channel."""
+    """Compute the ranges of the albedo, then of I/S, of every block and channel."""
     for block in numba.prange(begins.size):
         ranges[block, :, :, 0], ranges[block, :, :, 1] = np.inf, -np.inf
         for s in range(begins[block], ends[block]):
@@ -133,14 +133,14 @@ def _reach(range_, value):
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def _bounds(blocks, graph, dual, albedo, givens, multiplier, ranges, sums):
-    """Energy, then the bound of every range, summed over the slices of a block."""
+    """Sum the energy, then the bound of every range, over the slices of a block."""
     views, begins, ends = blocks
     first, neighbour, weight = graph
     image, shading, share = givens
     for block in numba.prange(begins.size):
         made = np.empty(THREE * SLICE, np.float32)
         for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
-            _look_along_edges(s, first, neighbour, weight, dual, albedo, made)
+            _sum_along_edges(s, first, neighbour, weight, dual, albedo, made)
             for c in range(THREE):
                 at = s * SLICE + c * EIGHT
                 light, value = load(shading, at), load(image, at)
@@ -152,7 +152,7 @@ def _bounds(blocks, graph, dual, albedo, givens, multiplier, ranges, sums):
 
 
 @numba.njit(nogil=True)
-def _look_along_edges(s, first, neighbour, weight, dual, albedo, made):
+def _sum_along_edges(s, first, neighbour, weight, dual, albedo, made):
     """Sum along a slice's edges: albedo, half of ``Σ w |ρ_p − ρ_q|``, and ``Kᵀy``, three channels each."""
     unit = spread(UNIT)
     red, green, blue = load_channels(albedo, s * QUADS)
@@ -187,7 +187,7 @@ def _three(made, at):
 
 @numba.njit(inline="always")
 def _least(value, light, pull, gain, ends):
-    """Bound what the pixels of a slice cost, as the Notes above say."""
+    """Bound the cost of a slice's pixels, by the formula in the Notes of `bounds`."""
     zero, one = spread(np.float32(0)), spread(np.float32(1))
     low, high, size = spread(ends[0]), spread(ends[1]), magnitude(light)
     fit = value / where_above(size, zero, light, one)

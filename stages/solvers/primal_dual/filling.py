@@ -1,7 +1,7 @@
-"""Duals of the edges within what was one pixel to the coarser level, so that nothing pulls its pixels apart.
+"""Initial duals of the edges within the groups of a coarser level, to balance the forces on their pixels.
 
-A coarser level knows no such edges. With duals of 0 there, every pixel is at first pulled by what its group's
-edges to other groups carry, and albedo that was right is torn up for a hundred iterations.
+A coarser level has no such edges. With duals of 0 there, every pixel is at first subject to the unbalanced
+duals of its edges to other groups, which disturbs a converged albedo for a hundred iterations.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ def fill_in(
     multiplier: np.ndarray,
     shading: np.ndarray,
 ) -> None:
-    """Let the edges within each group carry off what pulls at its pixels otherwise.
+    """Set the duals within each group so that they balance the forces on its pixels.
 
     Parameters
     ----------
     blocks : Blocks
     group : ndarray, shape (S · 8,), int32
-        Every place's group.
+        Group of every place.
     graph : SlicedGraph
     duals : tuple of ndarray
-        Of edges, int16, the one that changes; of data, (S, 3, 8), float32.
+        Of edges, int16, overwritten within groups; of data, (S, 3, 8), float32.
     share : ndarray, shape (S, 1, 8), float32
     multiplier : ndarray, shape (n, 3), float32
-        Every view's.
+        m of every view.
     shading : ndarray, shape (S, 3, 8), float32
         S; overwritten.
 
     Notes
     -----
-    With ``f_p = Σ_outside w z + S x − m``, potentials are sought with ``Σ_within w (φ_p − φ_q) = −f_p``, and
+    With ``f_p = Σ_outside w z + S x − m``, the potentials φ solve ``Σ_within w (φ_p − φ_q) = −f_p``, and
     ``z_pq = φ_p − φ_q``, clipped to ±1. Jacobi's iteration is ``φ ← φ + t (−f/W − φ + mean φ_q)``, the mean
-    weighed by w, W = Σ_within w. In groups of up to 2×2 pixels whose edges weigh the same, what it moves by
-    has the eigenvalues 0, 1 and 2, so that two of its steps, t = 1 and ½, are enough: ``φ = −f/W``, and then
-    half the mean of the neighbours' more. What is left of f is the same share of W in all pixels of a group.
-    Where edges weigh differently more is left, but by (1 − e)(1 − e/2), e from 0 to 2, nothing grows; nor is
-    what clipping takes off made up for.
+    weighted by w, W = Σ_within w. In groups of up to 2×2 pixels with equal weights its operator has the
+    eigenvalues 0, 1 and 2. Two steps, t = 1 and ½, are then exact: ``φ = −f/W``, plus half the mean of the
+    neighbours'. The residual of f is the same share of W in all pixels of a group. With unequal weights the
+    residual is greater, but the factor (1 − e)(1 − e/2), e from 0 to 2, amplifies nothing. The error of
+    clipping is not corrected.
     """
     edge_dual, data_dual = duals
     ways = graph.first, graph.neighbour, graph.weight
@@ -56,12 +56,12 @@ def fill_in(
     _potentials(ranges, group, ways, edge_dual, data_dual.ravel(), share.ravel(), multiplier, shading.ravel())
     even = np.zeros_like(shading)
     _even_out(group, ways, shading.ravel(), even.ravel())
-    _carry_off(group, ways, even.ravel(), edge_dual)
+    _set_duals(group, ways, even.ravel(), edge_dual)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _potentials(blocks, group, graph, edge_dual, data_dual, share, multiplier, potential):
-    """Compute ``−f / W``, in place of S."""
+    """Compute ``−f / W``, overwriting S."""
     (views, begins, ends), (first, neighbour, weight) = blocks, graph
     for block in numba.prange(views.size):
         kept, pull = multiplier[views[block]], np.empty(3, np.float32)
@@ -81,7 +81,7 @@ def _potentials(blocks, group, graph, edge_dual, data_dual, share, multiplier, p
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _even_out(group, graph, potential, even):
-    """Add half the mean of the neighbours' within the group; `even` is given as zeros."""
+    """Add half the weighted mean over the neighbours within the group; `even` starts as zeros."""
     first, neighbour, weight = graph
     for place in numba.prange(group.size):
         own, within = np.int64(place), np.float32(0)
@@ -96,8 +96,8 @@ def _even_out(group, graph, potential, even):
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _carry_off(group, graph, potential, edge_dual):
-    """Set ``z = φ_p − φ_q`` within groups; but for the sign alike at both ends: rounding is symmetric."""
+def _set_duals(group, graph, potential, edge_dual):
+    """Set ``z = φ_p − φ_q`` within groups, antisymmetric to the last bit, since rounding is symmetric."""
     first, neighbour, weight = graph
     for place in numba.prange(group.size):
         own = np.int64(place)

@@ -1,4 +1,4 @@
-"""``Σ_p ρ_p² ν_p ν_pᵀ`` of every view and channel: how strongly each direction of the light is observed."""
+"""Gram matrices ``Σ_p ρ_p² ν_p ν_pᵀ`` per view and channel: the observability of the light's directions."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ CHUNK = np.uint64(32)  # slices whose columns stay in the nearest cache
 
 
 def gram_matrices(blocks: Blocks, basis: np.ndarray, albedo: np.ndarray) -> np.ndarray:
-    """Sum them up, in float64: a wall has one normal, and one direction that means something among nine.
+    """Compute the Gram matrices, in float64: a plane has one normal, hence rank one among nine directions.
 
     Parameters
     ----------
     blocks : Blocks
     basis : ndarray, shape (S, K, 1 or 3, 8), float32
-        ν, shared by the channels or of each.
+        ν, shared by the channels or one per channel.
     albedo : ndarray, shape (S, 3, 8), float32
 
     Returns
@@ -36,7 +36,7 @@ def gram_matrices(blocks: Blocks, basis: np.ndarray, albedo: np.ndarray) -> np.n
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _sum(begins, ends, size, basis, albedo, sums):
-    """Sum up the upper triangles, block by block."""
+    """Sum the upper triangles, block by block."""
     size = np.uint64(size)
     stride, step = strides(basis, np.uint64(albedo.size), size)
     for block in numba.prange(begins.size):

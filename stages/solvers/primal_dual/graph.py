@@ -1,4 +1,4 @@
-"""Albedo on a graph of pixels and light of every view by one primal-dual scheme, three channels at once."""
+"""Primal-dual scheme for albedo on a graph of pixels and light of every view, three channels at once."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ NOTHING = 1e-30  # instead of a division by 0
 
 
 class PrimalDual:
-    """Albedo and light on their way to the least energy.
+    """Joint primal-dual minimisation over albedo and light.
 
     Parameters
     ----------
     problem : Problem
     albedo : ndarray, shape (S, 3, 8), float32
-        Where to start; it is what moves.
+        Initial value; updated in place.
     light : ndarray, shape (n, 3, K), float64
-        Where to start; not changed.
+        Initial value; copied.
     steps : Steps
     free_light : bool
-        Whether the light moves; if not, no gauge is needed, and none is kept.
+        Whether the light is optimised; if not, no gauge is needed or kept.
 
     Notes
     -----
@@ -48,22 +48,22 @@ class PrimalDual:
     | ``x ← x + κ/(2 r) · (ρ̄ S + ρ S̄ − ρ S − I)``, clipped to ±1, with ``S = σ·ν``;
     | ``ρ ← ρ − τ (Kᵀy + S x − m)``, with ``τ_p = r / (Σ_q w_pq + κ S_p²)``;
     | ``σ ← σ − r/κ · (Σ_p ρ² ν νᵀ)⁻¹ Σ_p x ρ ν``, view by view;
-    | ``ρ̄``, ``σ̄``: what was extrapolated by as much again.
+    | ``ρ̄``, ``σ̄``: extrapolated by the last step once more.
 
-    m is the multiplier of a gauge, ``Σ_{pq} w |ρ_p − ρ_q| / wanted``: what the scale-free energy, whose
-    second sum is divided by Σ|ρ|, gains per unit of albedo; where S is smaller, S takes its place, lest the
-    darkest pixels, which cost nothing, bear all the albedo. Light and albedo move together, so that no pixel
-    that fits already holds the light where it is, as it does where the two alternate.
+    m is the multiplier of a gauge, ``Σ_{pq} w |ρ_p − ρ_q| / wanted``: the gain, per unit of albedo, of the
+    scale-free energy whose second sum is divided by Σ|ρ|. Where S is smaller, S replaces it; otherwise the
+    darkest pixels, which cost nothing, would take all the albedo. Light and albedo are updated together. In
+    an alternation, pixels that fit already would hold the light back.
 
-    Every step is taken in two ways by turns, an epoch each: reflected, up to twice as far, but drawn back to
-    where the epoch began, the k-th time by 1/(k + 2) (Halpern 1967; Lu and Yang 2024, "Restarted Halpern PDHG
-    for linear programming"), and θ times as far (Condat 2013). The first averages away what circles around
-    the goal, the second gets along where nothing circles.
+    Epochs of two kinds alternate. Reflected Halpern iterations step up to twice as far, and average the k-th
+    iterate with the start of the epoch, which weighs 1/(k + 2) (Halpern 1967; Lu and Yang 2024, "Restarted
+    Halpern PDHG for linear programming"). Over-relaxed iterations step θ times as far (Condat 2013). The
+    first damp oscillations around the solution, the second are faster where there are none.
 
-    Both ends of an edge keep their own copy of its dual; the two are negatives of one another to the last
-    bit, since rounding is symmetric. So a pixel writes only what is its own: one pass per iteration, no two
-    threads meet, and the result does not depend on how many there are. z is kept in 16 bits: a step below
-    3e-5 of its range is lost, which is a difference of albedo of 3e-6 at r = 0.05.
+    Both ends of an edge store their own copy of its dual; the copies are negatives of each other to the last
+    bit, since rounding is symmetric. A pixel writes only its own values: one pass per iteration, without
+    races between threads, and the result does not depend on their number. z is stored in 16 bits: a step
+    below 3e-5 of its range is lost, which is a difference of albedo of 3e-6 at r = 0.05.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class PrimalDual:
     ):
         self.problem, self._steps, self._free, self.iterations = problem, steps, free_light, 0
         self.albedo, self.light = albedo, light.astype(np.float64)
-        self._ahead = np.zeros((COUNT * problem.slices.count, 4), np.float32)  # a load per neighbour
+        self._ahead = np.zeros((COUNT * problem.slices.count, 4), np.float32)  # one load per neighbour
         interleave(self.albedo.ravel(), self._ahead.ravel())
         self._ahead_next = np.zeros_like(self._ahead)
         self._light_ahead = self.light.copy()
@@ -81,33 +81,39 @@ class PrimalDual:
         self._mobility = np.zeros((*light.shape, light.shape[2]))
 
     @classmethod
-    def inheriting(cls, legacy: CoarseState, problem: Problem, group: np.ndarray) -> PrimalDual:
-        """Start a level where the one above it stands: albedo, light and duals; see also `fill_in`.
+    def inheriting(cls, coarse: CoarseState, problem: Problem, group: np.ndarray) -> PrimalDual:
+        """Initialise a level from the coarser one: albedo, light and duals; see also `fill_in`.
 
         Parameters
         ----------
-        legacy : CoarseState
+        coarse : CoarseState
         problem : Problem
-            The finer one.
+            That of the finer level.
         group : ndarray, shape (N,), int32
-            Every pixel's group: what was a pixel to the coarser one.
+            Group of every pixel: a pixel of the coarser level.
         """
-        finer = cls(problem, np.zeros_like(problem.image), legacy.light, legacy.steps, legacy.free_light)
-        own, other = problem.graph, legacy.graph
-        places = problem.slices.spread_numbers(legacy.slices.places[group])
-        prolong_pixels(places, legacy.albedo.ravel(), finer.albedo.ravel())
-        prolong_pixels(places, legacy.data_dual.ravel(), finer._data_dual.ravel())
+        finer = cls(
+            problem,
+            np.zeros_like(problem.image),
+            coarse.light,
+            coarse.steps,
+            coarse.free_light,
+        )
+        own, other = problem.graph, coarse.graph
+        places = problem.slices.spread_numbers(coarse.slices.places[group])
+        prolong_pixels(places, coarse.albedo.ravel(), finer.albedo.ravel())
+        prolong_pixels(places, coarse.data_dual.ravel(), finer._data_dual.ravel())
         prolong_edges(
             places,
-            (other.first, other.neighbour, other.weight, legacy.edge_dual),
+            (other.first, other.neighbour, other.weight, coarse.edge_dual),
             (own.first, own.neighbour, own.weight, finer.edge_dual),
         )
         interleave(finer.albedo.ravel(), finer._ahead.ravel())
-        finer._multiplier = legacy.multiplier
+        finer._multiplier = coarse.multiplier
         return finer
 
     def fill_in(self, group: np.ndarray) -> None:
-        """Give edges within groups, (N,) as before, duals: after `inheriting`, once the legacy is let go."""
+        """Set the duals within groups, (N,); called after `inheriting`, once the coarse state is freed."""
         problem = self.problem
         fill_in(
             problem.slices.blocks,
@@ -120,7 +126,7 @@ class PrimalDual:
         )
 
     def legacy(self) -> CoarseState:
-        """Give what a finer level takes over; whoever does not keep the rest makes room for it."""
+        """Return the state that a finer level is initialised from; the rest can be freed."""
         return CoarseState(
             slices=self.problem.slices,
             graph=self.problem.graph,
@@ -133,28 +139,28 @@ class PrimalDual:
             free_light=self._free,
         )
 
-    def stand_on(self, basis: np.ndarray) -> None:
-        """Go on with another basis, (N, K) or (N, K, 3): one that has come to know more."""
+    def replace_basis(self, basis: np.ndarray) -> None:
+        """Replace the basis, (N, K) or (N, K, 3), as after an update of the interreflection."""
         self.problem = replace(self.problem, basis=self.problem.slices.spread_basis(basis))
 
     def iterate(self, count: int) -> None:
-        """Do `count` iterations, in epochs."""
+        """Perform `count` iterations, in epochs."""
         goal, epoch = self.iterations + count, self._steps.epoch
         while self.iterations < goal:
             if self._free:
                 self._restore_gauge()
-                self._look_at_the_light()
+                self._update_mobility()
             length = min(epoch - self.iterations % epoch, goal - self.iterations)
             if self.iterations // epoch % 2 == 0:
-                self._go_drawn_back(length)
+                self._iterate_halpern(length)
             else:
-                self._go_plainly(length)
+                self._iterate_relaxed(length)
             self.iterations += length
         if self._free:
             self._restore_gauge()
 
     def bounds(self, widths: tuple[float, ...]) -> Bounds:
-        """Bound the energy under the light as it is: of the albedo, and what none of its range goes below.
+        """Compute the energy of the albedo under the current light, and a lower bound of the least.
 
         `widths`: the ranges to try, in units of the range of the albedo.
         """
@@ -180,16 +186,16 @@ class PrimalDual:
         return shading
 
     def _interleaved(self) -> np.ndarray:
-        """Interleave the albedo, four numbers per pixel; lies where the next albedo ahead will."""
+        """Interleave the albedo, four numbers per pixel; uses the buffer of the next extrapolated albedo."""
         interleave(self.albedo.ravel(), self._ahead_next.ravel())
         return self._ahead_next
 
-    def _go_drawn_back(self, count: int) -> None:
+    def _iterate_halpern(self, count: int) -> None:
         anchor = Anchor.at(self.edge_dual, self._data_dual, self.albedo, self.light)
         for k in range(count):
             self._iterate_once(anchor, self._steps.reflection, (k + 1) / (k + 2))
 
-    def _go_plainly(self, count: int) -> None:
+    def _iterate_relaxed(self, count: int) -> None:
         for _ in range(count):
             self._iterate_once(NOWHERE, self._steps.relaxation, 1.0)
 
@@ -222,7 +228,7 @@ class PrimalDual:
         self._light_ahead = 2 * now - self.light
         self.light = counted * (self.light + relaxation * (now - self.light)) + (1 - counted) * anchor
 
-    def _look_at_the_light(self) -> None:
+    def _update_mobility(self) -> None:
         gram = gram_matrices(self.problem.slices.blocks, self.problem.basis, self.albedo)
         inverse = np.linalg.pinv(gram, rcond=self._steps.rank_tolerance, hermitian=True)
         self._mobility = self._steps.scale / self._steps.data_step_ratio * inverse

@@ -1,4 +1,4 @@
-"""A weighted graph over pixels as every pixel sees it: its neighbours, half an edge on either side."""
+"""A weighted graph over pixels as adjacency lists: every edge is stored as two half-edges."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import stages.solvers.kernels.threading_layer  # noqa: F401
 
 @dataclass(frozen=True, eq=False)
 class HalfEdges:
-    """Edges ``w |ρ_p − ρ_q|``, each kept at both of its ends.
+    """Edges ``w |ρ_p − ρ_q|``, each stored at both of its ends.
 
     Attributes
     ----------
@@ -34,12 +34,12 @@ class HalfEdges:
 
 
 def from_edges(size: int, tail: np.ndarray, head: np.ndarray, weight: np.ndarray) -> HalfEdges:
-    """Build the graph from its edges, (E,) each; weights of edges between the same two pixels add up.
+    """Build the graph from its edges, (E,) each; weights of parallel edges are summed.
 
-    They add up in the order they come in, at both ends: the two weigh the same to the last bit. Edges that
-    weigh nothing are dropped. Every thread looks through all edges for those that end among the pixels it
-    owns, and sorts a pixel's by insertion: linear in the edges while pixels have a few dozen each, quadratic
-    in those of a single pixel. Where weights add up, the result is held twice for a moment.
+    They are summed in the order of the edges, at both ends, so that both weights agree to the last bit. Edges
+    of weight 0 are dropped. Every thread scans all edges for those that end among the pixels it owns, and
+    sorts a pixel's by insertion: linear in the edges while pixels have a few dozen each, quadratic in those
+    of a single pixel. Where edges are merged, the result is briefly stored twice.
     """
     tail, head = tail.astype(np.int32, copy=False), head.astype(np.int32, copy=False)
     owned = _shares(size)
@@ -52,7 +52,7 @@ def from_edges(size: int, tail: np.ndarray, head: np.ndarray, weight: np.ndarray
 
 
 def aggregated(graph: HalfEdges, group: np.ndarray, count: int, factor: float = 1.0) -> HalfEdges:
-    """Build the graph between groups of pixels: weights add up, times a factor; edges inside a group vanish.
+    """Build the graph between groups of pixels: summed weights times a factor; inner edges are dropped.
 
     Parameters
     ----------
@@ -68,12 +68,12 @@ def aggregated(graph: HalfEdges, group: np.ndarray, count: int, factor: float = 
 
 
 def _shares(size: int) -> np.ndarray:
-    """Share pixels among threads, ``shares[b]:shares[b + 1]`` to thread b; this changes no result."""
+    """Divide pixels among threads, ``shares[b]:shares[b + 1]`` for thread b; changes no result."""
     return np.linspace(0, size, numba.get_num_threads() + 1).astype(np.int64)
 
 
 def _from_degrees(degree: np.ndarray) -> np.ndarray:
-    """Find where the half-edges of every pixel begin, and where the last ones end."""
+    """Compute the offsets of the half-edges of every pixel, (N + 1,)."""
     return np.concatenate([[0], np.cumsum(degree, dtype=np.int64)])
 
 
@@ -93,7 +93,7 @@ def _degrees(owned, tail, head):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _at_both_ends(owned, first, tail, head, weight):
-    """List neighbour and weight of every half-edge, in the order that the edges come in."""
+    """List neighbour and weight of every half-edge, in the order of the edges."""
     neighbour, own = np.empty(first[-1], np.int32), np.empty(first[-1], np.float32)
     filled = first[:-1].copy()
     for share in numba.prange(owned.size - 1):
@@ -111,7 +111,7 @@ def _at_both_ends(owned, first, tail, head, weight):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _merge(first, other, weight):
-    """Sort every pixel's half-edges, stably, and add up what meets, in place; how many are left."""
+    """Sort every pixel's half-edges, stably, and merge parallel ones, in place; returns the degrees."""
     degree = np.empty(first.size - 1, np.int32)
     for pixel in numba.prange(first.size - 1):
         p = np.int64(pixel)
@@ -141,7 +141,7 @@ def _sort_by_neighbour(other, weight, begin, end):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _closed_up(first, kept, other, weight):
-    """List neighbour and weight of what is left, without the gaps."""
+    """Compact neighbours and weights of the remaining half-edges."""
     neighbour, own = np.empty(kept[-1], np.int32), np.empty(kept[-1], np.float32)
     for pixel in numba.prange(first.size - 1):
         p = np.int64(pixel)
@@ -152,7 +152,7 @@ def _closed_up(first, kept, other, weight):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _crossing(owned, first, neighbour, group):
-    """Count the edges between two groups that every share has, each counted at the lower group."""
+    """Count the edges between groups per share of pixels, each at its lower group."""
     count = np.zeros(owned.size - 1, np.int64)
     for share in numba.prange(owned.size - 1):
         for p in range(owned[share], owned[share + 1]):
@@ -163,7 +163,7 @@ def _crossing(owned, first, neighbour, group):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _between_groups(owned, begin, first, neighbour, weight, group, factor):
-    """List the edges between two groups, each once: the two groups, and the weight."""
+    """List the edges between groups, each once: both groups, and the weight."""
     count = begin[-1]
     tail, head, own = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count, np.float32)
     for share in numba.prange(owned.size - 1):

@@ -23,9 +23,9 @@ from stages.solvers.primal_dual.anchor import DATA_NOTCH, EDGE_NOTCH
 from stages.solvers.primal_dual.duality_gap import UNIT
 
 CHUNK = np.uint64(32)  # slices whose pulls stay in the nearest cache
-FORESIGHT = np.uint64(16)  # rows of half-edges: neighbours in other views come from afar
-WHOLE = np.float32(1)  # of a step: nothing is drawn back
-TWICE = np.float32(2) * UNIT  # what 16 bits hold
+FORESIGHT = np.uint64(16)  # rows of half-edges to prefetch: neighbours in other views are far in memory
+WHOLE = np.float32(1)  # weight of the iterate without an anchor
+TWICE = np.float32(2) * UNIT  # range of 16 bits
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
@@ -45,7 +45,7 @@ def shade(views, begins, ends, basis, light, shading):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def weigh(begins, ends, albedo, share, sums):
-    """Sum up ``Σ share |ρ|`` of every block and channel."""
+    """Compute ``Σ share |ρ|`` of every block and channel."""
     for block in numba.prange(begins.size):
         for c in range(THREE):
             total = spread(np.float32(0))
@@ -56,7 +56,7 @@ def weigh(begins, ends, albedo, share, sums):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def rescale(views, begins, ends, factors, albedo, ahead):
-    """Multiply every view's albedo, and the interleaved one ahead, by its factors (n, 3)."""
+    """Multiply every view's albedo, and the interleaved extrapolated one, by its factors (n, 3)."""
     for block in numba.prange(begins.size):
         own = factors[views[block]]
         for s in range(np.uint64(begins[block]), np.uint64(ends[block])):
@@ -79,10 +79,10 @@ def interleave(sliced, interleaved):
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def sweep(blocks, graph, duals, albedos, anchors, givens, lights, multiplier, steps, slopes, pulls):
-    """Iterate once, in place but for the albedo ahead, which neighbours still read.
+    """Perform one iteration, in place except for the extrapolated albedo, which neighbours still read.
 
-    `lights` is (n, K, 6): per harmonic the light of three channels, then the light ahead. `steps` are r, κ, θ
-    and how much of an iteration counts beside the `anchors`: duals of edges and of data, in notches; albedo.
+    `lights` is (n, K, 6): per harmonic the light of three channels, then the extrapolated light. `steps` are
+    r, κ, θ and the weight of the iterate beside the `anchors`: duals of edges and data, quantised; albedo.
     """
     views, begins, ends = blocks
     first, neighbour, weight, total_weight = graph
@@ -124,7 +124,7 @@ def sweep(blocks, graph, duals, albedos, anchors, givens, lights, multiplier, st
 
 @numba.njit(nogil=True)
 def _move_edge_duals(begin, stop, graph, duals, ahead, steps, pull):
-    """Step all edge duals of a chunk; what they pull its pixels by, ``Kᵀy``, goes to `pull`."""
+    """Update all edge duals of a chunk; writes ``Kᵀy`` of its pixels to `pull`."""
     (first, neighbour, weight), (edge_dual, anchor) = graph, duals
     gain, theta, part = spread(np.float32(0.5) * UNIT / steps[0]), spread(steps[2]), steps[3]
     notch = spread(EDGE_NOTCH)
@@ -143,9 +143,9 @@ def _move_edge_duals(begin, stop, graph, duals, ahead, steps, pull):
             z_blue = _moved(z_blue, own_blue - blue, gain, theta, unit, twice)
             if part < WHOLE:
                 red, green, blue = _channels(anchor, held)
-                z_red = _drawn_back(z_red, notch * red, part)
-                z_green = _drawn_back(z_green, notch * green, part)
-                z_blue = _drawn_back(z_blue, notch * blue, part)
+                z_red = _averaged(z_red, notch * red, part)
+                z_green = _averaged(z_green, notch * green, part)
+                z_blue = _averaged(z_blue, notch * blue, part)
             _store_channels(edge_dual, held, z_red, z_green, z_blue)
             pull_red, pull_green, pull_blue = (
                 pull_red + w * z_red,
@@ -174,7 +174,7 @@ def _shade_both(begin, stop, basis, layout, light, shading):
 
 @numba.njit(nogil=True, error_model="numpy")
 def _move_pixels(begin, stop, albedos, anchors, givens, made, multiplier, steps, pulled):
-    """Step data duals and albedos of a chunk; `pull` then holds ``x ρ``, what the light is pulled by."""
+    """Update data duals and albedos of a chunk; `pull` then holds ``x ρ``, for the light's gradient."""
     albedo, ahead, ahead_next = albedos
     data_dual, image, total_weight, share = givens
     pull, shadings = made
@@ -194,14 +194,14 @@ def _move_pixels(begin, stop, albedos, anchors, givens, made, multiplier, steps,
             misfit = (own_ahead - before) * shading + before * shading_ahead - load(image, at)
             x = _moved(load(data_dual, at), misfit, gain, theta, one, two)
             if part < WHOLE:
-                x = _drawn_back(x, spread(DATA_NOTCH) * load(anchors[1], at), part)
+                x = _averaged(x, spread(DATA_NOTCH) * load(anchors[1], at), part)
             store(data_dual, at, x)
             store(pulled, c * EIGHT, load(pulled, c * EIGHT) + before * force)
             held = counts * clipped(spread(multiplier[c]), magnitude(shading))
             now = before - r * (force + shading * x - held) / (weights + kappa * shading * shading)
             moved = before + theta * (now - before)
             if part < WHOLE:
-                moved = _drawn_back(moved, load(anchors[2], at), part)
+                moved = _averaged(moved, load(anchors[2], at), part)
             store(albedo, at, moved)
             store(pull, local, x * before)
             store(shadings, local + (s - begin) * SLICE, two * now - before)
@@ -228,9 +228,9 @@ def _add_slopes(begin, stop, basis, layout, force, slope):
 
 @numba.njit(inline="always")
 def strides(basis, values, size):
-    """Tell the way from a harmonic to the next, and from a channel to the next: 0 where the channels share ν.
+    """Compute the strides between harmonics and between channels; 0 where the channels share ν.
 
-    `values` is how many numbers three channels of all slices are, `size` how many harmonics there are.
+    `values` is the size of three channels of all slices, `size` the number of harmonics.
     """
     shared = basis.size < values * size
     return (EIGHT, ZERO) if shared else (SLICE, EIGHT)
@@ -256,12 +256,12 @@ def _store_channels(array, at, red, green, blue):
 
 @numba.njit(inline="always")
 def _moved(dual, difference, gain, theta, unit, twice):
-    """Step a dual, relaxed; clipped once more to what 16 bits hold."""
+    """Update a dual, relaxed; clipped again to the range of 16 bits."""
     there = clipped(dual + gain * difference, unit)
     return clipped(dual + theta * (there - dual), twice)
 
 
 @numba.njit(inline="always")
-def _drawn_back(value, anchor, part):
-    """Go `part` of the way from the anchor to the value."""
+def _averaged(value, anchor, part):
+    """Average value and anchor with weights `part` and 1 − `part`."""
     return spread(part) * value + spread(np.float32(1) - part) * anchor

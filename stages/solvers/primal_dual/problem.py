@@ -1,4 +1,4 @@
-"""What `PrimalDual` is to solve, and how far its iterations go."""
+"""Problem and step sizes of `PrimalDual`."""
 
 from __future__ import annotations
 
@@ -12,25 +12,24 @@ from stages.solvers.primal_dual.sliced_graph import SlicedGraph
 
 @dataclass(frozen=True)
 class Steps:
-    """How far an iteration goes.
+    """Step sizes of an iteration.
 
     Attributes
     ----------
     scale : float
-        r, in units of the albedo: how far the albedo goes, and how little the duals.
+        r, in units of the albedo: steps of the albedo grow with it, those of the duals shrink.
     data_step_ratio : float
-        κ: how much faster the data's duals move than the edges', and how much slower the light.
+        κ: steps of the data's duals over those of the edges'; steps of the light are divided by it.
     relaxation : float
-        θ of plain iterations, 1 (none) to below 2: each goes θ times as far as the scheme without it.
+        θ of plain iterations, 1 (none) to below 2: factor of the step.
     reflection : float
-        How many times as far an iteration goes that is then drawn back, 1 (no further) to 2.
+        Factor of the step of Halpern iterations, 1 (none) to 2.
     epoch : int
-        Iterations of one kind, before as many of the other: plain, or gone twice as far and drawn back to
-        where the epoch began. Between them the gauge is restored, and it is looked at how strongly the pixels
-        see the light.
+        Iterations of one kind, before as many of the other: plain, or reflected Halpern iterations. Between
+        them the gauge is restored, and the normal equations of the light are recomputed.
     rank_tolerance : float
-        Directions of the light that the pixels see less than this, relative to the one that they see most,
-        stay as they are.
+        Directions of the light whose eigenvalue in these is below this fraction of the greatest are not
+        updated.
     """
 
     scale: float
@@ -52,13 +51,13 @@ class Problem:
     image : ndarray, shape (S, 3, 8), float32
         I.
     basis : ndarray, shape (S, K, 1 or 3, 8), float32
-        ν, shared by the channels or of each.
+        ν, shared by the channels or one per channel.
     share : ndarray, shape (S, 1, 8), float32
-        What a pixel counts in the gauge: 1, or a group's fullness; 0 where no pixel is.
+        Weight of a pixel in the gauge: 1, or the filled share of a group; 0 where no pixel is.
     gauge_of_view : ndarray, shape (n,), int64
-        Views that no link joins have each a scale of their own, and a gauge each: which one.
+        Index of the gauge of every view; views without common correspondences have separate scales.
     wanted : ndarray, shape (G, 3), float64
-        What ``Σ share |ρ|`` is to be in every gauge.
+        Value of ``Σ share |ρ|`` that every gauge fixes.
     """
 
     slices: Slices
@@ -70,7 +69,7 @@ class Problem:
     wanted: np.ndarray
 
     def by_gauge(self, of_views: np.ndarray) -> np.ndarray:
-        """Add values of every view, (n, …), up for every gauge, (G, …)."""
+        """Sum values of every view, (n, …), per gauge, (G, …)."""
         sums = np.zeros((len(self.wanted), *of_views.shape[1:]))
         np.add.at(sums, self.gauge_of_view, of_views)
         return sums

@@ -1,4 +1,4 @@
-"""What a finer level of `PrimalDual` takes over from the coarser one: values of pixels, duals of edges."""
+"""Prolongation from a coarser level of `PrimalDual` to a finer one: values of pixels, duals of edges."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stages.solvers.primal_dual.sliced_graph import SlicedGraph
 
 @dataclass(frozen=True, eq=False)
 class CoarseState:
-    """What `PrimalDual` leaves to the next finer level; arrays are shared, not copied."""
+    """State of `PrimalDual` that initialises the next finer level; arrays are shared, not copied."""
 
     slices: Slices
     graph: SlicedGraph
@@ -30,7 +30,7 @@ class CoarseState:
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def prolong_pixels(group, coarse, fine):
-    """Give every pixel, three channels, what its group has; `group` is the group's place, −1 for no pixel."""
+    """Copy three channels of every pixel from its group; `group` is the group's place, −1 for no pixel."""
     for share in numba.prange(group.size):
         own, other = np.int64(share), np.int64(group[share])
         if other >= 0:
@@ -40,7 +40,7 @@ def prolong_pixels(group, coarse, fine):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def prolong_edges(group, coarse, fine):
-    """Look every edge between two groups up among the rows of its group."""
+    """Copy the dual of every edge between groups from the coarse edge, found in the rows of its group."""
     first_c, neighbour_c, weight_c, dual_c = coarse
     first, neighbour, weight, dual = fine
     for share in numba.prange(first.size - 1):

@@ -1,4 +1,4 @@
-"""The graph of pixels as eight of them see it at a time: what the solver's loops walk along."""
+"""The graph of pixels in rows of eight half-edges, for the SIMD loops of the solver."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from stages.solvers.primal_dual.half_edges import HalfEdges
 
 @dataclass(frozen=True, eq=False)
 class SlicedGraph:
-    """Half-edges in rows of eight, one per pixel of a slice; short pixels are filled up with weight 0.
+    """Half-edges in rows of eight, one per pixel of a slice; pixels of lower degree are padded with weight 0.
 
     Attributes
     ----------
     first : ndarray, shape (S + 1,), uint64
         The rows of slice s are ``first[s]:first[s + 1]``.
     neighbour : ndarray, shape (R · 8,), uint32
-        The neighbour's place.
+        Place of the neighbour.
     weight : ndarray, shape (R · 8,), float32
     total : ndarray, shape (S · 8,), float32
         Σ w of a pixel's half-edges; at least `NEARLY_FREE`.
@@ -34,12 +34,12 @@ class SlicedGraph:
     total: np.ndarray
 
 
-WINDOW = 64  # pixels that change places among themselves: few, so that neighbours stay neighbours
-NEARLY_FREE = 1e-6  # a pixel without neighbours: nothing holds it back
+WINDOW = 64  # pixels that are sorted by degree together: few, so that neighbours stay close in memory
+NEARLY_FREE = 1e-6  # total weight of a pixel without neighbours, against division by 0
 
 
 def slices_of(graph: HalfEdges, starts: np.ndarray) -> Slices:
-    """Fill slices with pixels that have about as many neighbours each, so that little is filled up.
+    """Group pixels of similar degree into slices, to keep the padding small.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def sliced_graph(graph: HalfEdges, slices: Slices) -> SlicedGraph:
 
 @numba.njit(cache=True, nogil=True)
 def _rank_by_degree(first, begin, end, rank):
-    """Rank pixels with more neighbours first within every window."""
+    """Rank pixels by descending degree within every window."""
     for own in range(begin, end, WINDOW):
         stop = min(own + WINDOW, end)
         degree = first[own + 1 : stop + 1] - first[own:stop]
