@@ -29,7 +29,7 @@ class CorrespondenceSettings(Settings):
 
 
 def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsilon: float, file: Path) -> int:
-    """Find, save and count the correspondences of a pair (Eq. 8); picklable. Memory: 120 B per pixel of both."""
+    """Find, save and count the correspondences of a pair (Eq. 8); picklable. 120 B of memory per pixel."""
     import scipy.sparse as sp
 
     from stages.formats.images.exr import read_exr

@@ -15,7 +15,7 @@ EROSION_PX = 5  # Stanford-ORB: side of the square by which masks are eroded
 
 
 def least_squares_scale(prediction: np.ndarray, truth: np.ndarray) -> float:
-    """Compute ``a = Σ t·p / Σ p²``, which minimises ``Σ (t − a·p)²``; arrays of one shape, 0 for a black p."""
+    """Compute ``a = Σ t·p / Σ p²``, which minimises ``Σ (t − a·p)²``; arrays of one shape; 0 if p is 0."""
     energy = float((prediction * prediction).sum())
     return float((truth * prediction).sum()) / energy if energy > 0 else 0.0
 
