@@ -33,7 +33,7 @@ class Reliability:
 
     @classmethod
     def of(cls, confidence: np.ndarray, albedo: np.ndarray, truth: np.ndarray) -> Reliability:
-        """Compare confidence (N,) with errors of albedo against truth, (N, 3), after one scale per channel."""
+        """Compare confidence (N,) with errors of albedo against truth (N, 3) after one scale per channel."""
         scale = [least_squares_scale(albedo[:, c], truth[:, c]) for c in range(3)]
         scaled = albedo * np.array(scale)
         square = ((scaled - truth) ** 2).sum(axis=1, dtype=np.float64)

@@ -58,7 +58,7 @@ class Judged:
         )
 
     def over(self, usual: Judged) -> tuple[float, float, float]:
-        """Compare: geometric mean of si-RMSE ratios, the ratio of the scene that changes most, that of detail."""
+        """Compare: geometric mean of si-RMSE ratios, that of the scene that changes most, that of detail."""
         ratios = np.log(np.array(self.si_rmse) / usual.si_rmse)
         detail = np.log(np.array(self.detail) / usual.detail)
         most = ratios[np.argmax(np.abs(ratios))]

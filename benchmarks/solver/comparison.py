@@ -1,4 +1,4 @@
-"""Ratio of the times to the same energy: how many times as long they take to the same energy."""
+"""Methods against ours: ratio of the times to the same energy."""
 
 from __future__ import annotations
 
