@@ -29,7 +29,10 @@ class CorrespondenceSettings(Settings):
 
 
 def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsilon: float, file: Path) -> int:
-    """Find, save and count the correspondences of a pair (Eq. 8); picklable. 120 B of memory per pixel."""
+    """Find, save and count the correspondences of a pair of views (Eq. 8).
+
+    Picklable. Memory: 120 B per pixel of the two views.
+    """
     import scipy.sparse as sp
 
     from stages.formats.images.exr import read_exr
