@@ -1,9 +1,9 @@
 """Dense stereo against rendered truth.
 
 ``python -m benchmarks.dense_truth WORKSPACE`` reads the newest `undistort` and `mvs` results of a
-run on `sample_data` and brings the model into the truth's frame by the similarity that fits the
-camera centres; so what structure from motion got wrong (a focal length too long by 0.3 % moves all
-surface by a footprint) counts too, and shows as bias. ``python -m benchmarks.dense_truth
+run on `sample_data` and aligns the model to the truth by the similarity of the camera centres;
+errors of structure from motion (a focal length too long by 0.3 % moves all surface by a footprint)
+are therefore included, as bias. ``python -m benchmarks.dense_truth
 --true-cameras`` runs the stage itself on the true cameras: stereo alone.
 """
 
@@ -31,7 +31,7 @@ from stages.scene.cameras import Camera, footprint, normals_in_world, rays_in_wo
 
 
 def newest(workspace: Path, stage: str) -> Path:
-    """The newest finished result of a stage in a workspace's cache."""
+    """Find the newest finished result of a stage in a workspace's cache."""
     records = sorted(workspace.glob(f"cache/{stage}/*/record.json"), key=lambda path: path.stat().st_mtime)
     if not records:
         raise UserError(f"{workspace} holds no finished result of {stage}; run `make sample` first.")
@@ -39,7 +39,7 @@ def newest(workspace: Path, stage: str) -> Path:
 
 
 def true_maps(mesh: o3d.t.geometry.RaycastingScene, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """z-depth (h, w), 0 where nothing is hit, and unit face normals towards the camera (h, w, 3)."""
+    """Cast rays: z-depth (h, w), 0 without a hit, and unit face normals towards the camera (h, w, 3)."""
     directions = rays_in_world(camera)
     origins = np.broadcast_to(camera.centre_in_world, directions.shape)
     rays = np.concatenate([origins, directions], axis=-1).astype(np.float32)
@@ -51,7 +51,7 @@ def true_maps(mesh: o3d.t.geometry.RaycastingScene, camera: Camera) -> tuple[np.
 
 
 def compare(found: Path, mesh, camera: Camera, image_name: str, scale: float) -> dict[str, np.ndarray]:
-    """Errors of one view where both know the surface: depth (footprints), normals (degrees); and counts."""
+    """Compute errors of a view where both have surface: depth (footprints), normals (degrees); and counts."""
     depth = scale * read_map(found / "depth_maps" / f"{image_name}.geometric.bin")
     normals = normals_in_world(camera, read_map(found / "normal_maps" / f"{image_name}.geometric.bin"))
     true_depth, true_normals = true_maps(mesh, camera)
@@ -67,7 +67,7 @@ def compare(found: Path, mesh, camera: Camera, image_name: str, scale: float) ->
 
 
 def evaluate(found: Path, cameras: dict[str, Camera], fit: Similarity, truth: Path) -> dict[str, float]:
-    """All figures of depth maps against the truth; `cameras` by image name, `fit` into the truth's frame."""
+    """Compare depth maps with the truth; `cameras` by image name, `fit` aligns to the truth's frame."""
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(to_open3d(read_mesh(truth / "mesh.ply"))))
     views = [compare(found, scene, fit.camera(camera), name, fit.scale) for name, camera in cameras.items()]
@@ -91,7 +91,7 @@ def evaluate(found: Path, cameras: dict[str, Camera], fit: Similarity, truth: Pa
 
 
 def of_a_run(workspace: Path, truth: Path) -> dict[str, float]:
-    """Figures of a finished run, aligned by its camera centres."""
+    """Evaluate a finished run, aligned by its camera centres."""
     model = read_model(newest(workspace, "undistort") / "workspace" / "sparse")
     cameras = dict(zip((image.name for image in registered(model)), cameras_of(model), strict=True))
     true_centres = {
@@ -107,7 +107,7 @@ def of_a_run(workspace: Path, truth: Path) -> dict[str, float]:
 
 @contextmanager
 def job_in(folder: Path, say: Callable[[str], None], **inputs: Path) -> Iterator[Job]:
-    """A job of the mvs stage with its defaults that writes into `folder`."""
+    """Provide a job of the mvs stage with its defaults that writes into `folder`."""
     (folder / "scratch").mkdir()
     (folder / "depth_maps").mkdir()
     outputs = {"depth_maps": folder / "depth_maps", "fused": folder / "fused.ply"}
@@ -118,7 +118,7 @@ def job_in(folder: Path, say: Callable[[str], None], **inputs: Path) -> Iterator
 
 
 def of_true_cameras(truth: Path, photos: Path) -> dict[str, float]:
-    """Figures of the stage run on the true cameras (which bring no sparse points)."""
+    """Evaluate the stage run on the true cameras (without sparse points)."""
     cameras = cameras_of(read_model(truth / "sparse"))
     with tempfile.TemporaryDirectory() as name:
         workspace = Path(name) / "workspace"

@@ -45,7 +45,7 @@ def true_poses(folder: Path) -> Poses:
 
 
 def model_poses(folder: Path) -> Poses:
-    """Poses of a COLMAP model."""
+    """Read the poses of a COLMAP model."""
     images = registered(read_model(folder))
     return Poses(
         names=[image.name for image in images],
@@ -55,7 +55,7 @@ def model_poses(folder: Path) -> Poses:
 
 
 def errors(estimate: Poses, truth: Poses) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the photos that both have, after similarity alignment of the centres.
+    """Compute errors of the common photos after similarity alignment of the centres.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def errors(estimate: Poses, truth: Poses) -> tuple[np.ndarray, np.ndarray]:
 
 
 def newest_model(where: Path) -> Path:
-    """A model folder as it is, or the current `sfm` result of a workspace."""
+    """Find the model: the folder itself, or the current `sfm` result of a workspace."""
     if (where / "cache").is_dir():
         store = Store(where)
         record = store.current("sfm")

@@ -1,4 +1,4 @@
-"""What brings a reconstruction into the frame of its truth: rotation, shift and scale."""
+"""Similarity alignment of a reconstruction to its truth: rotation, shift and scale."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class Similarity:
     shift: np.ndarray
 
     def points(self, x_in_model: np.ndarray) -> np.ndarray:
-        """Points of the model, (n, 3) or (3,), in the truth's frame."""
+        """Transform points of the model, (n, 3) or (3,), into the truth's frame."""
         return self.scale * x_in_model @ self.rotation.T + self.shift
 
     def camera(self, camera: Camera) -> Camera:
-        """A camera of the model, posed in the truth's frame (its depths are `scale` times as large there)."""
+        """Transform a camera into the truth's frame (its depths are `scale` times as large there)."""
         rotation = camera.rotation @ self.rotation.T
         centre = self.points(camera.centre_in_world)
         return replace(camera, cam_from_world=np.column_stack([rotation, -rotation @ centre]))
 
 
 def similarity(x_in_model: np.ndarray, x_in_truth: np.ndarray) -> Similarity:
-    """Least-squares similarity of matched points (Umeyama 1991), both (n, 3)."""
+    """Fit the least-squares similarity of matched points (Umeyama 1991), both (n, 3)."""
     mean_model, mean_truth = x_in_model.mean(axis=0), x_in_truth.mean(axis=0)
     a, b = x_in_model - mean_model, x_in_truth - mean_truth
     u, values, vt = np.linalg.svd(b.T @ a)

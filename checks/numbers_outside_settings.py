@@ -1,10 +1,10 @@
-"""Count the numbers that stand in the code of `stages/` outside settings: each is listed with a reason.
+"""Check the numbers in the code of `stages/` outside settings: each is listed with a reason.
 
-`python checks/numbers_outside_settings.py` fails where a number stands that
-`numbers_outside_settings.yaml` does not list, where one is listed that is gone, and where more than
-`MOST_CHOICES` of those listed shape an answer. Numbers that say nothing by themselves (`SAY_NOTHING`) and
-guards against division by zero (up to `GUARD`) are not counted, unless a constant has them; nor are defaults
-and bounds of settings, and versions of stages.
+`python checks/numbers_outside_settings.py` fails where a number is missing from
+`numbers_outside_settings.yaml`, where a listed number no longer occurs, and where more than `MOST_CHOICES` of
+those listed influence results. Trivial numbers (`SAY_NOTHING`) and guards against division by zero (up to
+`GUARD`) are not counted, unless they are the value of a constant; nor are defaults and bounds of settings,
+and versions of stages.
 """
 
 from __future__ import annotations
@@ -19,9 +19,13 @@ import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
 LIST = Path(__file__).with_suffix(".yaml")
-BEYOND = ("command", "evaluation", "synthetic")  # folders that print, judge and render: no answer is theirs
+BEYOND = (
+    "command",
+    "evaluation",
+    "synthetic",
+)  # folders that print, evaluate and render: they do not influence results
 SAY_NOTHING = frozenset({0, 1, 2, 3, 4, 0.5})  # identities, halves, axes, channels, neighbours
-SAYS_ITS_NAME = frozenset[float]()  # a constant is counted whatever its value is
+SAYS_ITS_NAME = frozenset[float]()  # a constant is counted whatever its value
 DECLARE = ("setting", "Stage", "replace")  # calls that state defaults and bounds, or a stage's version
 GUARD = 1e-6
 MOST_CHOICES = 60
@@ -29,7 +33,7 @@ CHOICES, NO_CHOICES = "choices", "no choices"  # sections of the list
 
 
 def numbers_of(tree: ast.Module) -> Iterator[tuple[str, int]]:
-    """Find the numbers of a file: the name of the constant, or what is written, and its line."""
+    """Find the numbers of a file: the name of the constant, or the literal, and its line."""
     for statement in tree.body:
         if isinstance(statement, ast.Assign | ast.AnnAssign) and statement.value is not None:
             targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
@@ -40,7 +44,7 @@ def numbers_of(tree: ast.Module) -> Iterator[tuple[str, int]]:
 
 
 def counted(node: ast.AST, but: frozenset[float] = SAY_NOTHING) -> Iterator[ast.Constant]:
-    """Find the numbers in a piece of code, but for some, and for defaults and bounds of settings."""
+    """Find the numbers in a piece of code, except `but` and the defaults and bounds of settings."""
     if isinstance(node, ast.Call) and ast.unparse(node.func) in DECLARE or is_settings(node):
         return
     number = isinstance(node, ast.Constant) and type(node.value) in (int, float)
@@ -51,12 +55,12 @@ def counted(node: ast.AST, but: frozenset[float] = SAY_NOTHING) -> Iterator[ast.
 
 
 def is_settings(node: ast.AST) -> bool:
-    """Tell the declaration of settings, whose methods state defaults that depend on others."""
+    """Check for the declaration of settings, whose methods state defaults that depend on others."""
     return isinstance(node, ast.ClassDef) and any("Settings" in ast.unparse(base) for base in node.bases)
 
 
 def found_in(folder: Path) -> dict[str, dict[str, int]]:
-    """Find the numbers of all files: by file below `folder`, by name or text, the first line."""
+    """Find the numbers of all files: by file below `folder`, then by name or literal, the first line."""
     found: dict[str, dict[str, int]] = defaultdict(dict)
     for path in sorted(folder.rglob("*.py")):
         place = path.relative_to(folder)
@@ -67,7 +71,7 @@ def found_in(folder: Path) -> dict[str, dict[str, int]]:
 
 
 def complaints(found: dict[str, dict[str, int]], listed: dict[str, dict[str, dict[str, str]]]) -> list[str]:
-    """Say what is found and not listed, listed and not found, or too many; by files, `*` is all of one."""
+    """Describe numbers found but not listed, listed but not found, or too many; `*` is all of a file."""
     said, allowed = [], defaultdict(dict)
     for section in listed.values():
         for file, reasons in section.items():
@@ -89,7 +93,7 @@ def complaints(found: dict[str, dict[str, int]], listed: dict[str, dict[str, dic
 
 
 def main() -> int:
-    """Compare, say, count; returns the exit code."""
+    """Compare the numbers with the list, print complaints and counts; returns the exit code."""
     listed = yaml.safe_load(LIST.read_text(encoding="utf-8"))
     found = found_in(ROOT / "stages")
     said = complaints(found, listed)

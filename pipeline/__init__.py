@@ -1,4 +1,4 @@
-"""A small, careful build tool that has never heard of a pixel: declares, plans, runs, caches, explains."""
+"""A small build tool that is independent of images: declares, plans, runs, caches and explains stages."""
 
 from pipeline.errors import UserError
 from pipeline.job import Job, Progress, Silence

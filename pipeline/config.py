@@ -1,4 +1,4 @@
-"""From YAML and the command line to a checked request."""
+"""Settings and sources from YAML and the command line, checked."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from pipeline.settings import Settings, is_group, near
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML in which 1e-6 is a number, none is null, and no name may stand twice.
+    """Safe YAML in which 1e-6 is a number, none is null, and duplicate names are refused.
 
-    The library wants 1.0e-6 and null, makes text of the others, and drops the first of two equal names.
+    PyYAML accepts only 1.0e-6 and null, reads the others as text, and drops the first of two equal names.
     """
 
     def compose_mapping_node(self, anchor: object) -> yaml.MappingNode:
-        """The library's, where no name stands twice."""
+        """Compose a mapping as PyYAML does; refuse duplicate names."""
         node = super().compose_mapping_node(anchor)  # type: ignore[arg-type]  # types-PyYAML has it a dict
         names = [name.value for name, _ in node.value]
         for place, (name, _) in enumerate(node.value):
@@ -46,7 +46,7 @@ _Loader.add_implicit_resolver(
 
 NOTHING_RENAMED: Mapping[str, str] = MappingProxyType({})
 A_LIST = 'a list, as in [1.5, 2] or ["001", "b"]'
-AS_ONE_WRITES_IT = {  # by pydantic's type of fault, where YAML may have made something else of what was meant
+AS_ONE_WRITES_IT = {  # by pydantic's type of fault, where YAML may have read another type than was meant
     "list_type": A_LIST,
     "tuple_type": A_LIST,
     "string_type": 'text, in quotes where it would pass for something else, as in "001"',
@@ -60,7 +60,7 @@ class Config:
     Attributes
     ----------
     folder : Path
-        What relative paths in it are relative to.
+        Base of its relative paths.
     workspace : str or None
     sources : dict of str to str
     settings : dict of str to dict
@@ -136,7 +136,7 @@ def override(settings: dict[str, dict[str, Any]], assignments: Iterable[str]) ->
     Raises
     ------
     UserError
-        An assignment has not that form.
+        An assignment does not have that form.
     """
     changed = deepcopy(settings)
     for assignment in assignments:
@@ -171,7 +171,7 @@ def check_settings(
     Raises
     ------
     UserError
-        An unknown stage or setting (the near one is suggested), or a value of the wrong type or range.
+        An unknown stage or setting (the nearest name is suggested), or a value of the wrong type or range.
     """
     for stage in given:
         if stage not in declared:
@@ -190,7 +190,7 @@ def _validated(stage: str, kind: type[Settings], values: Mapping[str, Any]) -> S
 
 
 def _sentence(stage: str, kind: type[Settings], fault: Mapping[str, Any]) -> str:
-    """One sentence for one of pydantic's findings."""
+    """Describe one of pydantic's errors in a sentence."""
     *phases, own = [str(part) for part in fault["loc"]]
     name = ".".join([stage, *phases, own])
     if fault["type"] == "extra_forbidden":
@@ -207,7 +207,7 @@ def _sentence(stage: str, kind: type[Settings], fault: Mapping[str, Any]) -> str
 
 
 def _phase_at(kind: type[Settings], names: Iterable[str | int]) -> type[Settings]:
-    """The settings of the phase of this name, which may lie in another."""
+    """Look up the settings class of a phase by the path of names that leads to it."""
     for name in names:
         kind = {
             field.alias or own: field.annotation

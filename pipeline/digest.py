@@ -13,16 +13,16 @@ from blake3 import blake3
 from pipeline.errors import UserError
 from pipeline.json_text import json_text
 
-DIGEST_HEX_DIGITS = 32  # 128 bits: no two different contents will ever meet by accident
+DIGEST_HEX_DIGITS = 32  # 128 bits: accidental collisions are negligible
 
 
 def digest_value(value: Any) -> str:
-    """Digest of a JSON-like value. Types are part of it: ``1``, ``1.0``, ``True`` and ``"1"`` all differ."""
+    """Compute the digest of a JSON-like value and its types: ``1``, ``1.0``, ``True``, ``"1"`` all differ."""
     return blake3(_canonical(value).encode()).hexdigest()[:DIGEST_HEX_DIGITS]
 
 
 def _canonical(value: Any) -> str:
-    """A text that two values share only if they are equal and of equal types."""
+    """Encode a value as text; two texts are equal only if the values and their types are."""
     if isinstance(value, Mapping):
         pairs = sorted((_canonical(key), _canonical(item)) for key, item in value.items())
         return "{" + ",".join(f"{key}:{item}" for key, item in pairs) + "}"
@@ -34,15 +34,15 @@ def _canonical(value: Any) -> str:
 
 
 def digest_file(path: Path) -> str:
-    """Digest of a file's bytes."""
+    """Compute the digest of a file's bytes."""
     hasher = blake3(max_threads=blake3.AUTO)
-    with path.open("rb"):  # whose error names the file; the library's own does not
+    with path.open("rb"):  # its error names the file; blake3's does not
         hasher.update_mmap(path)
     return hasher.hexdigest()[:DIGEST_HEX_DIGITS]
 
 
 def files_below(root: Path, suffixes: Iterable[str] = ()) -> dict[str, Path]:
-    """Files at or below `root` by relative posix path, sorted; hidden ones and other suffixes left out.
+    """List files at or below `root` by relative posix path, sorted; hidden files and other suffixes excluded.
 
     Links are followed, as photo collections are often made of them.
 
@@ -66,9 +66,9 @@ def files_below(root: Path, suffixes: Iterable[str] = ()) -> dict[str, Path]:
 
 
 def _entries_below(root: Path) -> Iterator[Path]:
-    """What is in a folder and its subfolders and is no folder; hidden ones left out, each entered once.
+    """List the files of a folder and its subfolders, hidden ones excluded; each folder is entered once.
 
-    A link to a folder above ends there, and of two ways to a folder the first in the order of names counts.
+    A link to a parent folder is not followed; of two paths to a folder the first in order of names counts.
     """
     entered = set()
     for folder, subfolders, names in os.walk(root, onerror=_raise, followlinks=True):
@@ -82,20 +82,20 @@ def _entries_below(root: Path) -> Iterator[Path]:
 
 
 def _raise(error: OSError) -> NoReturn:
-    """What a walk does about a folder that cannot be read, instead of passing over it."""
+    """Raise the error of a folder that cannot be read, which `os.walk` would skip."""
     raise error
 
 
 def digest_files(digests: Mapping[str, str]) -> str:
-    """Digest of a folder from the digests of its files by relative path."""
+    """Compute the digest of a folder from the digests of its files by relative path."""
     return digest_value(dict(digests))
 
 
 class DigestMemo:
-    """Remembers file digests by size, times and inode; whatever changed since is read again.
+    """Cache of file digests by size, times and inode; a file that changed since is read again.
 
-    The change time is part of the memo, so that even a byte flipped behind a restored modification time is
-    noticed. Only content ever enters a key: a wrong memo could at worst cause one needless reading.
+    The change time is compared too, so that a change behind a restored modification time is detected. Keys
+    contain digests of content only.
     """
 
     def __init__(self, path: Path) -> None:
@@ -104,7 +104,7 @@ class DigestMemo:
         self._changed = False
 
     def file(self, path: Path) -> str:
-        """Digest of a file, from the memo if it has not been touched since."""
+        """Compute the digest of a file, or take it from the memo if the file is unchanged."""
         stat = path.stat()
         stamp = [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
         name = str(path.resolve())
@@ -119,7 +119,7 @@ class DigestMemo:
     def tree(
         self, root: Path, suffixes: Iterable[str] = (), seen: Callable[[str], None] | None = None
     ) -> dict[str, str]:
-        """Digests of all files at or below `root` by relative path; `seen` is told of each."""
+        """Compute digests of all files at or below `root` by relative path; calls `seen` with each name."""
         digests = {}
         for name, path in files_below(root, suffixes).items():
             digests[name] = self.file(path)
@@ -128,14 +128,14 @@ class DigestMemo:
         return digests
 
     def renamed(self, before: Path, after: Path) -> None:
-        """Everything below `before` now lies below `after`: a rename changes no content."""
+        """Update the memo after the folder `before` was renamed to `after`."""
         old, new = f"{before.resolve()}{os.sep}", f"{after.resolve()}{os.sep}"
         moved = {new + name[len(old) :]: stamp for name, stamp in self._known.items() if name.startswith(old)}
         self._known |= moved
         self._changed |= bool(moved)
 
     def save(self) -> None:
-        """Write the memo; files that are gone are forgotten. A memo that cannot be written is no loss."""
+        """Write the memo without files that no longer exist; failure to write it is ignored."""
         if not self._changed:
             return
         kept = {name: entry for name, entry in self._known.items() if Path(name).exists()}
@@ -147,7 +147,7 @@ class DigestMemo:
 
 
 def _read_memo(path: Path) -> dict[str, list[Any]]:
-    """The memo on disk, or an empty one: it saves time and carries no truth."""
+    """Read the memo from disk; an empty one where it cannot be read, since it only saves time."""
     try:
         memo = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -156,7 +156,7 @@ def _read_memo(path: Path) -> dict[str, list[Any]]:
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Write a small file all at once: readers see the old text or the new one, never half of it."""
+    """Write a small file atomically: readers see the old text or the new one."""
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
     with fresh.open("w", encoding="utf-8") as file:

@@ -1,8 +1,8 @@
-"""The errors that people are meant to read."""
+"""Errors with messages for users."""
 
 
 class UserError(Exception):
-    """Something the user can put right.
+    """An error that the user can correct.
 
     The text is one or two sentences: what, which value, what was expected, what to do next. The command
     line prints it without a traceback and ends with exit code 2.

@@ -1,4 +1,4 @@
-"""Look at what is there: the state of every stage, a record, the difference between two results, pruning."""
+"""Inspection of a workspace: state of every stage, records, differences between results, pruning."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pipeline.store import Store, size_of
 
 
 def find_record(store: Store, stage: str, key: str | None = None) -> Record:
-    """The stage's current result, or the one whose key begins with `key`.
+    """Find the stage's current result, or the one whose key begins with `key`.
 
     Raises
     ------
     UserError
-        There is none, or the beginning fits several.
+        There is none, or several keys begin so.
     """
     records = store.records(stage)
     if not records:
@@ -37,7 +37,7 @@ def find_record(store: Store, stage: str, key: str | None = None) -> Record:
 
 
 def two_newest(store: Store, stage: str) -> tuple[Record, Record]:
-    """The result before the newest, and the newest.
+    """Find the result before the newest, and the newest.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def two_newest(store: Store, stage: str) -> tuple[Record, Record]:
 
 
 def compare(before: Record, now: Record) -> dict[str, list[str]]:
-    """What differs between two results of a stage: what they are made from, hold and note."""
+    """List the differences between two results of a stage: ingredients, outputs and facts."""
     outputs = [
         f"{name}: {changed_files(now.outputs.get(name, {}), before.outputs.get(name, {}))}"
         for name in sorted({*now.outputs, *before.outputs})
@@ -68,7 +68,7 @@ def compare(before: Record, now: Record) -> dict[str, list[str]]:
 
 
 def prune(store: Store, everything: bool = False) -> dict[str, Any]:
-    """Delete every result but the current one of each stage, or all of them; says how much was freed."""
+    """Delete every result but the current one of each stage, or all of them; returns what was freed."""
     removed, freed = [], 0
     for stage in _stages(store):
         store.sweep(stage)
@@ -81,7 +81,7 @@ def prune(store: Store, everything: bool = False) -> dict[str, Any]:
 
 
 def overview(store: Store, order: Sequence[str]) -> list[dict[str, Any]]:
-    """Per stage that has results: the current one, how many there are, their size; unknown stages last."""
+    """Summarise each stage that has results: the current one, their number and size; unknown stages last."""
     there = _stages(store)
     known = [stage for stage in order if stage in there]
     return [_row(store, stage) for stage in dict.fromkeys((*known, *there))]

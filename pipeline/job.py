@@ -1,4 +1,4 @@
-"""What a stage is handed when it runs."""
+"""The arguments with which a stage runs."""
 
 from __future__ import annotations
 
@@ -11,55 +11,55 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from pipeline.settings import Settings
 
-S_co = TypeVar("S_co", bound=Settings, covariant=True)  # what takes any stage's job takes a Job[Settings]
+S_co = TypeVar("S_co", bound=Settings, covariant=True)  # a function for any stage's job takes Job[Settings]
 
 
 class Progress(Protocol):
-    """Where progress is shown; the command line decides how."""
+    """Display of progress; the command line implements it."""
 
     def begin(self, label: str, total: int | None) -> None:
-        """A new piece of work of `total` steps (None: unknown)."""
+        """Begin a task of `total` steps (None: unknown)."""
 
     def advance(self, steps: int = 1) -> None:
-        """`steps` more are done."""
+        """Advance by `steps`."""
 
     def end(self) -> None:
-        """The piece of work is over."""
+        """End the task."""
 
 
 class Silence:
-    """Progress that is shown to nobody: for benchmarks and tests that run one stage by hand."""
+    """Progress that is not displayed: for benchmarks and tests that run one stage alone."""
 
     def begin(self, label: str, total: int | None) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def advance(self, steps: int = 1) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def end(self) -> None:
-        """Nothing."""
+        """Do nothing."""
 
 
 @dataclass(frozen=True)
 class Job(Generic[S_co]):
-    """One run of one stage: where its inputs lie, where its outputs go, and whom to tell.
+    """One run of one stage: settings, paths of inputs and outputs, threads, progress and messages.
 
     Attributes
     ----------
     settings : Settings
         The stage's own settings, validated.
     inputs : mapping of str to Path
-        Every artefact and source it takes; optional sources that were not given are absent.
+        Path of every artefact and source it takes; optional sources that were not given are absent.
     outputs : mapping of str to Path
-        Where to write each artefact; folders exist already.
+        Path at which to write each artefact; folders exist already.
     scratch : Path
         A private folder that is deleted afterwards.
     threads : int
         Threads to use; never changes the result.
     executor : Executor
-        Threads for per-view work, in functions that may run side by side.
+        Threads for per-view work, in functions that may run concurrently.
     machine : mapping of str to str
-        What `Stage.machine` said: the choices that this machine imposes.
+        Result of `Stage.machine`: the choices that this machine imposes.
     """
 
     settings: S_co
@@ -76,7 +76,7 @@ class Job(Generic[S_co]):
 
     @contextmanager
     def progress(self, label: str, total: int | None = None) -> Iterator[Callable[..., None]]:
-        """Show a piece of work: ``with job.progress("depth maps", n) as step: … step()``."""
+        """Show the progress of a task: ``with job.progress("depth maps", n) as step: … step()``."""
         self.shown.begin(label, total)
         try:
             yield self.shown.advance
@@ -88,6 +88,6 @@ class Job(Generic[S_co]):
         self.facts.update(facts)
 
     def warn(self, sentence: str) -> None:
-        """Tell the user something that changes what the result means; kept in the record."""
+        """Warn the user of something that changes the meaning of the result; kept in the record."""
         self.warnings.append(sentence)
         self.say(sentence)

@@ -1,4 +1,4 @@
-"""JSON as everyone reads it: numbers that are none have no word there."""
+"""Strict JSON: NaN and infinities become null."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def json_text(value: Any, indent: int | None = None) -> str:
-    """Encode plain values as JSON, with null for NaN and infinities, which JSON does not know."""
+    """Encode plain values as JSON, with null for NaN and infinities, which JSON lacks."""
     return json.dumps(finite_or_null(value), indent=indent, ensure_ascii=False, allow_nan=False)
 
 

@@ -1,4 +1,4 @@
-"""The key of a result: everything it depends on, and nothing else."""
+"""The cache key of a result: a digest of everything it depends on, and nothing else."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FileDigests = Mapping[str, str]
 
 @dataclass(frozen=True)
 class Ingredients:
-    """What one result is made from: its key is their digest, a change in them is the reason for a run.
+    """Everything that one result depends on: its digest is the key; a change in it is the reason for a run.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Ingredients:
 
     @property
     def key(self) -> str:
-        """Digest of all of it."""
+        """Digest of all ingredients."""
         return digest_value(
             {
                 "stage": self.stage,
@@ -51,7 +51,7 @@ class Ingredients:
 
 
 def ingredients(stage: Stage[S], settings: S, inputs: Mapping[str, FileDigests]) -> Ingredients:
-    """What `stage` would be made from now."""
+    """Collect the ingredients of a stage's result from the present settings, inputs, tools and machine."""
     return Ingredients(
         stage=stage.name,
         version=stage.version,
@@ -63,7 +63,7 @@ def ingredients(stage: Stage[S], settings: S, inputs: Mapping[str, FileDigests])
 
 
 def tool_version(distribution: str) -> str:
-    """Installed version of a distribution, ``"absent"`` if there is none."""
+    """Look up the installed version of a distribution; ``"absent"`` if there is none."""
     try:
         return version(distribution)
     except PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""The log of a stage: its settings, what it said, what libraries said, and the traceback if it failed."""
+"""The log of a stage: its settings, warnings and facts, messages of libraries, traceback of a failure."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from pipeline.stage import AnyStage
 
 
 class _FileOfALog(logging.FileHandler):
-    """A log that a full disk cuts; that it does is for what the stage writes to say."""
+    """A log file that a full disk truncates; the stage's own output reports the full disk."""
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - the library's own name
-        """Pass over it."""
+        """Ignore the error."""
 
     def close(self) -> None:
-        """Close the file, with as much in it as there is room for."""
+        """Close the file; content for which there is no room is lost."""
         with suppress(OSError):
             super().close()
 
 
 @contextmanager
 def logged(stage: AnyStage, job: Job[Settings], path: Path, failures: Path) -> Iterator[None]:
-    """Log a block into `path`; if it fails, keep a copy as `failures/STAGE.txt`, where it can be found."""
+    """Log a block into `path`; if it fails, keep a copy as `failures/STAGE.txt`."""
     handler = _FileOfALog(path, encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     root = logging.getLogger()
@@ -43,7 +43,7 @@ def logged(stage: AnyStage, job: Job[Settings], path: Path, failures: Path) -> I
         log.info("facts %s", job.facts)
     except BaseException:
         log.exception("failed")
-        with suppress(OSError):  # why the stage failed is what counts
+        with suppress(OSError):  # the stage's own error takes precedence
             handler.flush()
             failures.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, failures / f"{stage.name}.txt")

@@ -1,4 +1,4 @@
-"""How long a stage took, on the clock and on the processors, and how much memory it held at its peak."""
+"""Elapsed time, processor time and peak memory of a stage."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _CLEAR = Path("/proc/self/clear_refs")
 
 @dataclass
 class Reading:
-    """Filled in when the measured block ends: seconds, processor seconds, bytes."""
+    """Elapsed seconds, processor seconds and peak bytes, set when the measured block ends."""
 
     seconds: float = 0.0
     cpu_seconds: float = 0.0
@@ -43,7 +43,7 @@ def _cpu_seconds() -> float:
 
 
 def _reset_peak() -> None:
-    """Linux: writing 5 to clear_refs starts the peak (VmHWM) anew."""
+    """Reset the peak (VmHWM) on Linux by writing 5 to clear_refs."""
     try:
         _CLEAR.write_text("5")
     except OSError:

@@ -17,15 +17,15 @@ from pipeline.stage import AnyStage, Artefact
 from pipeline.store import Store
 
 Digests = Mapping[str, Mapping[str, str]]  # by artefact or source, then by file
-UNKNOWN = ""  # the stage of what was shown before the ledger knew of which result it is
+UNKNOWN = ""  # the stage of entries from a ledger that did not yet record stage and key
 
 
 class Output:
-    """Keeps `output/` equal to the newest results, copying only what changed.
+    """Copies of the newest results in `output/`, updated only where they changed.
 
-    Copies, not links: whoever edits a file there must not damage the cache. What was put there is
-    remembered per artefact, with the result that it is of; other files in `output/` are never touched.
-    `flow` has the names of the stages that a run goes through.
+    Copies, not links: editing a file there must not damage the cache. A ledger lists the copied files per
+    artefact, with the result they belong to; other files in `output/` are never touched. `flow` has the names
+    of the stages of the dataflow.
     """
 
     def __init__(self, workspace: Path, store: Store, flow: Collection[str]) -> None:
@@ -35,9 +35,10 @@ class Output:
         self._ledger = store.root / "output.json"
 
     def show(self, stage: AnyStage, record: Record) -> None:
-        """Bring the stage's artefacts into `output/`, and take away what it gave once and gives no more.
+        """Copy the stage's artefacts into `output/`, and remove those that it no longer gives.
 
-        And what is left of a stage that the dataflow does without now, where this one gives what that gave.
+        Remove also the remaining files of a stage that is not in the dataflow now, where this stage gives the
+        same artefacts.
         """
         shown = self._shown()
         given = {artefact.name: artefact for artefact in stage.gives if artefact.output is not None}
@@ -51,12 +52,12 @@ class Output:
             replace_text(self._ledger, json_text(shown, indent=1) + "\n")
 
     def outdated(self, later: Iterable[AnyStage], available: Digests) -> list[str]:
-        """Sentences on what is shown there and was made from something else than what there is now.
+        """Describe files in `output/` that were made from other inputs than the present ones.
 
         Parameters
         ----------
         later : iterable of Stage
-            In order, those of the dataflow that the run did not come to.
+            Stages of the dataflow after the last one that ran, in order.
         available : mapping of str to mapping of str to str
             Digests of the files of each source and artefact of the run that has just ended.
         """
@@ -96,15 +97,15 @@ class Output:
             file = self.root / target
             file.unlink(missing_ok=True)
             for folder in file.relative_to(self.root).parents[:-1]:
-                with suppress(OSError):  # something else lies in it
+                with suppress(OSError):  # not empty
                     (self.root / folder).rmdir()
 
     def _target(self, artefact: Artefact, name: str) -> str:
-        """Path below `output/`; a single file takes the artefact's output as its own name."""
+        """Compute the path below `output/`; for a single file it is the artefact's `output` itself."""
         return str(artefact.output) if artefact.file else f"{artefact.output}/{name}"
 
     def _shown(self) -> dict[str, Any]:
-        """By artefact: stage, key, and its files with their digests and stamps."""
+        """Read the ledger: by artefact, stage, key, and files with their digests and stamps."""
         try:
             ledger = json.loads(self._ledger.read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -113,7 +114,7 @@ class Output:
 
 
 def _outgrown(record: Record, available: Digests, stale: Collection[str]) -> list[str]:
-    """Inputs of a result that are others by now, or are themselves made from such."""
+    """List inputs of a result that have changed since, or depend on inputs that have."""
     return sorted(
         name
         for name, files in record.inputs.items()
@@ -122,7 +123,7 @@ def _outgrown(record: Record, available: Digests, stale: Collection[str]) -> lis
 
 
 def _of_an_earlier_run(stage: str, places: Sequence[str], other: Sequence[str]) -> str:
-    """What is shown of a result, and why it is not of now; two inputs are named, more are counted."""
+    """Describe shown files that are outdated, and why; two inputs are named, more are counted."""
     reason = " and ".join(f"another {name}" for name in other[:2])
     if len(other) > 2:
         reason += f", and {len(other) - 2} more that differ"
@@ -130,12 +131,12 @@ def _of_an_earlier_run(stage: str, places: Sequence[str], other: Sequence[str]) 
 
 
 def _of_unknown_origin(files: Mapping[str, Any]) -> dict[str, Any]:
-    """A ledger's entry as it was written before it knew of which result it is."""
+    """Convert an entry of an old ledger, which did not record stage and key."""
     return {"stage": UNKNOWN, "key": "", "files": files}
 
 
 def _place(targets: Collection[str]) -> str:
-    """A file, or in short the files of one kind in a folder."""
+    """Abbreviate the paths of an artefact's files: one path, or a folder with a pattern."""
     if len(targets) == 1:
         return next(iter(targets))
     kinds = {Path(target).suffix for target in targets}
@@ -143,7 +144,7 @@ def _place(targets: Collection[str]) -> str:
 
 
 def _stamp(path: Path) -> list[int] | None:
-    """Size and change time, to notice that a copy was touched."""
+    """Read size and modification time, by which a modified copy is detected."""
     try:
         stat = path.stat()
     except OSError:

@@ -20,7 +20,7 @@ Available = dict[str, FileDigests]
 
 
 class Action(Enum):
-    """What will happen to a stage."""
+    """The action planned for a stage."""
 
     REUSE = "reuse"
     RUN = "run"
@@ -30,7 +30,7 @@ class Action(Enum):
 
 @dataclass(frozen=True)
 class Decision:
-    """What will happen to one stage, and why.
+    """The action planned for one stage, and its reason.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Decision:
     record: Record | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """Plain JSON values."""
+        """Convert to plain JSON values."""
         key = self.made_from.key if self.made_from else None
         return {"stage": self.stage.name, "action": self.action.value, "reason": self.reason, "key": key}
 
@@ -98,13 +98,13 @@ def decide(stage: AnyStage, request: Request, store: Store, available: Mapping[s
 
 
 def _givers(artefacts: list[str], request: Request) -> str:
-    """Names of the stages that give these artefacts."""
+    """List the names of the stages that give these artefacts."""
     givers = [stage.name for stage in request.flow if {a.name for a in stage.gives} & set(artefacts)]
     return " and ".join(givers)
 
 
 def read_sources(request: Request, store: Store, seen: Any = None) -> Available:
-    """Digests of the files of every source that the dataflow takes.
+    """Compute digests of the files of every source that the dataflow takes.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def read_sources(request: Request, store: Store, seen: Any = None) -> Available:
 
 
 def _digests(kind: Source, path: Path, store: Store, seen: Any) -> FileDigests:
-    """A source's files; one that is itself a file goes by its kind, as its own name changes no result."""
+    """Compute digests of a source's files; a single file is listed under its kind, not under its own name."""
     try:
         digests = store.memo.tree(path, kind.suffixes, seen)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Why a stage runs, in one sentence: what it would be made from now against what it was made from last."""
+"""Reason for running a stage, in one sentence: differences between its ingredients now and last time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NAMED_FILES = 3  # more than this and the rest is counted
 
 
 def why_run(now: Ingredients, before: Record | None) -> str:
-    """The first things that changed since the last result; "it has never run" if there is none."""
+    """Explain a run by what changed since the last result; "it has never run here" if there is none."""
     if before is None:
         return "it has never run here"
     changes = list(differences(now, before))
@@ -20,7 +20,7 @@ def why_run(now: Ingredients, before: Record | None) -> str:
 
 
 def differences(now: Ingredients | Record, before: Ingredients | Record) -> Iterator[str]:
-    """Each difference in what two results are made from, as a phrase."""
+    """List the differences between the ingredients of two results, a phrase each."""
     if now.version != before.version:
         yield f"the stage itself went from version {before.version} to {now.version}"
     yield from _changed_values("setting", now.settings, before.settings)
@@ -52,7 +52,7 @@ def _changed_input(
 
 
 def changed_files(now: Mapping[str, str], before: Mapping[str, str]) -> str:
-    """Which files were changed, added or removed, the first few by name."""
+    """List which files were changed, added or removed, the first few by name."""
     changed = [f"{file} has other content" for file in now if file in before and now[file] != before[file]]
     added = [f"{file} is new" for file in now if file not in before]
     removed = [f"{file} is gone" for file in before if file not in now]

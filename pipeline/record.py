@@ -1,4 +1,4 @@
-"""The record of one result: what it was made from, what it holds, how long it took. Written last."""
+"""The record of one result: its ingredients, outputs, facts and cost. Written last."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Record:
     outputs : dict of str to dict of str to str
         Per artefact, the digest of each file by path relative to the artefact.
     facts : dict
-        What the stage noted.
+        Values that the stage noted.
     warnings : list of str
     finished : str
         When it was published, ISO 8601, UTC.
@@ -55,7 +55,7 @@ class Record:
     peak_bytes: int = 0
 
     def as_json(self) -> dict[str, Any]:
-        """Plain JSON values."""
+        """Convert to plain JSON values."""
         return asdict(self) | {"warnings": list(self.warnings)}
 
 
@@ -66,7 +66,7 @@ def write_record(folder: Path, record: Record) -> None:
 
 
 def read_record(folder: Path) -> Record | None:
-    """The record in `folder`; None where there is none that can be read, which makes the result void."""
+    """Read the record in `folder`; None where there is no readable one, which makes the result invalid."""
     try:
         values = json.loads((folder / RECORD).read_text(encoding="utf-8"))
         return Record(**{**values, "warnings": tuple(values["warnings"])})

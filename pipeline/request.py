@@ -1,4 +1,4 @@
-"""What the user asks for: a dataflow, its settings, the sources, the workspace, and which stages may run."""
+"""A user's request: a dataflow, its settings, the sources, the workspace, and which stages may run."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Selection:
     force: bool = False
 
     def bounds(self) -> str:
-        """The range as it was asked for, empty without one."""
+        """Format the range as options of the command line; empty without one."""
         given = {"--from": self.first, "--to": self.last}
         return " ".join(f"{flag} {name}" for flag, name in given.items() if name is not None)
 
@@ -41,11 +41,11 @@ class Request:
     Attributes
     ----------
     flow : tuple of Stage
-        In order: a stage takes sources and what earlier stages give.
+        In order: a stage takes sources and artefacts of earlier stages.
     settings : mapping of str to Settings
         Per stage name.
     sources : mapping of str to Path
-        What the user brought, by source name.
+        Paths of the user's inputs, by source name.
     kinds : tuple of Source
         Declarations of all sources.
     workspace : Path
@@ -62,7 +62,7 @@ class Request:
     selection: Selection = field(default_factory=Selection)
 
     def selected(self) -> tuple[str, ...]:
-        """Names of the stages that may run.
+        """List the names of the stages that may run.
 
         Raises
         ------
@@ -93,12 +93,12 @@ class Request:
         return tuple(names[begin : end + 1])
 
     def last_index(self) -> int:
-        """Position of the last selected stage: what follows it is left alone."""
+        """Find the position of the last selected stage; later stages do not run."""
         return [stage.name for stage in self.flow].index(self.selected()[-1])
 
 
 def check_flow(flow: Flow, kinds: tuple[Source, ...]) -> None:
-    """Refuse a dataflow in which a stage takes what nobody before it gives, or two give the same.
+    """Refuse a dataflow in which a stage takes what no earlier stage gives, or two give the same.
 
     Raises
     ------

@@ -28,32 +28,32 @@ from pipeline.settings import Settings
 from pipeline.stage import AnyStage, S, Stage, settings_of
 from pipeline.store import Store
 
-NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}  # only what is written meets these
-IF_WITHIN = {errno.EACCES, errno.EPERM, errno.EIO}  # what is read meets them, too
+NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}  # errors of writing only
+IF_WITHIN = {errno.EACCES, errno.EPERM, errno.EIO}  # errors of reading as well
 
 
 class Listener(Progress, Protocol):
-    """Who is told what happens; the command line is one."""
+    """Receiver of a run's events, such as the command line."""
 
     def deciding(self, decision: Decision) -> None:
-        """A stage is about to be reused or run."""
+        """Report that a stage is about to be reused or run."""
 
     def finished(self, decision: Decision, record: Record) -> None:
-        """A stage's result is there."""
+        """Report that a stage's result is available."""
 
     def say(self, sentence: str) -> None:
-        """Something the user should know."""
+        """Report a sentence to the user."""
 
 
 @dataclass(frozen=True)
 class Done:
-    """What became of one stage in a run."""
+    """Outcome of one stage in a run."""
 
     decision: Decision
     record: Record
 
     def as_json(self) -> dict[str, Any]:
-        """Plain JSON values."""
+        """Convert to plain JSON values."""
         return self.decision.as_json() | {"key": self.record.key, "record": self.record.as_json()}
 
 
@@ -149,7 +149,7 @@ def _kept_only_if_finished(partial: Path) -> Iterator[None]:
 
 @contextmanager
 def _threads(number: int) -> Iterator[Executor]:
-    """Threads for one stage: when it fails, work that has begun is waited for, and what is queued dropped."""
+    """Provide threads for one stage; when it fails, running work is awaited and queued work dropped."""
     executor = ThreadPoolExecutor(number)
     try:
         yield executor
@@ -166,7 +166,7 @@ def _job(
     executor: Executor,
     partial: Path,
 ) -> Job[S]:
-    """What the stage is handed: inputs found, outputs prepared."""
+    """Build the job of a stage: locate its inputs, create its output folders."""
     outputs = {artefact.name: partial / artefact.path for artefact in stage.gives}
     for artefact in stage.gives:
         if artefact.file is None:
@@ -187,7 +187,7 @@ def _job(
 
 
 def _input_paths(stage: AnyStage, request: Request, store: Store) -> dict[str, Path]:
-    """Where each input of a stage lies: a source, or an artefact of an earlier stage's current result."""
+    """Locate each input of a stage: a source, or an artefact of an earlier stage's current result."""
     places = dict(request.sources)
     for earlier in request.flow[: request.flow.index(stage)]:
         current = store.current(earlier.name)
@@ -198,12 +198,12 @@ def _input_paths(stage: AnyStage, request: Request, store: Store) -> dict[str, P
 
 
 def _check_sources(stage: AnyStage, made_from: Ingredients, request: Request, store: Store) -> None:
-    """Refuse a result whose sources changed since the run began: its key is made of what they were then.
+    """Refuse a result whose sources changed since the run began: its key has their earlier digests.
 
     Raises
     ------
     UserError
-        Files of a source came, went or changed.
+        Files of a source were added, removed or changed.
     """
     for name, files in read_sources(replace(request, flow=(stage,)), store).items():
         before = made_from.inputs[name]
@@ -216,7 +216,7 @@ def _check_sources(stage: AnyStage, made_from: Ingredients, request: Request, st
 
 
 def _record(stage: AnyStage, made_from: Ingredients, job: Job[Settings], store: Store) -> Record:
-    """The record of a finished stage.
+    """Build the record of a finished stage.
 
     Raises
     ------
@@ -242,7 +242,7 @@ def _record(stage: AnyStage, made_from: Ingredients, job: Job[Settings], store: 
 
 
 def _compare_with_twin(store: Store, record: Record, listener: Listener) -> None:
-    """A second result of the same key should be the same result; where it is not, that is said."""
+    """Compare with an earlier result of the same key, and report outputs that differ."""
     twin = store.record(record.stage, record.key)
     if twin is None:
         return

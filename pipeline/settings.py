@@ -18,7 +18,7 @@ class Settings(BaseModel):
     Attributes
     ----------
     moved : mapping of str to str
-        Names that settings had here once, and where they are now, as in ``{"light": "lighting.light"}``.
+        Former names of settings here, and their present names, as in ``{"light": "lighting.light"}``.
     """
 
     moved: ClassVar[Mapping[str, str]] = MappingProxyType({})
@@ -42,13 +42,13 @@ def setting(
     default
         Its default value.
     why
-        What it does and why the default is what it is, one sentence or two; shown by the documentation.
+        Its effect and the reason for its default, one sentence or two; shown by the documentation.
     unit
         Unit of the value, such as ``"px"``.
     name
         Its public name where that is a Python keyword (``lambda``).
     changes_result
-        False for settings that change speed or talk only: they stay out of the cache key.
+        False for settings that change only speed or messages: they stay out of the cache key.
     **bounds
         pydantic's ``ge``, ``gt``, ``le``, ``lt``, ``min_length``.
     """
@@ -69,13 +69,13 @@ def group(kind: type[Settings], why: str) -> Any:
     kind
         Its settings, all of which have defaults.
     why
-        What the phase does, one sentence; shown by the documentation above its settings.
+        The purpose of the phase, one sentence; shown by the documentation above its settings.
     """
     return Field(default_factory=kind, description=why)
 
 
 def is_group(annotation: object) -> TypeGuard[type[Settings]]:
-    """Tell a phase's settings from a single one, by the field's type."""
+    """Check by its type whether a field holds the settings of a phase rather than a single setting."""
     return isinstance(annotation, type) and issubclass(annotation, Settings)
 
 
@@ -87,7 +87,7 @@ def settings_that_matter(settings: Settings, ignored: Iterable[str] = ()) -> dic
     settings
         Of a stage.
     ignored
-        Public names of settings, or of whole phases, that this variant of the stage does not look at.
+        Public names of settings, or of whole phases, that this variant of the stage does not use.
     """
     ignored = set(ignored)
     return {
@@ -98,7 +98,7 @@ def settings_that_matter(settings: Settings, ignored: Iterable[str] = ()) -> dic
 
 
 def _values(settings: Settings) -> Iterator[tuple[str, Any]]:
-    """Public names and JSON values of the settings that change the result, those of phases after a dot."""
+    """List public names and JSON values of the settings that change the result; in a phase ``phase.name``."""
     values = settings.model_dump(mode="json", by_alias=True)
     for name, field in type(settings).model_fields.items():
         public = field.alias or name
@@ -109,7 +109,7 @@ def _values(settings: Settings) -> Iterator[tuple[str, Any]]:
 
 
 def near(wrong: str, known: Iterable[str], renamed: Mapping[str, str] = MappingProxyType({})) -> str:
-    """Complete a sentence about a name that does not exist: what it is called now, or the nearest ones."""
+    """Complete a sentence about a name that does not exist: its present name, or the nearest names."""
     if wrong in renamed:
         return f"it is called {renamed[wrong]!r} now."
     known = sorted(known)

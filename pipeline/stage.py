@@ -1,4 +1,4 @@
-"""What a stage is before it is code: its name, version, settings, what it takes and what it gives."""
+"""Declaration of a stage: its name, version, settings, inputs and outputs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Artefact:
     name : str
         Unique in the dataflow; other stages take it by this name.
     about : str
-        What it is, one phrase.
+        Its content, one phrase.
     file : str or None
         File name inside the stage's result when it is one file; None for a folder called `name`.
     output : str or None
@@ -42,7 +42,7 @@ class Artefact:
 
 
 def no_facts(settings: Settings) -> Mapping[str, str]:
-    """The machine decides nothing."""
+    """Return no facts: the result is independent of the machine."""
     return {}
 
 
@@ -65,9 +65,9 @@ class Stage(Generic[S]):
     run : callable
         The adapter: opens the inputs, calls the core, saves the outputs.
     ignores : tuple of str
-        Settings, or phases of them, that this variant of the stage does not look at: no part of the key.
+        Settings, or phases of them, that this variant of the stage does not use: no part of the key.
     formerly : tuple of str
-        Names that it had once; whoever types one is told the name of today.
+        Former names; a message for such a name states the present one.
     tools : tuple of str
         Distributions whose versions change the result: part of the key.
     machine : callable
@@ -89,12 +89,12 @@ class Stage(Generic[S]):
     machine: Callable[[S], Mapping[str, str]] = field(default=no_facts)
 
 
-AnyStage = Stage[Any]  # one of a dataflow, whose stages differ in their settings: `settings_of` gives its own
+AnyStage = Stage[Any]  # a stage whose settings class is not stated: `settings_of` gives it
 Flow = tuple[AnyStage, ...]
 
 
 def former_names(flow: Iterable[AnyStage]) -> dict[str, str]:
-    """Map names that stages had once to those of today."""
+    """Map former names of stages to present ones."""
     return {old: stage.name for stage in flow for old in stage.formerly}
 
 
@@ -114,14 +114,14 @@ def settings_of(stage: Stage[S], settings: Mapping[str, Settings]) -> S:
 
 @dataclass(frozen=True)
 class Source:
-    """Something that the user brings.
+    """An input that the user provides.
 
     Attributes
     ----------
     name : str
         Stages take it by this name.
     suffixes : tuple of str
-        The files of a folder that count; all of them if empty.
+        Suffixes of the files of a folder that are read; all files if empty.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The cache on disk: `cache/STAGE/KEY/`, published all at once and verified before it is used again."""
+"""The cache on disk: `cache/STAGE/KEY/`, published atomically and verified before reuse."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Store:
     Parameters
     ----------
     workspace : Path
-        Its `cache/` holds the results, `cache/current.json` which of them is each stage's newest.
+        Its `cache/` holds the results; `cache/current.json` names the newest of each stage.
     """
 
     def __init__(self, workspace: Path) -> None:
@@ -31,15 +31,15 @@ class Store:
         self.memo = DigestMemo(self.root / "digests.json")
 
     def entry(self, stage: str, key: str) -> Path:
-        """Folder of a result, whether or not it exists."""
+        """Compute the folder of a result, which need not exist."""
         return self.root / stage / key
 
     def record(self, stage: str, key: str) -> Record | None:
-        """Record of a result, None if there is no such result."""
+        """Read the record of a result; None if there is no such result."""
         return read_record(self.entry(stage, key))
 
     def records(self, stage: str) -> list[Record]:
-        """All results of a stage, oldest first."""
+        """List the records of all results of a stage, oldest first."""
         folder = self.root / stage
         if not folder.is_dir():
             return []
@@ -47,12 +47,12 @@ class Store:
         return sorted((record for record in found if record), key=lambda record: record.finished)
 
     def current(self, stage: str) -> Record | None:
-        """The result that the last run made or used."""
+        """Read the record of the result that the last run made or used."""
         key = self._current_keys().get(stage)
         return self.record(stage, key) if key else None
 
     def set_current(self, stage: str, key: str) -> None:
-        """Remember which result the last run made or used."""
+        """Store which result the last run made or used."""
         keys = self._current_keys()
         if keys.get(stage) != key:
             replace_text(self.root / "current.json", json_text({**keys, stage: key}, indent=1) + "\n")
@@ -64,7 +64,7 @@ class Store:
             return {}
 
     def damage(self, stage: AnyStage, record: Record) -> str | None:
-        """What is wrong with a cached result, in words; None if every file is as it was published."""
+        """Describe the damage of a cached result; None if every file is as it was published."""
         entry = self.entry(record.stage, record.key)
         for artefact in stage.gives:
             published = record.outputs.get(artefact.name)
@@ -77,20 +77,20 @@ class Store:
         return None
 
     def digests(self, path: Path) -> dict[str, str]:
-        """Digests of the files at or below `path` in the cache; empty where there is nothing."""
+        """Compute digests of the files at or below `path` in the cache; empty where there are none."""
         return self.memo.tree(path) if path.exists() else {}
 
     def begin(self, stage: str) -> Path:
-        """A private folder in which a result is prepared; unseen until `publish`."""
+        """Create a private folder in which a result is prepared, invisible until `publish`."""
         folder = self.root / stage / f"{PARTIAL}{uuid.uuid4().hex[:12]}"
         folder.mkdir(parents=True)
         return folder
 
     def publish(self, partial: Path, record: Record) -> None:
-        """Turn a finished folder into the result of `record.key`: all of it or nothing.
+        """Publish a finished folder as the result of `record.key`, atomically.
 
-        The record is written last, then one rename makes the folder visible. A result already there is
-        moved aside first, and comes to the same name only as a whole.
+        The record is written last, then one rename makes the folder visible. An existing result is moved
+        aside first.
         """
         write_record(partial, record)
         _flush(partial)
@@ -103,7 +103,7 @@ class Store:
         self.sweep(record.stage)
 
     def sweep(self, stage: str) -> None:
-        """Delete what an interrupted run left behind. Only under the workspace's lock."""
+        """Delete partial results of an interrupted run. Only under the workspace's lock."""
         folder = self.root / stage
         if folder.is_dir():
             for left in folder.glob(f"{PARTIAL}*"):
@@ -113,13 +113,13 @@ class Store:
         """Delete a result; returns the bytes freed."""
         entry = self.entry(stage, key)
         freed = size_of(entry)
-        (entry / RECORD).unlink(missing_ok=True)  # void first: never a record without its files
+        (entry / RECORD).unlink(missing_ok=True)  # first: a record never remains without its files
         shutil.rmtree(entry)
         return freed
 
 
 def size_of(folder: Path) -> int:
-    """Bytes in all files below `folder`."""
+    """Sum the bytes of all files below `folder`."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
@@ -134,7 +134,7 @@ def _harm(name: str, found: Mapping[str, str], published: Mapping[str, str]) -> 
 
 
 def _flush(folder: Path) -> None:
-    """Bring every file below `folder` to the disk, so that a power cut cannot publish empty ones."""
+    """Flush every file below `folder` to disk, so that a power failure cannot leave empty published files."""
     for path in folder.rglob("*"):
         if path.is_file():
             with path.open("rb") as file:

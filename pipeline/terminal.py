@@ -1,4 +1,4 @@
-"""What a person sees: a line per stage, a bar while it runs; no bars in pipes, JSON for machines."""
+"""Terminal output: a line per stage and a progress bar while it runs; no bars in pipes; JSON on demand."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from pipeline.plan import Action, Decision
 from pipeline.record import Record
 
 COLOURS = {Action.REUSE: "green", Action.RUN: "yellow", Action.WAIT: "yellow", Action.LEAVE: "dim"}
-PIPE_WIDTH = 200  # columns of a table where no terminal says how many there are
+PIPE_WIDTH = 200  # columns of a table where there is no terminal
 
 
 class Terminal:
-    """A listener that writes to the error stream, so that the output stream stays free for `--json`."""
+    """A listener that writes to the error stream; the output stream is reserved for answers and `--json`."""
 
     def __init__(self, json_wanted: bool = False) -> None:
         self._console = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -53,7 +53,7 @@ class Terminal:
             self._bars.stop()
 
     def deciding(self, decision: Decision) -> None:
-        """One line: what happens to a stage, why, and how many warnings are reused with it."""
+        """Print the action planned for a stage, its reason, and the number of warnings reused with it."""
         colour, verb = COLOURS[decision.action], decision.action.value
         name = f"[bold]{decision.stage.name:<15}[/bold]"
         reason = decision.reason
@@ -63,7 +63,7 @@ class Terminal:
         self._console.print(f"{name} [{colour}]{verb:<6}[/{colour}] {escape(reason)}")
 
     def finished(self, decision: Decision, record: Record) -> None:
-        """One line after a stage that ran: what it cost."""
+        """Print the cost of a stage that ran."""
         if decision.action is Action.RUN:
             cost = (
                 f"{record.seconds:.1f} s, {record.cpu_seconds:.1f} CPU-s, peak {megabytes(record.peak_bytes)}"
@@ -71,17 +71,17 @@ class Terminal:
             self._console.print(f"{'':<15} [dim]done in {cost}[/dim]")
 
     def say(self, sentence: str) -> None:
-        """Something the user should know."""
+        """Print a sentence to the user."""
         self._console.print(f"{'':<15} [magenta]{escape(sentence)}[/magenta]")
 
     def fail(self, sentence: str) -> None:
-        """Why the command ends here."""
+        """Print the error that ends the command."""
         self._console.print(
             f"[red]unshade:[/red] {escape(sentence)}" if not self._json_wanted else escape(sentence)
         )
 
     def answer(self, value: Any, table: Table | None = None) -> None:
-        """The result of a command: JSON on the output stream if wanted, else the table."""
+        """Write the result of a command to the output stream: as JSON if wanted, else as the table."""
         if self._json_wanted:
             sys.stdout.write(json_text(value, indent=1) + "\n")
         elif table is not None:
@@ -90,12 +90,12 @@ class Terminal:
 
 
 def megabytes(size: int | None) -> str:
-    """A size for people."""
+    """Format a size in MB."""
     return "–" if size is None else f"{size / 1e6:.0f} MB"
 
 
 def table_of(rows: list[dict[str, Any]], columns: dict[str, str]) -> Table:
-    """A plain table: `columns` maps headings, all blank for a table without, to keys of the rows."""
+    """Build a plain table: `columns` maps headings (all blank: none are shown) to keys of the rows."""
     table = Table(box=None, pad_edge=False, show_header=any(map(str.strip, columns)))
     for heading in columns:
         table.add_column(heading, overflow="fold")
@@ -113,7 +113,7 @@ def _cell(value: Any) -> str:
 
 
 def number(value: float) -> str:
-    """A number for people: four significant digits, more where whole digits would be lost.
+    """Format a number with four significant digits, more where integer digits would be lost.
 
     >>> number(0.0195), number(12.3456), number(123456.7), number(1e-12)
     ('0.0195', '12.35', '123457', '1e-12')

@@ -1,4 +1,4 @@
-"""The generic verbs: run, plan, status, show, diff, clean. Each answers as a table and as JSON."""
+"""The generic commands: run, plan, status, show, diff, clean. Each answers as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -17,24 +17,26 @@ from pipeline.terminal import Terminal, megabytes, table_of
 
 
 def run_verb(request: Request, terminal: Terminal) -> None:
-    """Bring everything selected up to date, and say where it is."""
+    """Bring the selected stages up to date, and print where the results are."""
     begun = perf_counter()
     done = run(request, terminal)
     output = request.workspace / "output"
-    place = output if output.is_dir() else request.workspace / "cache"  # not every stage shows something
+    place = (
+        output if output.is_dir() else request.workspace / "cache"
+    )  # not every stage has artefacts in output/
     table = table_of([{"what": f"Up to date after {perf_counter() - begun:.1f} s: {place}"}], {"": "what"})
     terminal.answer({"stages": [one.as_json() for one in done], "output": str(output)}, table)
 
 
 def plan_verb(request: Request, terminal: Terminal) -> None:
-    """Say what a run would do, and why."""
+    """Print what a run would do, and why."""
     store = Store(request.workspace)
     rows = [decision.as_json() for decision in plan(request, store, read_sources(request, store))]
     terminal.answer(rows, table_of(rows, {"stage": "stage", "": "action", "because": "reason"}))
 
 
 def status_verb(workspace: Path, order: Sequence[str], terminal: Terminal) -> None:
-    """Say what is there and what it cost, stage by stage in this order."""
+    """Print results and their cost, stage by stage in this order."""
     rows = overview(Store(workspace), order)
     for row in rows:
         row["peak"] = megabytes(row["peak_bytes"])
@@ -63,7 +65,7 @@ def show_verb(workspace: Path, stage: str, key: str | None, terminal: Terminal) 
 
 
 def _sayings(record: Record, folder: Path) -> list[tuple[str, Any]]:
-    """A record as lines for a person."""
+    """List a record as pairs of a name and a value."""
     lines: list[tuple[str, Any]] = [("result", f"{record.stage} {record.key}"), ("folder", folder)]
     lines += [("finished", record.finished), ("seconds", record.seconds), ("CPU-seconds", record.cpu_seconds)]
     lines += [("peak memory", megabytes(record.peak_bytes)), ("version", record.version)]
@@ -76,7 +78,7 @@ def _sayings(record: Record, folder: Path) -> list[tuple[str, Any]]:
 
 
 def diff_verb(workspace: Path, stage: str, keys: tuple[str, ...], terminal: Terminal) -> None:
-    """Say what differs between two results of a stage: the two named, or the newest and the one before."""
+    """Print the differences between two results of a stage: those named, or the newest and the one before."""
     store = Store(workspace)
     if len(keys) == 2:
         before, now = (find_record(store, stage, key) for key in keys)

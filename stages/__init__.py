@@ -1,6 +1,6 @@
-"""The craft. Every file here is a step of the paper, every folder a vocabulary that the steps share.
+"""Albedo from photos. Every file here is a stage; every folder holds the functions that stages share.
 
-`dataflow` is the whole program, read from top to bottom: each stage takes what stands above it.
+`DATAFLOW` lists the stages in order: each takes outputs of earlier ones.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ from stages.solvers.kernels.loop_cache import name_loop_cache
 from stages.transfer import TRANSFER
 from stages.undistort import UNDISTORT
 
-name_loop_cache(Path(__file__).parent)  # no stage has imported numba yet: a plan must answer at once
+name_loop_cache(
+    Path(__file__).parent
+)  # before any stage imports numba, which is late, so that a plan answers at once
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".hdr")
 MODEL_FILES = tuple(  # not *.bin: a dense workspace holds gigabytes of depth maps
@@ -59,26 +61,31 @@ DATAFLOW: Flow = (
     MESH,  #            the surface
     RAYCAST,  #         n^i, Ω^i, π⁻¹
     CORRESPONDENCE,  #  Eq. 5, 6, 8: C_ij
-    TRANSFER,  #        ν that knows what it can see; not in mode: paper
-    LIGHTING,  #        σ, known once; not in mode: paper
+    TRANSFER,  #        ν with visibility and interreflection; not in mode: paper
+    LIGHTING,  #        σ, estimated before ρ; not in mode: paper
     DECOMPOSITION_UNDER_LIGHT,  # Eq. 1–4, 9–18: ρ
-    EXPORT,  #         what people open
+    EXPORT,  #         PNG files, a COLMAP workspace
 )
 ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_MESH)
-EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: scenes whose truth is known
-AFTERWARDS: Flow = (FULL_RESOLUTION, RELIGHT)  # what is made of a result when one asks for it
+EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
+AFTERWARDS: Flow = (FULL_RESOLUTION, RELIGHT)  # on demand, from a finished result
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
-IN_ORDER = (*EXPERIMENT, *ENTRY_POINTS, *DATAFLOW, *AFTERWARDS)  # each after all that it can take from
+IN_ORDER = (
+    *EXPERIMENT,
+    *ENTRY_POINTS,
+    *DATAFLOW,
+    *AFTERWARDS,
+)  # each after all stages whose outputs it can take
 
 
 def dataflow(given: Collection[str], light: str = "directions") -> Flow:
-    """The stages to go through, given the names of the sources at hand and the kind of light.
+    """Select the stages for photos, from the names of the sources given and the kind of light.
 
     Raises
     ------
     UserError
-        There are no photos, something to render though nothing is, or a mesh without the cameras whose
-        frame it is in.
+        There are no photos, there is an object or environment but no `render` section, or a mesh without the
+        cameras in whose frame it is.
     """
     if "object" in given or "environment" in given:
         raise UserError(
@@ -96,11 +103,11 @@ def dataflow(given: Collection[str], light: str = "directions") -> Flow:
         )
     model = ADOPT_MODEL if "colmap" in given else SFM
     surface = (ADOPT_MESH,) if "mesh_file" in given else (MVS, MESH)
-    return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_paint(light), EXPORT)
+    return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
 
 
 def experiment(given: Collection[str], light: str = "directions") -> Flow:
-    """The stages of a rendered scene, given the names of the sources at hand and the kind of light.
+    """Select the stages for a rendered scene, from the names of the sources given and the kind of light.
 
     Raises
     ------
@@ -112,17 +119,17 @@ def experiment(given: Collection[str], light: str = "directions") -> Flow:
             f"The settings of `render` ask for a rendered scene, but {', '.join(unwanted)} was given too; "
             "give one of the two."
         )
-    return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, *light_and_paint(light), EXPORT)
+    return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
 
 
 def kind_of_light(settings: Mapping[str, Settings], given: Collection[str] = ()) -> str:
-    """The decomposition's kind of light, from the settings of all stages: paper, harmonics or directions.
+    """Derive the decomposition's kind of light from all stages' settings: paper, harmonics or directions.
 
     Raises
     ------
     UserError
-        The solver that was asked for does not know that light, or the transfer not all of it; or a known
-        light was given that these settings have no use for.
+        The chosen solver does not support that light, the transfer has too low a degree for it, or these
+        settings cannot use the known light that was given.
     """
     decomposition = settings_of(DECOMPOSITION, settings)
     check_mode(decomposition, settings_of(TRANSFER, settings).degree)
@@ -132,8 +139,8 @@ def kind_of_light(settings: Mapping[str, Settings], given: Collection[str] = ())
     return kind
 
 
-def light_and_paint(light: str) -> Flow:
-    """The stages that find light and albedo: only light from directions is found before the albedo."""
+def light_and_albedo(light: str) -> Flow:
+    """Select the stages that estimate light and albedo; only directional light has a stage of its own."""
     return {
         "paper": (DECOMPOSITION,),
         "harmonics": (TRANSFER, DECOMPOSITION_BY_TRANSFER),
@@ -142,17 +149,17 @@ def light_and_paint(light: str) -> Flow:
 
 
 def with_relighting(flow: Flow) -> Flow:
-    """A dataflow that also shows the views under another light; `mode: paper` lacks the transfer for it."""
+    """Add relighting to a dataflow, and the transfer that it needs, which `mode: paper` lacks."""
     transfer = () if TRANSFER in flow else (TRANSFER,)
     return (*flow, *transfer, RELIGHT_AS_FOUND if LIGHTING in flow else RELIGHT)
 
 
 def with_full_resolution(flow: Flow) -> Flow:
-    """A dataflow that also carries the albedo to the photos' own resolution."""
+    """Add the albedo at the photos' own resolution to a dataflow."""
     return (*flow, FULL_RESOLUTION)
 
 
 def kinds_of_sources(flow: Collection[AnyStage]) -> tuple[Source, ...]:
-    """What the user may bring to a dataflow: a rendered scene makes its own photos."""
+    """List the sources that a user may give to a dataflow: those that no stage of it makes."""
     made = {artefact.name for stage in flow for artefact in stage.gives}
     return tuple(source for source in SOURCES if source.name not in made)

@@ -21,7 +21,7 @@ class CorrespondenceSettings(Settings):
     epsilon: float = setting(
         3.0,
         "Two pixels show the same point if the points behind them are no farther apart (ε of Eq. 8). "
-        "Distances leave a sharp gap between 3 and 10 footprints: beyond it lies what is occluded.",
+        "The distribution of distances has a gap between 3 and 10 footprints; beyond it points are occluded.",
         unit="pixel footprints",
         gt=0,
         le=100,
@@ -29,7 +29,10 @@ class CorrespondenceSettings(Settings):
 
 
 def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsilon: float, file: Path) -> int:
-    """Find, save and count the links of one pair (Eq. 8); picklable. Memory: 120 B per pixel of two views."""
+    """Find, save and count the correspondences of a pair of views (Eq. 8).
+
+    Picklable. Memory: 120 B per pixel of the two views.
+    """
     import scipy.sparse as sp
 
     from stages.formats.images.exr import read_exr
@@ -45,7 +48,7 @@ def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsil
 
 
 def run(job: Job[CorrespondenceSettings]) -> None:
-    """Open the cameras, link every pair, write the index."""
+    """Open the cameras, find the correspondences of every pair, write the index."""
     from stages.formats.artefacts.camera_file import read_cameras
 
     settings = job.settings
@@ -60,7 +63,7 @@ def run(job: Job[CorrespondenceSettings]) -> None:
             job.executor.submit(link_pair, camera_i, camera_j, *paths, settings.epsilon, folder / file)
         )
     counts = []
-    with job.progress("links", len(pairs)) as step:
+    with job.progress("correspondences", len(pairs)) as step:
         for future in futures:
             counts.append(future.result())
             step()

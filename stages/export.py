@@ -1,4 +1,4 @@
-"""Results for people: PNGs at one common scale, a COLMAP workspace of albedo maps, a contact sheet."""
+"""Results in common formats: PNGs at one scale, a COLMAP workspace of albedo maps, a contact sheet."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ if TYPE_CHECKING:
 
 
 class PictureSettings(Settings):
-    """Settings of how maps become pictures, apart from what `white_quantile` says."""
+    """Settings of the conversion of maps to pictures, apart from `white_quantile`."""
 
     white_samples: int = setting(
         200_000, "Values per view, at most, that enter the quantile.", unit="values", ge=100
     )
     dark_median: float = setting(
         0.003,
-        "Pictures whose median is darker are said to look black: it is below 10 of 255 in sRGB.",
+        "Pictures whose median is darker are reported as black: it is below 10 of 255 in sRGB.",
         unit="of white",
         ge=0,
         le=1,
     )
     sheet_white: float = setting(
         3.0,
-        "Photos of the contact sheet, where they are linear and go beyond 1, have their white at this many "
-        "times their mean.",
+        "White of the contact sheet's photos as a multiple of their mean, where they are linear and "
+        "exceed 1.",
         unit="mean values",
         gt=0,
     )
@@ -41,14 +41,14 @@ class ExportSettings(Settings):
 
     white_quantile: float = setting(
         0.995,
-        "PNG white is this quantile of all views' values, one scale for all: a few highlights may clip, and "
-        "views stay comparable.",
+        "PNG white is this quantile of all views' values, one scale for all: a few highlights may clip, but "
+        "views remain comparable.",
         gt=0,
         le=1,
     )
     sheet_width_px: int = setting(320, "Width of a picture in the contact sheet.", unit="px", ge=32, le=2048)
     sheet_views: int = setting(16, "Views in the contact sheet, evenly chosen.", ge=1, le=200)
-    pictures: PictureSettings = group(PictureSettings, "How maps become pictures.")
+    pictures: PictureSettings = group(PictureSettings, "Conversion of maps to pictures.")
 
 
 def common_white(
@@ -68,8 +68,8 @@ def common_white(
     return (float(white) if white > 0 else 1.0), float(middle)
 
 
-def tell_dark_pictures(job: Job[ExportSettings], kind: str, white: float, middle: float) -> None:
-    """Warn where half of a picture is so far below white that one sees nothing of it."""
+def warn_of_dark_pictures(job: Job[ExportSettings], kind: str, white: float, middle: float) -> None:
+    """Warn where the median of pictures is so far below white that they look black."""
     if middle < job.settings.pictures.dark_median * white:
         job.warn(
             f"The PNGs of {kind} look black: white stands for {white:.3g}, and half of all pixels lie below "
@@ -79,7 +79,7 @@ def tell_dark_pictures(job: Job[ExportSettings], kind: str, white: float, middle
 
 
 def run(job: Job[ExportSettings]) -> None:
-    """Encode, one view at a time."""
+    """Encode the maps, one view at a time."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.images.contact_sheet import contact_sheet
     from stages.formats.images.photos import write_png8
@@ -91,7 +91,7 @@ def run(job: Job[ExportSettings]) -> None:
     for kind in ("albedo", "shading"):
         found = common_white(job.inputs[kind], job.inputs["mask"], names, settings)
         whites[kind] = found[0]
-        tell_dark_pictures(job, kind, *found)
+        warn_of_dark_pictures(job, kind, *found)
     in_sheet = set(evenly(names, settings.sheet_views))
     rows = {}
     with job.progress("pictures", len(cameras)) as step:
@@ -119,7 +119,7 @@ def evenly(names: list[str], count: int) -> list[str]:
 
 
 def export_maps(job: Job[ExportSettings], kind: str, name: str, white: float) -> np.ndarray:
-    """Write one map as 16-bit PNG; returns it scaled so that white is 1, linear."""
+    """Write one map as 16-bit PNG, and return it scaled so that white is 1, linear."""
     from stages.formats.images.exr import read_exr
     from stages.formats.images.photos import write_png_srgb16
 
@@ -131,7 +131,7 @@ def export_maps(job: Job[ExportSettings], kind: str, name: str, white: float) ->
 def export_dense_view(job: Job[ExportSettings], camera: Camera, albedo: np.ndarray) -> None:
     """Write one view of the albedo workspace: its image, and the mesh's depth and normals as COLMAP maps.
 
-    With the maps there, COLMAP's `stereo_fusion` makes an albedo-coloured point cloud of it.
+    From these maps COLMAP's `stereo_fusion` makes a point cloud in albedo colours.
     """
     from stages.formats.colmap.depth_maps import write_map
     from stages.formats.images.exr import read_exr
@@ -156,14 +156,14 @@ def sheet_row(
     photo = reduce_by_area(read_exr(job.inputs["linear"] / f"{camera.name}.exr"), camera.shape)
     mask = read_mask(job.inputs["mask"] / f"{camera.name}.png")
     normals = read_exr(job.inputs["normal"] / f"{camera.name}.exr")
-    painted = ((normals * 0.5 + 0.5) * 255 * mask[..., None]).round().astype("uint8")
+    normal_colours = ((normals * 0.5 + 0.5) * 255 * mask[..., None]).round().astype("uint8")
     times = job.settings.pictures.sheet_white
     bright = max(float(photo[mask].max(axis=1).mean()) * times, 1e-6) if photo.max() > 1 else 1.0
-    return [encode_srgb8(photo / bright), encode_srgb8(albedo), encode_srgb8(shading), painted]
+    return [encode_srgb8(photo / bright), encode_srgb8(albedo), encode_srgb8(shading), normal_colours]
 
 
 def write_dense_model(job: Job[ExportSettings], cameras: list[Camera]) -> None:
-    """Write the sparse model and settings that turn the albedo images into a COLMAP workspace."""
+    """Write the sparse model and settings that make the albedo images a COLMAP workspace."""
     from stages.formats.colmap.dense_workspace import write_stereo_settings
     from stages.formats.colmap.model import pinhole_model, read_model, write_model
 
@@ -173,7 +173,7 @@ def write_dense_model(job: Job[ExportSettings], cameras: list[Camera]) -> None:
 
 
 def write_scales(path: Path, whites: dict[str, float]) -> None:
-    """Write the scale that leads from a PNG back to the EXR."""
+    """Write the scale that converts PNG values to EXR values."""
 
     about = "PNG white (sRGB-decoded 1.0) stands for this value in the EXR, the same for all views"
     path.write_text(json_text({"about": about, "png_white": whites}, indent=1) + "\n", encoding="utf-8")

@@ -3,9 +3,9 @@
 Renders the scenes (kept in ``workspaces/accuracy``), decomposes them by every method with its defaults, and
 writes ``accuracy.md`` with a picture of each, and ``accuracy.json`` (or ``natural``, ``unseen-SEED``).
 `--quick` takes the five rows of the paper only, at a tenth of its size; scans need ``UNSHADE_DATA``.
-`--ablations` adds `mode: transfer` with one of its parts left out at a time. `--natural` takes scenes like
-the world instead, on which methods are developed; `--unseen SEED` scenes like them, drawn by a seed that
-nobody has looked at. `--tiny` only shows that everything works.
+`--ablations` adds `mode: transfer` with one of its parts left out at a time. `--natural` takes
+natural scenes instead, on which methods are developed; `--unseen SEED` draws similar scenes by a seed not
+used before. `--tiny` only tests that everything runs.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
-    """Render, decompose, judge, write; returns the page."""
+    """Render, decompose, evaluate and write; returns the page."""
     given = arguments(argv)
     methods = METHODS + (ABLATIONS if given.ablations else ())
     page_and_head = ("accuracy", OF_THE_PAPER_AND_SCANS)
@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> Path:
 
 
 def scenes_of(given: argparse.Namespace) -> list[tuple[Row, Size]]:
-    """What is to be judged; refuses rows that are not there."""
+    """Select the rows to evaluate; refuse unknown ones."""
     data = Path(os.environ["UNSHADE_DATA"]) if "UNSHADE_DATA" in os.environ else None
     if given.natural:
         scenes = list(natural_rows(data))
@@ -66,7 +66,7 @@ def scenes_of(given: argparse.Namespace) -> list[tuple[Row, Size]]:
 
 
 def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """What was asked for."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--quick", action="store_true", help="the paper's rows only, at a tenth of its size")
     parser.add_argument("--tiny", action="store_true", help="and smaller still, to show that it works")

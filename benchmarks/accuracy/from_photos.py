@@ -17,10 +17,10 @@ from stages.synthetic.sample import exposure
 
 
 class PhotoLaboratory(Laboratory):
-    """Renders as ever, develops photos, and starts from these.
+    """A laboratory that renders, writes 8-bit photos, and starts from these.
 
     The lens is known and held, as of a calibrated camera, so that photos are not resampled and the true
-    albedo lies on their pixels. Poses, depth and mesh are estimated. The masks of the render are given.
+    albedo has their pixels. Poses, depth and mesh are estimated. The masks of the render are given.
     """
 
     def _run(self, row: Row, decomposition: dict[str, Any], lighting: dict[str, Any], last: str) -> Results:
@@ -55,7 +55,7 @@ class PhotoLaboratory(Laboratory):
 
 
 def develop(rendered: dict[str, Path], folder: Path) -> Path:
-    """Write 8-bit sRGB photos of a render, exposed alike; the same bytes for the same render."""
+    """Write 8-bit sRGB photos of a render, with one exposure; the same bytes for the same render."""
     images = {path.stem: read_exr(path) for path in sorted(rendered["images"].glob("*.exr"))}
     masks = [read_mask(rendered["masks"] / f"{name}.png") for name in images]
     white = exposure(list(images.values()), masks)

@@ -1,4 +1,4 @@
-"""The methods side by side, each with its own defaults on every scene, and ours with parts left out."""
+"""The methods compared, each with its own defaults on every scene, and ours with parts left out."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ CARTOON_FIDELITY = 0.05  # the best of its grid on Fig. 3 at this size (docs/pap
 
 @dataclass(frozen=True)
 class Method:
-    """A name, and what the decomposition and the lighting before it are told beyond their defaults.
+    """A name, and settings of the decomposition and the lighting that differ from their defaults.
 
-    `settings` are the decomposition's: None where it is not asked.
+    `settings` are the decomposition's: None where it is not run.
     """
 
     name: str
@@ -60,7 +60,7 @@ ABLATIONS = (
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What a method made of a row, in how long, what its record says, and what its confidence is worth."""
+    """A method's result on a row: scores, seconds, record, and reliability of its confidence."""
 
     method: str
     scores: Scores
@@ -69,7 +69,7 @@ class Judged:
     reliability: Reliability | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """For machines."""
+        """Convert to plain JSON values."""
         told = {} if self.reliability is None else {"reliability": finite_or_null(asdict(self.reliability))}
         return {"scores": self.scores.as_json(), "seconds": round(self.seconds, 1), **told}
 
@@ -92,12 +92,12 @@ class JudgedRow:
     picture: np.ndarray
 
     def by(self, method: Method) -> Judged:
-        """What one of the methods made of it."""
+        """Look up the result of one of the methods."""
         return next(one for one in self.judged if one.method == method.name)
 
 
 def judge_row(laboratory: Laboratory, row: Row, methods: Sequence[Method]) -> JudgedRow:
-    """Decompose a row by every method, and judge."""
+    """Decompose a row by every method, and evaluate."""
     prepared = laboratory.prepare(row)
     judge = Judge.of(prepared)
     about = f"{row.about} (noise of the render {prepared.facts['render']['noise']:.1%})"
@@ -116,7 +116,7 @@ def judge_row(laboratory: Laboratory, row: Row, methods: Sequence[Method]) -> Ju
 def _albedo(
     laboratory: Laboratory, row: Row, judge: Judge, method: Method
 ) -> tuple[Maps, dict[str, Any], Maps | None]:
-    """Albedo, records, and confidence where there is one."""
+    """Compute albedo, records, and confidence where the method gives it."""
     if method.name == "cartoon-texture":
         return cartoon(judge, CARTOON_FIDELITY, laboratory.threads).albedo, {}, None
     if method.settings is None:
@@ -131,7 +131,7 @@ def _albedo(
 
 
 def _reliability(judge: Judge, confidence: Maps, albedo: Maps) -> Reliability:
-    """Of all views together, where the scores are."""
+    """Compute the reliability of confidence on the judged pixels of all views together."""
     true = {name: judge.true_albedo(name) for name in judge.names}
     inside = {name: judge.judged(name) for name in judge.names}
     stacked = (
@@ -142,7 +142,7 @@ def _reliability(judge: Judge, confidence: Maps, albedo: Maps) -> Reliability:
 
 
 def _best_weights(settings: dict[str, Any], row: Row, judge: Judge) -> dict[str, float]:
-    """λ and μ of Fig. 3 at the size of the views; the paper's own factor of the row applied."""
+    """Scale λ and μ of Fig. 3 to the size of the views, and apply the paper's own factor of the row."""
     height, width = judge.masks[judge.names[0]].shape
     weights = weights_at(DecompositionSettings(**settings), (height * width) ** 0.5, 0.0)
     return {"lambda": round(weights.smoothness * row.lambda_factor, 9), "mu": weights.consistency}

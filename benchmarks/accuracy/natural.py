@@ -1,7 +1,7 @@
-"""Scenes like the world: stone, wood, rust, stains, prints, plaster, under skies and in rooms.
+"""Natural scenes: stone, wood, rust, stains, prints, plaster, under skies and in rooms.
 
 Methods are developed on `NATURAL_SCENES` and `PHOTOGRAPHED_SCENES`. `unseen_rows` draws others by seed; a
-seed is looked at once, when a release is judged, and is then used up.
+seed is used once, when a release is evaluated, and never again.
 """
 
 from __future__ import annotations
@@ -72,10 +72,10 @@ def natural_rows(data: Path | None) -> tuple[tuple[Row, Size], ...]:
 
 
 def unseen_rows(data: Path | None, seed: int, count: int = 8) -> tuple[tuple[Row, Size], ...]:
-    """Draw rows by seed: subject, light and its direction, paint, contrast, gloss, geometry, noise.
+    """Draw rows by seed: subject, light and its direction, albedo, contrast, gloss, geometry, noise.
 
-    Subjects, lights and paints come in a random order, each once before any comes again. Contrasts are
-    uniform in their logarithm from 0.05 to 0.6.
+    Subjects, lights and albedos come in a random order, each once before any repeats. Contrasts are
+    log-uniform from 0.05 to 0.6.
     """
     rng = np.random.default_rng([seed, FIRST_UNSEEN_PAINT])
     subjects = [*OWN_SUBJECTS, *(SCANS if data else ())]
@@ -101,7 +101,7 @@ def _shuffled(rng: np.random.Generator, names: tuple[str, ...] | list[str], coun
 
 
 def at_hand(data: Path | None, subject: str, light: str) -> bool:
-    """Whether all that a scene needs is there: without the data folder, of our own."""
+    """Check that a scene's files are available: without the data folder, only those of our own are."""
     return data is not None or (subject in OWN_SUBJECTS and light in SKIES)
 
 

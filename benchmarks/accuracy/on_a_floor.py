@@ -1,4 +1,4 @@
-"""A scan on a floor of two triangles, beside a box of ten: large faces, and one thing behind another."""
+"""A scan on a floor of two triangles, beside a box of ten: large faces and occlusion."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SQUARES = np.array(
 
 
 def write_on_a_floor(scan: Path, to: Path) -> None:
-    """Write the scan, y up, in four paints, with floor and box; squares share no vertex."""
+    """Write the scan, y up, in four materials, with floor and box; squares share no vertex."""
     subject = mesh_subject(read_mesh_file(scan))
     vertices = subject.surface.vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)

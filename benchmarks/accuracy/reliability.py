@@ -1,4 +1,4 @@
-"""Whether confidence means something: how wrong the albedo is where it says that it may be."""
+"""Reliability of confidence: measured against expected errors of the albedo."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Reliability:
     held : tuple of float
         Share of the squared error of the albedo, all channels, that each class holds.
     expected : tuple of float
-        Median of the relative errors that the confidence stands for; infinite for pixels of none.
+        Median of the relative errors that the confidence implies; infinite where it is 0.
     measured : tuple of float
         Root mean square of the logarithm of the albedo's brightness over the true one's, less its median.
     """
@@ -33,7 +33,7 @@ class Reliability:
 
     @classmethod
     def of(cls, confidence: np.ndarray, albedo: np.ndarray, truth: np.ndarray) -> Reliability:
-        """Compare, after one scale per channel: confidence (N,), albedo and truth (N, 3)."""
+        """Compare confidence (N,) with errors of albedo against truth (N, 3) after one scale per channel."""
         scale = [least_squares_scale(albedo[:, c], truth[:, c]) for c in range(3)]
         scaled = albedo * np.array(scale)
         square = ((scaled - truth) ** 2).sum(axis=1, dtype=np.float64)

@@ -1,8 +1,8 @@
-"""Views in a light they never saw, against path-traced truth: ``python -m benchmarks.accuracy.relighting``.
+"""Views under a new light, against path-traced truth: ``python -m benchmarks.accuracy.relighting``.
 
-A scene is decomposed in its own light, and `relight` shows it under another: from the albedo, and, as one
-would without Unshade, from the photos taken for albedo (the photo-textured model). The truth is the same
-scene rendered in the other light. Needs ``UNSHADE_DATA``, whose pictures of light are the others.
+A scene is decomposed in its own light, and `relight` shows it under another: from the albedo, and, as a
+baseline, from the photos used as albedo (the photo-textured model). The truth is the same scene rendered
+under the other light. Needs ``UNSHADE_DATA``, whose environment maps are the other lights.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ WHITE = 0.99  # quantile of the true radiance that PSNR takes for 1
 
 @dataclass(frozen=True, eq=False)
 class Relit:
-    """A row in another light: PSNR, dB, from the photos and from the albedo; and one view of each."""
+    """A row under another light: PSNR, dB, from the photos and from the albedo; and one view of each."""
 
     name: str
     light: str
@@ -61,7 +61,7 @@ class Relit:
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
-    """Decompose, relight, render, judge, write; returns the page."""
+    """Decompose, relight, render, evaluate and write; returns the page."""
     given = arguments(argv)
     if "UNSHADE_DATA" not in os.environ:
         raise SystemExit("UNSHADE_DATA is not set; expected the folder that holds hdri-polyhaven-1k.")
@@ -108,7 +108,7 @@ def in_another_light(row: Row, size: Size, light: Path, workspace: Path) -> Reli
 
 
 def relit(paths: Mapping[str, Path], albedo: Path, light: Path, names: Sequence[str]) -> Maps:
-    """What the `relight` stage makes of some albedo maps."""
+    """Relight albedo maps by the `relight` stage."""
     terminal = Terminal()
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
         job = Job(
@@ -126,7 +126,7 @@ def relit(paths: Mapping[str, Path], albedo: Path, light: Path, names: Sequence[
 
 
 def _psnr(maps: Maps, true: Maps, masks: Mapping[str, np.ndarray]) -> float:
-    """Mean over the views; one scale per channel for all views."""
+    """Compute the mean PSNR over the views, with one scale per channel for all views."""
     views = [judge_view(name, maps[name], image, masks[name]) for name, image in true.items()]
     return float(np.mean(list(psnr_h(views).values())))
 
@@ -137,7 +137,7 @@ def _fitted(image: np.ndarray, true: np.ndarray, mask: np.ndarray) -> np.ndarray
 
 
 def page_of(judged: Sequence[Relit]) -> str:
-    """Table and pictures."""
+    """Format the table and pictures."""
     table = [
         [one.name, one.light, f"{one.from_photos:.1f}", f"{one.from_albedo:.1f}", f"{gain:+.1f}"]
         for one in judged
@@ -149,7 +149,7 @@ def page_of(judged: Sequence[Relit]) -> str:
 
 
 def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """What was asked for."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--rows", default=",".join(OTHER_LIGHT), help="comma-separated; all by default")
     parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "accuracy")

@@ -1,4 +1,4 @@
-"""The page of `benchmarks.accuracy`: what every method reaches, scene by scene."""
+"""The page of `benchmarks.accuracy`: scores of every method, scene by scene."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def write_report(to: Path, rows: Sequence[JudgedRow], name: str, head: str) -> P
 
 
 def page_of(rows: Sequence[JudgedRow], head: str) -> str:
-    """The whole page, without its pictures."""
+    """Format the whole page, without its pictures."""
     parts = [
         head,
         HOW_TO_READ,
@@ -120,7 +120,7 @@ def _ratios(rows: Sequence[JudgedRow]) -> str:
 
 
 def light_distance(facts: Mapping[str, Any]) -> str:
-    """How far away the light was found to be, in radii of the scene, of which the nearest sphere is known."""
+    """Format the estimated distance of the light, in radii of the scene: that of its nearest sphere."""
     found = facts.get("light_distance", "")
     if isinstance(found, str):
         return found
@@ -129,7 +129,7 @@ def light_distance(facts: Mapping[str, Any]) -> str:
 
 
 def worst_variance(ours: Sequence[PartVariance], paper: Sequence[PartVariance]) -> str:
-    """Largest and median ratio of all parts and channels that count, and how many ours has no variance of."""
+    """Format the largest and median variance ratio of parts and channels, and the number without one."""
     ratios = [one.ratio for one in variance_ratios(ours, paper) if not np.isnan(one.ratio)]
     unknown = sum(np.isnan(one.variance) and above_floor(one.true_albedo) for one in ours)
     said = f"{max(ratios):.2f} ({np.median(ratios):.2f})" if ratios else "–"

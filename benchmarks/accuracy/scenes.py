@@ -1,4 +1,4 @@
-"""The scenes that every idea is judged on: the paper's rows, and scans under other lights and paints."""
+"""The scenes of the evaluation: the paper's rows, and scans under other lights with other albedo."""
 
 from __future__ import annotations
 
@@ -58,19 +58,19 @@ LIGHTS_OF_OUR_OWN = ("dome", "four_lamps", "one_lamp")
 
 
 def laboratory_of(row: Row, size: Size, workspace: Path) -> Laboratory:
-    """Where a row is rendered and decomposed: the paper's where `benchmarks.paper` has done so already."""
+    """Choose the laboratory of a row: the paper's where `benchmarks.paper` has rendered it already."""
     shared = row in ROWS and size is not TINY
     kind = PhotoLaboratory if row.photographed else Laboratory
     return kind(PAPERS_OWN / size.name if shared else workspace / row.name, size, Terminal())
 
 
 def paper_rows(size: Size = QUARTER) -> tuple[tuple[Row, Size], ...]:
-    """The paper's, at one size."""
+    """List the paper's rows at one size."""
     return tuple((row, size) for row in ROWS)
 
 
 def scan_rows(data: Path) -> tuple[tuple[Row, Size], ...]:
-    """The scans', out of the data folder."""
+    """List the rows of scans from the data folder."""
     return tuple((_row(data, *combination), SCAN_SIZE) for combination in COMBINATIONS)
 
 

@@ -1,8 +1,8 @@
-"""What each number is worth: ``python -m benchmarks.accuracy.sensitivity [--stages …] [--to FOLDER]``.
+"""Sensitivity to each setting: ``python -m benchmarks.accuracy.sensitivity [--stages …] [--to FOLDER]``.
 
 Every number of the settings of `lighting` and `decomposition` is made 30 % smaller and 30 % larger, alone, on
-the stored scenes of `tests/accuracy_scenes`; writes ``sensitivity.md`` with what si-RMSE and the error of the
-detail then are, over those by default. Hours; what is done already is taken from the workspace.
+the stored scenes of `tests/accuracy_scenes`; writes ``sensitivity.md`` with si-RMSE and the error of the
+detail relative to those by default. Takes hours; finished runs are reused from the workspace.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Judged:
         )
 
     def over(self, usual: Judged) -> tuple[float, float, float]:
-        """Compare: ratio of si-RMSE, geometric mean; that of the scene that changes most; ratio of detail."""
+        """Compare: geometric mean of si-RMSE ratios, that of the scene that changes most, that of detail."""
         ratios = np.log(np.array(self.si_rmse) / usual.si_rmse)
         detail = np.log(np.array(self.detail) / usual.detail)
         most = ratios[np.argmax(np.abs(ratios))]
@@ -66,7 +66,7 @@ class Judged:
 
 
 def changed(value: Any, factor: float) -> Any:
-    """A number, or a list of them, by a factor; whole ones by at least one."""
+    """Multiply a number, or a list of them, by a factor; integers change by at least one."""
     if isinstance(value, list):
         return [changed(one, factor) for one in value]
     if isinstance(value, int):
@@ -75,21 +75,21 @@ def changed(value: Any, factor: float) -> Any:
 
 
 def is_number(value: Any) -> bool:
-    """Tell a number, or a list of numbers, that is not 0."""
+    """Check for a number, or a list of numbers, that is not 0."""
     if isinstance(value, list):
         return bool(value) and all(is_number(one) for one in value)
     return isinstance(value, int | float) and not isinstance(value, bool) and value != 0
 
 
 def numbers_of(stage: str) -> dict[str, Any]:
-    """List the numbers among a stage's settings, by name; `samples` says how long it takes, and is left."""
+    """List the numbers among a stage's settings, by name; `samples`, which sets only time, is left out."""
     declared = STAGES[stage]
     values = settings_that_matter(declared.settings(), declared.ignores)
     return {name: value for name, value in values.items() if is_number(value) and name != "samples"}
 
 
 def within_bounds(stage: str, name: str, value: Any, default: Any) -> dict[str, dict[str, Any]] | None:
-    """Settings with this value, or one that lies nearer the default where it is refused; None if all are."""
+    """Set this value, or one nearer the default where it is refused; None if all are refused."""
     for share in (1.0, 0.5, 0.2):
         between = _between(default, value, share)
         given = override(FEWER, [f"{stage}.{name}={between}"])
@@ -110,12 +110,12 @@ def _between(default: Any, value: Any, share: float) -> Any:
 
 
 def judged(scenes: Sequence[StoredScene], settings: dict[str, dict[str, Any]]) -> Judged:
-    """Decompose all scenes with these settings, and judge."""
+    """Decompose all scenes with these settings, and evaluate."""
     return Judged.of([one.scores(one.decomposed(settings)["albedo"]) for one in scenes])
 
 
 def rows(scenes: Sequence[StoredScene], stage: str) -> Iterator[tuple[str, list[tuple[float, float, float]]]]:
-    """Change each number of a stage both ways; one that cannot be changed one way stays as it is there."""
+    """Change each number of a stage in both directions, where its bounds allow."""
     usual = judged(scenes, FEWER)
     for name, default in numbers_of(stage).items():
         found = []
@@ -126,7 +126,7 @@ def rows(scenes: Sequence[StoredScene], stage: str) -> Iterator[tuple[str, list[
 
 
 def page(found: dict[str, list[tuple[float, float, float]]]) -> str:
-    """The table, what changes most first, and the list of those that change nothing."""
+    """Format the table, largest change first, and the list of numbers without effect."""
     weight = {name: max(abs(np.log(one[1])) for one in both) for name, both in found.items()}
     order = sorted(found, key=lambda name: -weight[name])
     shown = [name for name in order if weight[name] >= 0.005]
@@ -139,7 +139,7 @@ def page(found: dict[str, list[tuple[float, float, float]]]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
-    """Change each number both ways, judge, write; returns the page."""
+    """Change each number in both directions, evaluate and write; returns the page."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--stages", default=",".join(STAGES), help="comma-separated")
     parser.add_argument("--scenes", default=",".join(SCENES), help="comma-separated")

@@ -1,4 +1,4 @@
-"""Scenes rendered once and stored (`tests/accuracy_scenes`), through the real program as a user has them."""
+"""Scenes rendered once and stored (`tests/accuracy_scenes`), decomposed by the program like user input."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ SCENES = Path(__file__).resolve().parent.parent.parent / "tests/accuracy_scenes"
 
 @dataclass(frozen=True, eq=False)
 class StoredScene:
-    """A stored scene, and a folder in which it lies as a user has it: photos, masks, a COLMAP model, a mesh.
+    """A stored scene, and a folder with its files as a user provides them: photos, masks, COLMAP model, mesh.
 
     Attributes
     ----------
     arrays : mapping of str to ndarray
-        All that is stored, by kind and view.
+        Stored arrays, by kind and view.
     folder : Path
     """
 
@@ -39,7 +39,7 @@ class StoredScene:
 
     @classmethod
     def unpacked(cls, name: str, folder: Path) -> StoredScene:
-        """Write the scene of this name into a folder."""
+        """Unpack the scene of this name into a folder."""
         with np.load(SCENES / f"{name}.npz") as stored:
             scene = cls(dict(stored), folder)
         for kind in ("images", "masks"):
@@ -58,16 +58,16 @@ class StoredScene:
 
     @property
     def names(self) -> list[str]:
-        """Of the views, sorted."""
+        """Names of the views, sorted."""
         return sorted(key.removeprefix("image_") for key in self.arrays if key.startswith("image_"))
 
     def of_view(self, view: str) -> dict[str, np.ndarray]:
-        """Select what is stored of a view, by kind."""
+        """Select the stored arrays of a view, by kind."""
         kinds = {key.removesuffix(f"_{view}"): key for key in self.arrays if key.endswith(f"_{view}")}
         return {kind: self.arrays[key] for kind, key in kinds.items()}
 
     def decomposed(self, settings: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, np.ndarray]]:
-        """Decompose it; returns albedo and shading of each view by its name, (h, w, 3), float32."""
+        """Decompose the scene; returns albedo and shading of each view by its name, (h, w, 3), float32."""
         sources = {
             "images": self.folder / "images",
             "masks": self.folder / "masks",

@@ -1,7 +1,7 @@
-"""The few settings that people touch, in pictures: ``python -m benchmarks.accuracy.touched``.
+"""The few settings that users change, in pictures: ``python -m benchmarks.accuracy.touched``.
 
-Every one of them on a row of the paper where it shows, at some values, the default among them; all others
-have their defaults. Writes ``touched.md`` and a picture of each.
+Each is shown on a row of the paper where it has an effect, at some values, the default among them; all
+others have their defaults. Writes ``touched.md`` and a picture of each.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ at its default; the table has the si-RMSE of all views. What every setting means
 
 @dataclass(frozen=True)
 class Touched:
-    """A setting of a stage or a phase, values besides the default, the row they show on, what they do."""
+    """A setting of a stage or a phase, values besides the default, the row that shows them, their effect."""
 
     stage: str
     setting: str
@@ -47,7 +47,7 @@ class Touched:
 
     @property
     def default(self) -> Any:
-        """What it is where nobody touches it."""
+        """Default value."""
         found: Any = OF_STAGE[self.stage]
         for part in (*self.phases, self.name):
             found = getattr(found, part)
@@ -55,21 +55,21 @@ class Touched:
 
     @property
     def phases(self) -> list[str]:
-        """The phases that it is a setting of, the outermost first."""
+        """Phases that contain the setting, the outermost first."""
         return self.setting.split(".")[:-1]
 
     @property
     def name(self) -> str:
-        """Its name in its phase."""
+        """Name within its phase."""
         return self.setting.split(".")[-1]
 
     @property
     def values(self) -> tuple[Any, ...]:
-        """All that are shown, in their order."""
+        """All values shown, in order."""
         return tuple(sorted({*self.others, self.default}))
 
     def method(self, value: Any) -> Method:
-        """`mode: transfer` with one of them."""
+        """Build the method `mode: transfer` with one of the values."""
         own: dict[str, dict[str, Any]] = {"decomposition": {"mode": "transfer"}, "lighting": {}}
         section = own[self.stage]
         for phase in self.phases:
@@ -117,7 +117,7 @@ SETTINGS = tuple(touched.name for touched in TOUCHED)
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
-    """Render, decompose, judge, write; returns the page."""
+    """Render, decompose, evaluate and write; returns the page."""
     given = arguments(argv)
     rows = {row.name: (row, size) for row, size in paper_rows(TINY if given.tiny else QUARTER)}
     given.to.mkdir(parents=True, exist_ok=True)
@@ -134,7 +134,7 @@ def main(argv: Sequence[str] | None = None) -> Path:
 
 
 def section_of(touched: Touched, judged: JudgedRow) -> str:
-    """What the setting does, how far from the truth each value is, and the picture."""
+    """Format the effect of the setting, the error of each value, and the picture."""
     table = [
         [
             f"{value}" + " (default)" * (value == touched.default),
@@ -154,7 +154,7 @@ def section_of(touched: Touched, judged: JudgedRow) -> str:
 
 
 def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """What was asked for."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--settings", nargs="+", choices=SETTINGS, default=SETTINGS, help="all by default")
     parser.add_argument("--tiny", action="store_true", help="too small to mean much, to show that it works")

@@ -1,6 +1,6 @@
 """The albedos of one scene under two lights: ``python -m benchmarks.accuracy.two_lights``.
 
-What light leaves in the albedo differs between them, what paint is does not. Scenes like the world, of exact
+Shading left in the albedo differs between the two; the true albedo does not. Natural scenes of exact
 geometry; those of `benchmarks.accuracy --natural` are rendered and decomposed once for both. All six need
 ``UNSHADE_DATA``.
 """
@@ -48,7 +48,7 @@ WHITE = 0.99  # quantile that is shown white
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A scene, its lights, by how much photos and albedos differ (red, green, blue), and one view of each."""
+    """A scene, its lights, the differences of photos and albedos (red, green, blue), and one view of each."""
 
     name: str
     about: str
@@ -58,12 +58,12 @@ class Pair:
 
     @property
     def ratio(self) -> float:
-        """How much of the photos' difference is left, the mean of the channels."""
+        """Remaining share of the photos' difference, mean of the channels."""
         return float(np.mean(self.albedos) / np.mean(self.photos))
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
-    """Render, decompose, compare, write; returns the page."""
+    """Render, decompose, compare and write; returns the page."""
     given = arguments(argv)
     data = Path(os.environ["UNSHADE_DATA"]) if "UNSHADE_DATA" in os.environ and not given.tiny else None
     given.to.mkdir(parents=True, exist_ok=True)
@@ -87,13 +87,13 @@ def pairs(data: Path | None) -> list[tuple[Row, Row]]:
 
 
 def _under(data: Path | None, number: int, light: str) -> Row:
-    """A scene under a light."""
+    """Build the row of a scene under a light."""
     subject, _, *rest = NATURAL_SCENES[number]
     return natural_row(data, subject, light, *rest)
 
 
 def compare(rows: tuple[Row, Row], size: Size, workspace: Path) -> Pair:
-    """Decompose both, and compare what is inside the masks of all views."""
+    """Decompose both, and compare the albedos inside the masks of all views."""
     done = [laboratory_of(row, size, workspace).run_with(row, {"mode": "transfer"}).paths for row in rows]
     names = tuple(camera.name for camera in read_cameras(done[0]["cameras"]))
     masks = {name: read_mask(done[0]["mask"] / f"{name}.png") for name in names}
@@ -117,7 +117,7 @@ def _picture(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def page_of(compared: Sequence[Pair]) -> str:
-    """Table and pictures."""
+    """Format the table and pictures."""
     table: list[list[Any]] = [
         [one.about, *(" ".join(f"{v:.2f}" for v in each) for each in (one.photos, one.albedos))]
         + [f"{one.ratio:.3f}"]
@@ -129,7 +129,7 @@ def page_of(compared: Sequence[Pair]) -> str:
 
 
 def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """What was asked for."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--tiny", action="store_true", help="our own pair, too small to mean much")
     parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "accuracy")

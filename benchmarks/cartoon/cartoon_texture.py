@@ -1,4 +1,4 @@
-"""The baseline: the cartoon of each single image taken for its albedo, its texture for the shading."""
+"""The baseline: the cartoon of each image as its albedo, its texture as the shading."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BRIGHT_VALUE = 255.0  # what the images' 99th percentile becomes: the scale that
 
 @dataclass(frozen=True)
 class ChannelReport:
-    """How one channel of one view ended; energy in [0, 255] values."""
+    """Outcome for one channel of one view; energy in [0, 255] values."""
 
     outcome: CartoonOutcome
     iterations: int
@@ -25,7 +25,7 @@ class ChannelReport:
 
 @dataclass(frozen=True, eq=False)
 class Cartoons:
-    """Albedo estimates of all views, and how each was reached.
+    """Albedo estimates of all views, and the outcome of each.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Cartoons:
 
     @property
     def worst_gap(self) -> float:
-        """The largest relative gap."""
+        """Largest relative gap."""
         return max(report.relative_gap for view in self.reports for report in view)
 
 
@@ -57,7 +57,7 @@ def cartoon_texture(
     executor: Executor,
     after_each: Callable[[], None] = lambda: None,
 ) -> Cartoons:
-    """Take the TV-L1 cartoon of every channel of every view, each by itself.
+    """Compute the TV-L1 cartoon of every channel of every view independently.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ def cartoon_texture(
     -----
     Values are brought to [0, 255] from **linear** light, by one number for the whole set (99th percentile of
     all masked values = 255, nothing clipped), and brought back. Linear, since the metrics are, and since
-    little hangs on it: TV-L1 treats every level set of the image by itself, so that a minimiser for any
+    it matters little: TV-L1 treats every level set of the image independently, so that a minimiser for any
     increasing curve of the image is that curve of the minimiser (exactly in the continuum; with isotropic
-    differences nearly). sRGB changes how fast the scheme gets there, not where to.
+    differences nearly). sRGB changes the speed of convergence, not the minimiser.
     """
     scale = _bright_value(images, masks) / BRIGHT_VALUE
     pending = [
@@ -97,7 +97,7 @@ def cartoon_texture(
 
 
 def _bright_value(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> float:
-    """99th percentile of all masked values; 1 where they are black."""
+    """Compute the 99th percentile of all masked values; 1 where they are black."""
     values = np.concatenate([image[mask].ravel() for image, mask in zip(images, masks, strict=True)])
     bright = float(np.percentile(values, 99))
     return bright if bright > 0 else BRIGHT_VALUE
@@ -106,7 +106,7 @@ def _bright_value(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> 
 def _channel(
     channel: np.ndarray, mask: np.ndarray, scale: float, settings: CartoonSettings
 ) -> tuple[np.ndarray, ChannelReport]:
-    """Cartoon of one channel within the box around its mask, in the image's units; only this much is kept."""
+    """Compute the cartoon of one channel within the box around its mask, in the image's units."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     solution: CartoonSolution = cartoon(channel[box] / np.float32(scale), mask[box], settings)

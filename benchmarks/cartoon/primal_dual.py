@@ -6,8 +6,8 @@ Le Guen, "Cartoon + Texture Image Decomposition by the TV-L1 Model", IPOL 2014, 
 
 The total variation is **isotropic**, as in that article and its program; its values lie in [0, 255], its
 steps are τ = σ = 0.35, its limit 1000 iterations. Its program stops when the energy per pixel moves by less
-than 0.001 in ten iterations, which a slow solver does too; here the duality gap decides, a bound on what is
-left to gain. τ ten times larger and σ ten times smaller reach the same goal in a third of the iterations.
+than 0.001 in ten iterations, which a slow solver does too; here the stopping rule is the duality gap, a bound
+on the excess energy. τ ten times larger and σ ten times smaller need a third of the iterations.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numba import njit
 
 
 class CartoonOutcome(Enum):
-    """How the iterations ended; the text says what to try."""
+    """Outcome of the iterations; the text gives advice."""
 
     CONVERGED = "converged: the relative duality gap is below the tolerance"
     LIMIT_REACHED = "limit reached: the duality gap is still above the tolerance; allow more iterations"
@@ -28,7 +28,7 @@ class CartoonOutcome(Enum):
 
 @dataclass(frozen=True)
 class CartoonSettings:
-    """What is minimised, and when to stop.
+    """The energy's weight, the steps and the stopping rule.
 
     Attributes
     ----------
@@ -36,12 +36,12 @@ class CartoonSettings:
         λ: the smaller, the more becomes texture. A disc of radius r pixels goes below about 2/r.
     max_iterations : int
     gap_tolerance : float
-        Relative gap, (primal − dual) / primal, at which the least energy counts as found.
-        float32 comes down to about 1e-5.
+        Relative gap, (primal − dual) / primal, at which the minimum counts as reached.
+        float32 attains about 1e-5.
     primal_step, dual_step : float
-        τ and σ; ``8τσ ≤ 1`` is what the scheme needs.
+        τ and σ; the scheme requires ``8τσ ≤ 1``.
     gap_every : int
-        Iterations between two looks at the gap; one costs as much as about ten iterations.
+        Iterations between evaluations of the gap; one costs as much as about ten iterations.
     """
 
     fidelity: float
@@ -58,7 +58,7 @@ class CartoonSettings:
 
 @dataclass(frozen=True, eq=False)
 class CartoonSolution:
-    """Where the iterations ended.
+    """State at the end of the iterations.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class CartoonSolution:
 
 
 def neighbours_within(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """1 where a pixel and its neighbour to the right, or below, are both in the mask; (h, w), float32."""
+    """Mark pixels that are in the mask with their neighbour to the right, or below, by 1; (h, w), float32."""
     right, below = np.zeros(mask.shape, np.float32), np.zeros(mask.shape, np.float32)
     right[:, :-1] = mask[:, :-1] & mask[:, 1:]
     below[:-1] = mask[:-1] & mask[1:]
@@ -91,7 +91,7 @@ def neighbours_within(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True, nogil=True)
 def gradient(u: np.ndarray, right: np.ndarray, below: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``∂x u = u(x + 1) − u(x)`` and ``∂y u`` likewise, float64; 0 where the neighbour is not in the mask."""
+    """Compute ``∂x u = u(x + 1) − u(x)`` and ``∂y u``, float64; 0 where the neighbour is not in the mask."""
     height, width = u.shape
     d_x, d_y = np.zeros((height, width)), np.zeros((height, width))
     for y in range(height):
@@ -105,7 +105,7 @@ def gradient(u: np.ndarray, right: np.ndarray, below: np.ndarray) -> tuple[np.nd
 
 @njit(cache=True, nogil=True)
 def divergence(p_x: np.ndarray, p_y: np.ndarray, right: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """Minus the transpose of `gradient`: ``⟨∇u, p⟩ = −⟨u, div p⟩`` for all u, p; (h, w), float64."""
+    """Apply minus the transpose of `gradient`: ``⟨∇u, p⟩ = −⟨u, div p⟩`` for all u, p; (h, w), float64."""
     height, width = p_x.shape
     result = np.zeros((height, width))
     for y in range(height):
@@ -123,7 +123,7 @@ def divergence(p_x: np.ndarray, p_y: np.ndarray, right: np.ndarray, below: np.nd
 def primal_energy(
     u: np.ndarray, g: np.ndarray, right: np.ndarray, below: np.ndarray, fidelity: float
 ) -> float:
-    """``λ Σ |u − g| + Σ |∇u|``, pixel after pixel in float64; u = g outside the mask."""
+    """Compute ``λ Σ |u − g| + Σ |∇u|`` in float64; u = g outside the mask."""
     d_x, d_y = gradient(u, right, below)
     data = smooth = 0.0
     for y in range(u.shape[0]):
@@ -137,7 +137,7 @@ def primal_energy(
 def dual_bound(
     p_x: np.ndarray, p_y: np.ndarray, g: np.ndarray, right: np.ndarray, below: np.ndarray, fidelity: float
 ) -> float:
-    """What no u can go below, for any p of length ≤ 1 per pixel.
+    """Compute a lower bound of the energy of all u from any p of length ≤ 1 per pixel.
 
     ``D(p) = Σ min_{a ≤ u ≤ b} λ|u − g| − u div p = Σ min(−g d, λ(g − a) − a d, λ(b − g) − b d)``, d = div p,
     with a and b the least and the largest g: clipping u to [a, b] raises neither term, so that a minimiser
@@ -155,12 +155,12 @@ def dual_bound(
 
 
 def cartoon(image: np.ndarray, mask: np.ndarray, settings: CartoonSettings) -> CartoonSolution:
-    """Minimise ``λ|u − g|₁ + TV(u)`` over the mask, from u = g and p = 0; nothing is charged at its border.
+    """Minimise ``λ|u − g|₁ + TV(u)`` over the mask, from u = g and p = 0; its border costs nothing.
 
     Parameters
     ----------
     image : ndarray, shape (h, w), float32
-        g, best in [0, 255], for which the steps were chosen: another scale changes the speed, not the goal.
+        g, preferably in [0, 255], for which the steps were chosen: another scale changes only the speed.
     mask : ndarray, shape (h, w), bool
         At least one pixel.
     settings : CartoonSettings
@@ -197,8 +197,9 @@ def cartoon(image: np.ndarray, mask: np.ndarray, settings: CartoonSettings) -> C
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _iterate(u, ahead, p_x, p_y, g, right, below, tau, sigma, threshold, count):
-    """`count` iterations in place, each one sweep: row y of p needs ū of rows y and y + 1 as they were, row y
-    of u needs p of rows y − 1 and y as they become."""
+    """Iterate `count` times in place, each one sweep.
+
+    Row y of p needs the old ū of rows y and y + 1; row y of u needs the new p of rows y − 1 and y."""
     for _ in range(count):
         for y in range(u.shape[0]):
             _dual_row(ahead[y], ahead[y + 1], p_x[y], p_y[y + 1], right[y], below[y], sigma)
@@ -207,7 +208,7 @@ def _iterate(u, ahead, p_x, p_y, g, right, below, tau, sigma, threshold, count):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _dual_row(here, under, p_x, p_y, right, below, sigma):
-    """p of one row, from ū of this row and the next."""
+    """Update p of one row from ū of this row and the next."""
     one = np.float32(1)
     for x in range(right.size):
         q_x = p_x[x + 1] + sigma * (here[x + 1] - here[x]) * right[x]
@@ -220,7 +221,7 @@ def _dual_row(here, under, p_x, p_y, right, below, sigma):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _primal_row(u, ahead, p_x, above, under, g, tau, threshold):
-    """u and ū of one row, from p of this row and the one above."""
+    """Update u and ū of one row from p of this row and the one above."""
     two = np.float32(2)
     for x in range(u.size):
         flow = p_x[x + 1] - p_x[x] + under[x] - above[x]

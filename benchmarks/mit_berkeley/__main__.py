@@ -2,9 +2,9 @@
 
 Ten lamps are ten views of one viewpoint. For `mode: paper`'s core every pixel corresponds to itself in all
 45 pairs, and normals come from the given orthographic depth. Rule for its λ and μ: the pair of a stated grid
-with the least LMSE on the first object, kept for the others. Cartoon-texture gets besides: its best λ per
-object, the mean of its ten cartoons, and a solver that comes near its goal. `mode: transfer` has its
-defaults; it gets what a user would bring, photos, cameras far away and the depth as a mesh, in a workspace
+with the least LMSE on the first object, kept for the others. Cartoon-texture has in addition its best λ per
+object, the mean of its ten cartoons, and a solver that nearly converges. `mode: transfer` has its
+defaults; its input is that of a user, photos, cameras far away and the depth as a mesh, in a workspace
 per object.
 
 LMSE (windows of 20 px, step 10, at the reduced size) and si-RMSE with one scale for all estimates of an
@@ -48,7 +48,7 @@ OBJECTS = ("box", "dinosaur", "panther")  # the first is the one that λ and μ 
 
 @dataclass(frozen=True)
 class Plan:
-    """How large, which grids, how far."""
+    """Sizes, grids and limits of a call."""
 
     reduction: int
     fidelities: tuple[float, ...]
@@ -66,7 +66,7 @@ QUICK = Plan(6, FIDELITIES[1::2], (0.2, 0.5, 1, 2), (1,), 150, 1e-5)
 def experiment(
     folder: Path, plan: Plan, workspace: Path, threads: Executor, processes: Executor, cores: int
 ) -> dict[str, list[Row]]:
-    """Table and sweeps. Threads for what is compiled; processes for scipy, which shares no core."""
+    """Compute table and sweeps: threads for compiled code, processes for scipy, which uses one core."""
     terminal = Terminal()
     problems = [Problem.of(read_object(folder / name, plan.reduction)) for name in OBJECTS]
     for problem in problems:
@@ -97,7 +97,7 @@ def experiment(
 
 
 def as_text(rows: Sequence[Row]) -> str:
-    """The rows under a heading, notes in words."""
+    """Format the rows under a heading, with notes."""
     lines = [f"{'object':<10}{'method':<36}{'LMSE':>8}{'si-RMSE':>9}  notes"]
     for row in rows:
         notes = ", ".join(f"{key.rstrip('_')} {_short(value)}" for key, value in row.notes.items())

@@ -1,4 +1,4 @@
-"""Every method on an object, a line of the table each."""
+"""The methods on an object, a line of the table each."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One object as Eq. 2 sees it: ten views with the same mask and normals, each pixel linked to itself."""
+    """One object as input of Eq. 2: ten views of equal mask and normals; each pixel corresponds to itself."""
 
     subject: LampObject
     views: StackedViews
@@ -55,7 +55,7 @@ class Problem:
 
     @classmethod
     def of(cls, subject: LampObject) -> Problem:
-        """Stack the lamps; scaled by one number, 99th percentile = 1."""
+        """Stack the photos of all lamps, scaled by one number, 99th percentile = 1."""
         masks = [subject.mask] * LAMPS
         itself = sp.eye_array(int(subject.mask.sum()), format="csr")
         correspondences = dict.fromkeys(combinations(range(LAMPS), 2), itself)
@@ -70,7 +70,7 @@ class Problem:
         limit: int = PAPER.max_alternations,
         tolerance: float = PAPER.energy_tolerance,
     ) -> Descent:
-        """`mode: paper` from its start to its end, with its own stopping rule unless told otherwise."""
+        """Run `mode: paper` from its start, with its own stopping rule unless another is given."""
         weights = EnergyWeights(lambda_, mu)
         how = PaperSettings(max_alternations=limit, energy_tolerance=tolerance)
         descent = start(self.views, self.image, weights)
@@ -79,7 +79,7 @@ class Problem:
         return descent
 
     def score(self, method: str, estimates: Iterable[np.ndarray], **notes: object) -> Row:
-        """Judge gray estimates, shape (h, w) each, all together."""
+        """Evaluate gray estimates, shape (h, w) each, all together."""
         truth = np.repeat(self.subject.reflectance[..., None], 3, axis=-1)
         judged = [
             judge_view(str(k), np.repeat(estimate[..., None], 3, axis=-1), truth, self.subject.mask)
@@ -88,7 +88,7 @@ class Problem:
         return Row(self.subject.name, method, lmse(judged)[0], si_rmse(judged)[0][0], notes)
 
     def score_descent(self, method: str, descent: Descent, lambda_: float, mu: float) -> Row:
-        """Judge the ten albedos, with the energy that was reached."""
+        """Evaluate the ten albedos, with the final energy."""
         last = descent.history[-1]
         albedos = unstack_pixels([self.subject.mask] * LAMPS, descent.state.albedo)
         return self.score(
@@ -104,7 +104,7 @@ class Problem:
 
 
 def images_themselves(problem: Problem) -> list[Row]:
-    """The lamps taken for the albedo, a constant, and the mean of the lamps."""
+    """Evaluate the photos used as albedo, a constant, and the mean of the photos."""
     lamps = problem.subject.lamps
     single = [problem.score(f"lamp {k + 1}", [lamp], lamp=k + 1) for k, lamp in enumerate(lamps)]
     best = min(single, key=lambda row: row.lmse)
@@ -117,7 +117,7 @@ def images_themselves(problem: Problem) -> list[Row]:
 
 
 def cartoons(problem: Problem, fidelities: Sequence[float], executor: Executor) -> list[Row]:
-    """Cartoon-texture of every photo at every λ of the grid; the ten cartoons together, and their mean."""
+    """Evaluate cartoon-texture of every photo at every λ of the grid: the ten cartoons, and their mean."""
     rows = []
     masks = [problem.subject.mask] * LAMPS
     images = [lamp[..., None] for lamp in problem.subject.lamps]
@@ -131,7 +131,7 @@ def cartoons(problem: Problem, fidelities: Sequence[float], executor: Executor) 
 
 
 def cartoon_lines(own: list[Row], kept: float) -> list[Row]:
-    """What the table shows: the scheme at the λ that was kept; then each way at its own best λ."""
+    """Select the table's lines: the scheme at the λ that was kept; then each variant at its own best λ."""
     lines = [row for row in own if row.method == "cartoon-texture" and row.notes["lambda_"] == kept]
     for method in dict.fromkeys(row.method for row in own):
         best = best_of(row for row in own if row.method == method)
@@ -140,7 +140,7 @@ def cartoon_lines(own: list[Row], kept: float) -> list[Row]:
 
 
 def paper_sweep(problem: Problem, pairs: Sequence[tuple[float, float]], executor: Executor) -> list[Row]:
-    """`mode: paper` at every λ, μ of a grid."""
+    """Evaluate `mode: paper` at every λ, μ of a grid."""
     descents = executor.map(problem.decompose, *zip(*pairs, strict=True))
     return [
         problem.score_descent("mode: paper", descent, *pair)
@@ -149,9 +149,9 @@ def paper_sweep(problem: Problem, pairs: Sequence[tuple[float, float]], executor
 
 
 def by_transfer(problem: Problem, workspace: Path, threads: int, listener: Listener) -> Row:
-    """`mode: transfer` with its defaults, by the program itself, from colour photos, cameras and a mesh.
+    """Evaluate `mode: transfer` with its defaults, run on colour photos, cameras and a mesh.
 
-    Judged is the mean of the three channels of its albedo, as bright against each other as they come.
+    The mean of the three channels of its albedo is evaluated, without rescaling one against another.
     """
     sources = write_sources(problem.subject, workspace)
     flow = stages.dataflow(sources)
@@ -162,5 +162,5 @@ def by_transfer(problem: Problem, workspace: Path, threads: int, listener: Liste
 
 
 def best_of(rows: Iterable[Row]) -> Row:
-    """The row with the least LMSE."""
+    """Select the row with the least LMSE."""
     return min(rows, key=lambda row: row.lmse)

@@ -2,7 +2,7 @@
 
 Photos and measured reflectance are in colour. Eq. 2 gets them as **gray** values, the mean of the three
 channels in linear light, as in the data set's own program (Grosse et al., ICCV 2009) where it estimates from
-several lamps; and all are judged as gray values.
+several lamps; all estimates are evaluated as gray values.
 """
 
 from __future__ import annotations
@@ -51,17 +51,17 @@ class LampObject:
 
     @property
     def lamps(self) -> np.ndarray:
-        """The photos in gray, shape (10, h, w), float32."""
+        """Photos in gray, shape (10, h, w), float32."""
         return self.photos.mean(axis=-1)
 
 
 def objects_folder() -> Path:
-    """Where the objects lie.
+    """Find the folder of the objects.
 
     Raises
     ------
     UserError
-        There is no such data.
+        The data are absent.
     """
     given = os.environ.get(DATA_VARIABLE)
     folder = Path(given) / FOLDER if given else None
@@ -77,8 +77,8 @@ def objects_folder() -> Path:
 def read_object(folder: Path, reduction: int) -> LampObject:
     """Read an object, cut to its mask and reduced by area to 1/`reduction` of its width and height.
 
-    A reduced pixel counts if all of its area does. Normals are made at full size, averaged, and made unit
-    again.
+    A reduced pixel is valid if all of its area is. Normals are computed at full size, averaged, and
+    normalised.
     """
     valid = (_gray(folder / "mask.png") > 0) & (_gray(folder / "depth_valid.png") > 0)
     height = np.where(valid, loadmat(folder / "Z.mat")["depth"], 0.0)
@@ -102,7 +102,7 @@ def read_object(folder: Path, reduction: int) -> LampObject:
 
 
 def normals_from_height(height: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Unit normals of an orthographic height map, towards the viewer.
+    """Compute unit normals of an orthographic height map, towards the viewer.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ def normals_from_height(height: np.ndarray, valid: np.ndarray) -> np.ndarray:
     -------
     ndarray, shape (h, w, 3), float64
         ``n = −(∂x h, ∂y h, 1) / |·|`` in camera axes, x right, y down, z **forward**, so that n_z < 0 on
-        all that is seen; (0, 0, 0) where not valid. Slopes are means of the forward and the backward
-        difference where both neighbours are valid, the one that there is where one is, 0 where none is.
+        all visible surface; (0, 0, 0) where not valid. Slopes are means of the forward and the backward
+        difference where both neighbours are valid, the one difference where one is, 0 where none is.
     """
     slopes = [_slope(height.T, valid.T).T, _slope(height, valid)]
     normals = -np.stack([*slopes, np.ones(height.shape)], axis=-1)
@@ -123,7 +123,7 @@ def normals_from_height(height: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 
 def _slope(height: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Derivative along the first axis, from valid neighbours only."""
+    """Compute the derivative along the first axis, from valid neighbours only."""
     both = valid[1:] & valid[:-1]
     steps = np.where(both, np.diff(height, axis=0), 0.0)
     total, count = np.zeros(height.shape), np.zeros(height.shape)
@@ -134,12 +134,12 @@ def _slope(height: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 
 def _gray(file: Path) -> np.ndarray:
-    """Mean of the channels, (h, w), float32, of the largest value that the file can hold."""
+    """Read the mean of the channels, (h, w), float32, relative to the file's largest possible value."""
     return _colour(file).mean(axis=-1)
 
 
 def _colour(file: Path) -> np.ndarray:
-    """Red, green and blue, (h, w, 3), float32, of the largest value that the file can hold."""
+    """Read red, green and blue, (h, w, 3), float32, relative to the file's largest possible value."""
     image = cv2.imread(str(file), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
     if image is None:
         raise UserError(f"{file} cannot be read; expected a PNG of the MIT-Berkeley intrinsic images.")
@@ -147,7 +147,7 @@ def _colour(file: Path) -> np.ndarray:
 
 
 def _reduced(maps: np.ndarray, mask: np.ndarray, reduction: int) -> np.ndarray:
-    """Cut to the mask's box, made a multiple of `reduction` by empty rows and columns, and averaged."""
+    """Crop to the mask's box, pad to a multiple of `reduction`, and average."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     cut = maps[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     missing = [(0, -size % reduction) for size in cut.shape[:2]]

@@ -1,4 +1,4 @@
-"""An object as a user would bring it: photos, a COLMAP model of ten equal cameras, and a mesh."""
+"""An object as user input: photos, a COLMAP model of ten equal cameras, and a mesh."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DISTANCE = 100.0  # of the cameras, sides of the image: what is orthographic is 
 
 
 def write_sources(subject: LampObject, to: Path) -> dict[str, Path]:
-    """Write photos, masks, cameras and mesh of an object; returns them as the program's sources, by name.
+    """Write photos, masks, cameras and mesh of an object; returns their paths by source name.
 
     The world's unit is a pixel, its axes are the camera's; the point of the object that is nearest to the
     cameras lies in the plane z = 0.
@@ -46,7 +46,7 @@ def write_sources(subject: LampObject, to: Path) -> dict[str, Path]:
 
 
 def surface_of(height: np.ndarray, mask: np.ndarray, distance: float) -> Surface:
-    """A height map as a surface with a square of two triangles per pixel.
+    """Triangulate a height map, with a square of two triangles per pixel.
 
     Parameters
     ----------
@@ -54,13 +54,13 @@ def surface_of(height: np.ndarray, mask: np.ndarray, distance: float) -> Surface
         Towards the viewer, pixels.
     mask : ndarray, shape (h, w), bool
     distance : float
-        Of the camera from the highest point, pixels: each corner lies on the ray that its place in the image
-        has there.
+        From the camera to the highest point, pixels: each corner lies on the ray through its image
+        coordinates.
 
     Returns
     -------
     Surface
-        Corners have the mean height of the pixels of the mask around them. Faces the viewer: against z.
+        Corners have the mean height of the masked pixels around them. Faces point to the viewer, against z.
     """
     neighbours = _sum_around(mask.astype(float))
     used = neighbours > 0
@@ -81,6 +81,6 @@ def surface_of(height: np.ndarray, mask: np.ndarray, distance: float) -> Surface
 
 
 def _sum_around(pixels: np.ndarray) -> np.ndarray:
-    """Sum of the four pixels around every corner."""
+    """Sum the four pixels around every corner."""
     padded = np.pad(pixels, 1)
     return padded[:-1, :-1] + padded[1:, :-1] + padded[:-1, 1:] + padded[1:, 1:]

@@ -1,8 +1,8 @@
 """The paper's experiments, each a row: ``python -m benchmarks.paper [--quick | --tiny] [--to FOLDER]``.
 
-Renders the rows, chooses λ and μ on Fig. 3, decomposes, judges, and writes ``paper.md`` with its pictures.
-`--quick` stays at a quarter of the size and chooses λ and μ at a tenth; `--tiny` only shows that everything
-works. All renders and decompositions are kept in ``workspaces/paper…``: a second call answers at once.
+Renders the rows, chooses λ and μ on Fig. 3, decomposes, evaluates, and writes ``paper.md`` with its pictures.
+`--quick` stays at a quarter of the size and chooses λ and μ at a tenth; `--tiny` only tests that everything
+runs. All renders and decompositions are kept in ``workspaces/paper…``, so that a second call reuses them.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 
 @dataclass(frozen=True)
 class Plan:
-    """What a call does.
+    """Sizes, rows and folders of a call.
 
     Attributes
     ----------
     sweep_size : Size
-        Where λ and μ are chosen.
+        Size at which λ and μ are chosen.
     sizes : tuple of Size
-        Where all rows are run with them, the last one being what the report is about.
+        Sizes at which all rows are run with them; the report is about the last one.
     rows : tuple of Row
     workspace : Path
     to : Path
-        Where the report goes.
+        Folder of the report.
     """
 
     sweep_size: Size
@@ -53,7 +53,7 @@ class Plan:
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
-    """Sweep, run, judge, write; returns the page."""
+    """Sweep, run, evaluate and write; returns the page."""
     plan = plan_of(arguments(argv))
     terminal = Terminal()
     bench = Laboratory(plan.workspace / plan.sweep_size.name, plan.sweep_size, terminal)
@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> Path:
 
 
 def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """What was asked for."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--quick", action="store_true", help="a quarter of the size: minutes, not hours")
     parser.add_argument("--tiny", action="store_true", help="does everything once, too small to mean much")
@@ -79,7 +79,7 @@ def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def plan_of(given: argparse.Namespace) -> Plan:
-    """Sizes, rows and folders of a call."""
+    """Plan sizes, rows and folders of a call."""
     names = given.rows.split(",") if given.rows else [row.name for row in ROWS]
     rows = tuple(row for row in ROWS if row.name in names)
     if not rows or rows[0].name != "fig3":
@@ -95,7 +95,7 @@ def plan_of(given: argparse.Namespace) -> Plan:
 
 
 def choose(laboratory: Laboratory, row: Row) -> Sweeps:
-    """λ and μ of `mode: paper` on the scene of Fig. 3."""
+    """Choose λ and μ of `mode: paper` on the scene of Fig. 3."""
     judge = Judge.of(laboratory.prepare(row))
     tried = sweep_paper(laboratory, row, judge)
     well = sweep_paper(laboratory, row, judge, solved_well=True)
@@ -103,7 +103,7 @@ def choose(laboratory: Laboratory, row: Row) -> Sweeps:
 
 
 def experiment(laboratory: Laboratory, rows: Sequence[Row], sweeps: Sweeps, to: Path) -> Experiment:
-    """All rows at one size; the pictures are written as they come."""
+    """Run all rows at one size; each picture is written when its row is done."""
     judged, cartoons, noises = [], (), {}
     for row in rows:
         prepared = laboratory.prepare(row)
@@ -122,7 +122,7 @@ def experiment(laboratory: Laboratory, rows: Sequence[Row], sweeps: Sweeps, to: 
 def methods(
     laboratory: Laboratory, row: Row, judge: Judge, fidelity: float, sweeps: Sweeps
 ) -> list[Estimate]:
-    """Every method's estimate of a row."""
+    """Compute every method's estimate of a row."""
     estimates = [image_itself(judge), cartoon(judge, fidelity, laboratory.threads)]
     if laboratory.size.paper_scheme:
         estimates.append(paper(laboratory, row, judge, sweeps.chosen.weights))

@@ -1,4 +1,4 @@
-"""What is judged of a row: every method on the same pixels of the same views, against the same truth."""
+"""Evaluation of a row: every method on the same pixels of the same views, against the same truth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Maps = Mapping[str, np.ndarray]  # by view name, (h, w, 3), linear
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """The images of a row, its truth, and the masks that all methods work in and are judged in."""
+    """The images of a row, its truth, and the masks in which all methods work and are evaluated."""
 
     names: tuple[str, ...]
     images: Maps
@@ -34,7 +34,7 @@ class Judge:
 
     @classmethod
     def of(cls, prepared: Results) -> Judge:
-        """Open what `Laboratory.prepare` left."""
+        """Open the output of `Laboratory.prepare`."""
         paths = prepared.paths
         names = tuple(camera.name for camera in read_cameras(paths["cameras"]))
         masks = {name: read_mask(paths["mask"] / f"{name}.png") for name in names}
@@ -63,14 +63,14 @@ class Judge:
         return score_albedo(views, self.part_names, self.correspondences)
 
     def judged(self, name: str) -> np.ndarray:
-        """Pixels of a view that methods are judged on, (h, w), bool: of its mask, those of known truth."""
+        """Select the pixels of a view for the evaluation, (h, w), bool: its mask where the truth is known."""
         return self.masks[name] & read_mask(self.truth / "mask" / f"{name}.png")
 
     def true_albedo(self, name: str) -> np.ndarray:
-        """True albedo of a view, (h, w, 3), linear."""
+        """Read the true albedo of a view, (h, w, 3), linear."""
         return read_exr(self.truth / "albedo" / f"{name}.exr")
 
 
 def maps_in(folder: Path, names: tuple[str, ...]) -> Maps:
-    """The EXR maps of all views in a folder."""
+    """Read the EXR maps of all views in a folder."""
     return {name: read_exr(folder / f"{name}.exr") for name in names}

@@ -1,4 +1,4 @@
-"""Runs the program's own stages on a row of the paper; the workspace's cache is the experiment's memory."""
+"""Runs of the program's own stages on a row of the paper, cached in the workspace."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from stages.photometry.decomposition_settings import DecompositionSettings
 
 @dataclass(frozen=True)
 class Size:
-    """How large the views are.
+    """Size and number of the views.
 
     Attributes
     ----------
     width_px, height_px : int
     views : int
     noise : float
-        Of the renders, share of the mean.
+        Noise of the renders relative to the mean.
     paper_scheme : bool
-        Whether the paper's own scheme is run, too: at the full size it takes hours a row.
+        Run the paper's own scheme, too: at the full size it takes hours a row.
     spacing : float
         Grid of the bust's mesh, bust heights.
     """
@@ -44,7 +44,7 @@ class Size:
 
     @property
     def name(self) -> str:
-        """As in 540x960."""
+        """Name, as in 540x960."""
         return f"{self.width_px}x{self.height_px}"
 
     @property
@@ -60,29 +60,29 @@ TINY = Size(27, 48, views=3, noise=0.3, spacing=0.02)
 
 @dataclass(frozen=True)
 class Weights:
-    """λ and μ as they are at the paper's size, 540×960.
+    """λ and μ at the paper's size, 540×960.
 
-    At another size the data term and the links count pixels, the smoothness counts lengths: for the same
-    balance λ shrinks with the side, and μ stays.
+    The data term and the agreement between views scale with the number of pixels, the smoothness with length:
+    for the same balance at another size λ scales with the side, and μ stays.
     """
 
     smoothness: float
     agreement: float
 
     def at(self, size: Size) -> dict[str, float]:
-        """As settings of the `decomposition` stage at a size."""
+        """Convert to settings of the `decomposition` stage at a size."""
         return {"lambda": round(self.smoothness * size.scale, 9), "mu": self.agreement}
 
 
 @dataclass(frozen=True)
 class Results:
-    """Where the artefacts of a run lie, by name, and what its stages recorded."""
+    """Paths of the artefacts of a run, by name, and the records of its stages."""
 
     paths: dict[str, Path]
     facts: dict[str, dict[str, Any]]
 
     def energy(self) -> dict[str, Any]:
-        """`energy.json`, parsed."""
+        """Read `energy.json`."""
         return json.loads(self.paths["energy"].read_text(encoding="utf-8"))
 
 
@@ -95,7 +95,7 @@ def results_of(
     threads: int,
     listener: Listener,
 ) -> Results:
-    """Run a dataflow with what is given of its settings, up to a stage, and find what came of it."""
+    """Run a dataflow with these settings up to a stage, and return its results."""
     request = Request(
         flow=flow,
         settings=check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given),
@@ -116,7 +116,7 @@ def results_of(
 
 @dataclass(frozen=True)
 class Laboratory:
-    """A workspace, a size, and someone to tell."""
+    """A workspace, a size, and a listener."""
 
     workspace: Path
     size: Size
@@ -124,7 +124,7 @@ class Laboratory:
     threads: int = field(default_factory=lambda: len(os.sched_getaffinity(0)))
 
     def prepare(self, row: Row) -> Results:
-        """Render a row and all that the decomposition takes."""
+        """Render a row and compute the decomposition's inputs."""
         return self._run(row, {"mode": "paper"}, {}, last="correspondence")
 
     def decompose(self, row: Row, weights: Weights, **settings: Any) -> Results:
@@ -133,13 +133,13 @@ class Laboratory:
         return self._run(row, own.at(self.size) | settings, {}, last="decomposition")
 
     def run_with(self, row: Row, settings: dict[str, Any], lighting: dict[str, Any] | None = None) -> Results:
-        """Decompose a row with settings as they are: the decomposition's, and the lighting's before it."""
+        """Decompose a row with the given settings of the decomposition and of the lighting."""
         return self._run(row, settings, lighting or {}, last="decomposition")
 
     def given(
         self, row: Row, decomposition: dict[str, Any], lighting: dict[str, Any] | None = None
     ) -> dict[str, dict[str, Any]]:
-        """Settings of all stages for a row."""
+        """Collect the settings of all stages for a row."""
         return {
             "render": {
                 "views": self.size.views,

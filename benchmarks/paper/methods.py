@@ -1,4 +1,4 @@
-"""The methods side by side: the image itself, cartoon-texture, `mode: paper`, the same energy solved well."""
+"""The methods compared: the image itself, cartoon-texture, `mode: paper`, the same energy solved well."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ SOLVED_WELL = {"solver": "fast", "fast": {"tolerance": 3e-4, "gap": 0.02, "max_r
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What a method made of a row.
+    """A method's estimate of a row.
 
     Attributes
     ----------
     method : str
     settings : str
-        λ and μ in words.
+        λ and μ as text.
     albedo : dict of str to ndarray
     scores : Scores
     energies : dict or None
@@ -47,12 +47,12 @@ class Estimate:
 
 
 def image_itself(judge: Judge) -> Estimate:
-    """The image taken for its albedo."""
+    """Use the image as its albedo."""
     return Estimate("the image itself", "", judge.images, judge.scores(judge.images))
 
 
 def cartoon(judge: Judge, fidelity: float, threads: int) -> Estimate:
-    """Cartoon-texture with a given λ (of pixels as they are)."""
+    """Run cartoon-texture with a given λ (per pixel)."""
     with ThreadPoolExecutor(threads) as executor:
         cartoons = cartoon_texture(
             [judge.images[name] for name in judge.names],
@@ -67,7 +67,7 @@ def cartoon(judge: Judge, fidelity: float, threads: int) -> Estimate:
 def paper(
     laboratory: Laboratory, row: Row, judge: Judge, weights: Weights, solved_well: bool = False
 ) -> Estimate:
-    """`mode: paper`, stopped by the paper's rule, or the same energy solved well."""
+    """Run `mode: paper`, stopped by the paper's rule, or solve the same energy well."""
     results = laboratory.decompose(row, weights, mode="paper", **(SOLVED_WELL if solved_well else {}))
     albedo = maps_in(results.paths["albedo"], judge.names)
     channels = results.energy()["channels"]
@@ -93,9 +93,8 @@ def _read_light(path: Path) -> list[dict[str, Any]]:
 
 
 def mean_error(scores: Scores) -> float:
-    """si-RMSE, mean over the channels: what λ and μ are chosen by.
+    """Compute the mean si-RMSE of the channels, by which λ and μ are chosen.
 
-    The variance cannot choose them: an albedo that is constant everywhere, which is what a large λ gives, has
-    none in any part.
+    The variance cannot serve for this: a constant albedo, which a large λ gives, has none in any part.
     """
     return float(np.mean(scores.si_rmse))

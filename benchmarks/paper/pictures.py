@@ -1,4 +1,4 @@
-"""Figures 3 to 7: image, truth and every method's albedo of three views, and the light found, on a sphere."""
+"""Figures 3 to 7: image, truth and every method's albedo of three views, and the light on a sphere."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def figure(
     shown: Sequence[float] = (0, 0.5, 1),
     width_px: int = 220,
 ) -> np.ndarray:
-    """One row per view, one column per method, (h, w, 3) uint8 sRGB; albedo scaled to the truth.
+    """Draw one row per view, one column per method, (h, w, 3) uint8 sRGB; albedo scaled to the truth.
 
-    Views are `shown` by where they stand among all: 0 the first, 1 the last.
+    `shown` gives the relative positions of the views: 0 the first, 1 the last.
     """
     names = [judge.names[int(place * (len(judge.names) - 1))] for place in shown]
     exposure = 1 / np.percentile(np.concatenate([judge.images[n][judge.masks[n]] for n in judge.names]), 99.5)
@@ -41,12 +41,12 @@ def figure(
 
 
 def fitted(estimate: Estimate, name: str) -> np.ndarray:
-    """A view's albedo in the scale that si-RMSE was measured in: one factor per channel for all views."""
+    """Scale a view's albedo as for si-RMSE: one factor per channel for all views."""
     return estimate.albedo[name] * np.array(estimate.scores.si_rmse_scales, np.float32)
 
 
 def light_on_a_sphere(estimate: Estimate, name: str, width_px: int) -> np.ndarray:
-    """The shading σ·ν of a white ball in a view's light, from the front (−y), z up; its brightest is 1."""
+    """Render the shading σ·ν of a white sphere in a view's light, from the front (−y), z up; maximum 1."""
     x, z = np.meshgrid(np.linspace(-1.05, 1.05, width_px), np.linspace(1.05, -1.05, width_px))
     inside = x * x + z * z < 1
     normals = np.stack([x, -np.sqrt(np.maximum(1 - x * x - z * z, 0)), z], axis=-1)[inside]

@@ -38,7 +38,7 @@ smoothness lengths; μ stays. Cartoon-texture: the best of its own grid by the s
 
 @dataclass(frozen=True, eq=False)
 class Sweeps:
-    """How λ and μ were chosen: for the paper's scheme as it stops, and for its energy solved well."""
+    """Choice of λ and μ: for the paper's scheme as it stops, and for its energy solved well."""
 
     size: Size
     tried: tuple[Tried, ...]
@@ -58,7 +58,7 @@ class Experiment:
     cartoons, cartoon : tuple of Tried, Tried
         The baseline's grid on Fig. 3, and the chosen point.
     renders : dict
-        Per row, what the `render` stage recorded: noise, samples per pixel.
+        Per row, facts of the `render` stage: noise, samples per pixel.
     """
 
     size: Size
@@ -84,7 +84,7 @@ def write_report(to: Path, sweeps: Sweeps, experiments: Sequence[Experiment]) ->
 
 
 def chapter(one: Experiment) -> list[str]:
-    """All about one size."""
+    """Format the chapter about one size."""
     parts = [f"## {one.size.views} views of {one.size.name}"]
     if one.judged[0].row.name == "fig3":
         parts += ["### Table 1: variance on Fig. 3", table_1(one.judged[0])]
@@ -101,7 +101,7 @@ def chapter(one: Experiment) -> list[str]:
 
 
 def renders(one: Experiment) -> str:
-    """Noise and samples of every row, a line each."""
+    """Format noise and samples of every row, a line each."""
     lines = []
     for name, facts in one.renders.items():
         samples = facts["samples_per_pixel"]
@@ -113,7 +113,7 @@ def renders(one: Experiment) -> str:
 
 
 def sweep_as_json(sweeps: Sweeps) -> dict[str, Any]:
-    """The sweep as JSON values."""
+    """Convert the sweep to JSON values."""
     return {
         "grid": {
             "lambda": SMOOTHNESS,
@@ -127,7 +127,7 @@ def sweep_as_json(sweeps: Sweeps) -> dict[str, Any]:
 
 
 def tried_as_json(tried: Sequence[Tried]) -> list[dict[str, Any]]:
-    """Points of a grid as JSON values."""
+    """Convert points of a grid to JSON values."""
     return [
         {"settings": one.estimate.settings, "error": one.error, "scores": one.estimate.scores.as_json()}
         for one in tried
@@ -135,7 +135,7 @@ def tried_as_json(tried: Sequence[Tried]) -> list[dict[str, Any]]:
 
 
 def experiment_as_json(one: Experiment) -> dict[str, Any]:
-    """One size as JSON values."""
+    """Convert one size to JSON values."""
     return {
         "size": one.size.name,
         "renders": one.renders,

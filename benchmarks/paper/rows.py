@@ -1,4 +1,4 @@
-"""The rows of the paper's tables as settings: what is rendered, and what the decomposition is told of it."""
+"""The rows of the paper's tables as settings of the render, the geometry and the decomposition."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ class Row:
     name : str
         The paper's figure.
     about : str
-        What is different, one phrase.
+        Its difference, one phrase.
     render, known_geometry : dict
         Settings of these stages.
     lambda_factor : float
-        By what the λ of Fig. 3 is multiplied: the paper's is 12 times smaller for Fig. 5.
+        Factor of the λ of Fig. 3: the paper's is 12 times smaller for Fig. 5.
     hair_red : float or None
         The paper's variance in the part hair, red (Table 2), on its own bust.
     sources : mapping of str to Path
         An object instead of the bust, an environment.
     photographed : bool
-        Whether poses and shape are estimated from 8-bit photos of the render (benchmarks.accuracy).
+        True if poses and shape are estimated from 8-bit photos of the render (benchmarks.accuracy).
     """
 
     name: str

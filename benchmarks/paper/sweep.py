@@ -17,7 +17,7 @@ FIDELITIES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2)
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """One point of a grid: what was set, and the estimate it gave."""
+    """One point of a grid: its settings, and its estimate."""
 
     weights: Weights | None
     fidelity: float | None
@@ -25,12 +25,12 @@ class Tried:
 
     @property
     def error(self) -> float:
-        """What the choice goes by."""
+        """Error that the choice minimises."""
         return mean_error(self.estimate.scores)
 
 
 def sweep_paper(laboratory: Laboratory, row: Row, judge: Judge, solved_well: bool = False) -> list[Tried]:
-    """`mode: paper`: every λ at the first μ, then the other μ at the best λ."""
+    """Sweep `mode: paper`: every λ at the first μ, then the other μ at the best λ."""
 
     def tried(smoothness: float, agreement: float) -> Tried:
         weights = Weights(smoothness, agreement)
@@ -42,10 +42,10 @@ def sweep_paper(laboratory: Laboratory, row: Row, judge: Judge, solved_well: boo
 
 
 def sweep_cartoon(judge: Judge, threads: int) -> list[Tried]:
-    """Cartoon-texture over its grid."""
+    """Sweep cartoon-texture over its grid."""
     return [Tried(None, fidelity, cartoon(judge, fidelity, threads)) for fidelity in FIDELITIES]
 
 
 def best(tried: list[Tried]) -> Tried:
-    """The one with the least error."""
+    """Select the point with the least error."""
     return min(tried, key=lambda one: one.error)

@@ -14,14 +14,14 @@ from stages.evaluation.scores import Scores
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A row with what every method made of it."""
+    """A row with every method's estimate."""
 
     row: Row
     estimates: tuple[Estimate, ...]
 
 
 def variance_of(scores: Scores, part: str, channel: str) -> float:
-    """One cell of Table 1; nan where the row has no such part (a striped shirt)."""
+    """Look up one cell of Table 1; nan where the row has no such part (a striped shirt)."""
     for cell in scores.variances:
         if (cell.part, cell.channel) == (part, channel):
             return cell.variance
@@ -29,13 +29,13 @@ def variance_of(scores: Scores, part: str, channel: str) -> float:
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table."""
+    """Format a table."""
     lines = [" | ".join(head), " | ".join("---" for _ in head), *(" | ".join(row) for row in rows)]
     return "\n".join(f"| {line} |" for line in lines)
 
 
 def table_1(judged: Judged) -> str:
-    """Variance in every part and channel of Fig. 3: the paper's numbers, then ours."""
+    """Tabulate the variance in every part and channel of Fig. 3: the paper's numbers, then ours."""
     head = ["part", "channel", "truth", "paper: its method", "paper: cartoon"]
     head += [estimate.method for estimate in judged.estimates]
     rows = []
@@ -51,7 +51,7 @@ def table_1(judged: Judged) -> str:
 
 
 def table_2(all_judged: Sequence[Judged], part: str, channel: str) -> str:
-    """Variance in one part and channel, all rows."""
+    """Tabulate the variance in one part and channel, all rows."""
     head = ["row", "what", "paper (its bust)", *(e.method for e in all_judged[0].estimates)]
     rows = [
         [
@@ -68,7 +68,7 @@ def table_2(all_judged: Sequence[Judged], part: str, channel: str) -> str:
 
 
 def table_of_errors(all_judged: Sequence[Judged]) -> str:
-    """si-RMSE of red, green and blue, LMSE, consistency and leak."""
+    """Tabulate si-RMSE of red, green and blue, LMSE, consistency and leak."""
     head = ["row", "method", "λ, μ", "si-RMSE r g b", "LMSE r g b", "consistency r g b", "leak r g b"]
     rows = []
     for judged in all_judged:
@@ -80,7 +80,7 @@ def table_of_errors(all_judged: Sequence[Judged]) -> str:
 
 
 def table_of_energies(all_judged: Sequence[Judged]) -> str:
-    """Energy in the gauge, alternations and outcome of every channel."""
+    """Tabulate energy in the gauge, alternations and outcome of every channel."""
     head = ["row", "method", *(f"{channel}: E, alternations, outcome" for channel in CHANNELS)]
     rows = [
         [
@@ -99,7 +99,7 @@ def table_of_energies(all_judged: Sequence[Judged]) -> str:
 
 
 def table_of_sweep(tried: Sequence[Tried], chosen: Tried) -> str:
-    """Every point of a grid; the chosen one is marked."""
+    """Tabulate every point of a grid; the chosen one is marked."""
     head = ["λ, μ", "mean si-RMSE", "si-RMSE r g b", "hair red", "face red", ""]
     rows = [
         [
@@ -116,5 +116,5 @@ def table_of_sweep(tried: Sequence[Tried], chosen: Tried) -> str:
 
 
 def triple(values: Sequence[float]) -> str:
-    """Three numbers in one cell."""
+    """Format three numbers in one cell."""
     return " ".join(f"{value:.4f}" for value in values)

@@ -1,8 +1,8 @@
 """Energy against time: ``python -m benchmarks.solver [--quick | --full] [--to FOLDER]``.
 
 Every method gets the same time on fountain-P11 (as finely as its workspace holds it), on the bust
-(rendered if need be) and on growing graphs. `--quick` takes a small made-up plane instead and ends within a
-minute; `--full` takes the bust at the paper's size and ten million pixels: hours.
+(rendered if need be) and on growing graphs. `--quick` takes a small synthetic plane instead and takes less
+than a minute; `--full` takes the bust at the paper's size and ten million pixels: hours.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PROBLEMS = ("fountain", "bust")
 
 @dataclass(frozen=True)
 class Plan:
-    """What a call does.
+    """Problems, sizes and budgets of a call.
 
     Attributes
     ----------
@@ -43,9 +43,9 @@ class Plan:
     sizes : tuple of int
         Pixels of the growing graphs.
     most_rounds : int
-        Of ours on these.
+        Limit of our rounds on these.
     kernel_s : float
-        How long each inner loop is timed.
+        Time for which each inner loop is run.
     rules : Rules
     to : Path
     """
@@ -60,9 +60,9 @@ class Plan:
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
-    """Race, measure, print, write; returns the page.
+    """Race, measure, print and write; returns the page.
 
-    The page is written after every race, too: one that was stopped has not lost what it found.
+    The page is written after every race, so that an interrupted call keeps its results.
     """
     plan, terminal = plan_of(arguments(argv)), Terminal()
     sentences = left_out()
@@ -82,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> Path:
 
 
 def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    """What was asked for."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--quick", action="store_true", help="a small made-up plane: a minute")
     parser.add_argument("--full", action="store_true", help="the paper's size, ten million pixels: hours")
@@ -108,7 +108,7 @@ def _rivals(words: str) -> tuple[str, ...]:
 
 
 def plan_of(given: argparse.Namespace) -> Plan:
-    """Problems, sizes and budgets of a call."""
+    """Plan problems, sizes and budgets of a call."""
     if given.quick:
         problems, budget_s, kernel_s = ("plane-10000",), 2.0, 0.3
         sizes, most_rounds = (10_000, 30_000, 100_000), 4
@@ -128,7 +128,7 @@ def plan_of(given: argparse.Namespace) -> Plan:
 def problems_named(
     names: Sequence[str], full: bool, terminal: Terminal, sentences: list[str]
 ) -> Iterator[RaceProblem]:
-    """Open one after the other; what cannot be had adds a sentence."""
+    """Open problems one after the other; unavailable ones add a sentence."""
     for name in names:
         try:
             yield from _opened(name, full, terminal)

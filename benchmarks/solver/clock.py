@@ -1,4 +1,4 @@
-"""Time that counts: from a method's start, without what is spent on looking at its energy."""
+"""Time of a method from its start, without the evaluations of its energy."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ class OutOfTime(Exception):  # noqa: N818 — no error: the budget is how every 
 
 
 class Clock:
-    """A stop-watch that can be held.
+    """A stop-watch that can be paused.
 
     Parameters
     ----------
     budget_s : float
     workers : int
-        Threads that share the work; each one's pause counts as its share of them, since looking at
-        energies is spread over them as the work is.
+        Threads that share the work; a pause of one counts by its share of them, since evaluations of
+        the energy are spread over them as the work is.
     """
 
     def __init__(self, budget_s: float, workers: int = 1):
@@ -30,11 +30,11 @@ class Clock:
 
     @property
     def seconds(self) -> float:
-        """Time that counts so far."""
+        """Seconds so far, without pauses."""
         return time.perf_counter() - self._started - self._held_s
 
     def check(self, *_: object) -> None:
-        """To be called often; takes and ignores what solvers pass to their callbacks.
+        """Check the budget; to be called often, as callback of solvers, whose arguments are ignored.
 
         Raises
         ------
@@ -46,7 +46,7 @@ class Clock:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """What is done inside does not count."""
+        """Pause the clock during a block."""
         before = time.perf_counter()
         try:
             yield
@@ -65,7 +65,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Trace:
-    """What one method did to one problem.
+    """Course of one method on one problem.
 
     Attributes
     ----------
@@ -79,9 +79,9 @@ class Trace:
 
     @property
     def least(self) -> float:
-        """The least energy seen."""
+        """Least energy observed."""
         return min(look.energy for look in self.looks)
 
     def seconds_to(self, energy: float) -> float | None:
-        """When the energy was first this low; None if it never was."""
+        """Find the time when the energy was first this low; None if it never was."""
         return next((look.seconds for look in self.looks if look.energy <= energy), None)

@@ -1,4 +1,4 @@
-"""Methods against ours: how many times as long they take to the same energy."""
+"""Methods against ours: ratio of the times to the same energy."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ class Comparison:
     least : float
         Energy of all channels together, in the gauge.
     above_best : float
-        That, relative to the best known, minus one.
+        Its excess relative to the best known energy.
     near_s : float or None
         Until within 1 % of the best known; None if never.
     common : float
-        The energy that the ratio is about: within 1 % of the best known, or the method's own least.
+        Energy at which times are compared: within 1 % of the best known, or the method's own least.
     common_s, ours_s : float or None
-        Until there.
+        Times until that energy.
     at_least : bool
-        Whether ours was below already when it was first looked at: the ratio is then a lower bound.
+        True if ours was below that energy at its first evaluation: the ratio is then a lower bound.
     """
 
     method: str
@@ -44,17 +44,17 @@ class Comparison:
 
     @property
     def ratio(self) -> float | None:
-        """How many times as long as ours; None where ours never gets there, or the method never starts to."""
+        """Time relative to ours; None where ours never reaches the energy, or the method never starts to."""
         return self.common_s / self.ours_s if self.common_s and self.ours_s else None
 
 
 def best_known(traces: Sequence[Trace]) -> float:
-    """The least energy that any method saw."""
+    """Find the least energy of all methods."""
     return min(trace.least for trace in traces)
 
 
 def compare(traces: Sequence[Trace], ours: Trace) -> tuple[Comparison, ...]:
-    """Hold every trace against ours, which may be among them."""
+    """Compare every trace with ours, which may be among them."""
     best = best_known(traces)
     return tuple(_compare(trace, ours, best) for trace in traces)
 

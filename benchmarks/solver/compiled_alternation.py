@@ -1,4 +1,4 @@
-"""The paper's alternation with a compiled solver inside: the rival that shares our graph and our threads."""
+"""The paper's alternation with a compiled inner solver on our graph and threads."""
 
 from __future__ import annotations
 

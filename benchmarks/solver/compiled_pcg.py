@@ -19,7 +19,7 @@ def reweighted_descent(
     delta: float,
     steps: int,
 ) -> np.ndarray:
-    """One reweighting of Eq. 13 where `albedo` is, and some steps on its normal equations from there.
+    """Reweight once by Eq. 13 at `albedo`, and take some steps on the normal equations from there.
 
     Parameters
     ----------
@@ -54,13 +54,13 @@ def reweighted_descent(
 
 
 def _ratio(above: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """Per channel; 0 where there is nothing left to do."""
+    """Divide per channel; 0 where the residual is 0."""
     return np.where(below > 0, above / np.where(below > 0, below, 1), 0).astype(np.float32)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _reweigh(edges, image, shading, albedo, delta, weight, data, inverse, residual, direction, sums):
-    """Weights of Eq. 12 and 14 to 16, the diagonal, the first residual and direction."""
+    """Compute weights of Eq. 12 and 14 to 16, the diagonal, the first residual and direction."""
     first, neighbour, base = edges
     size, one = albedo.shape[0], np.float32(1)
     for block in numba.prange(sums.shape[0]):
@@ -86,7 +86,7 @@ def _reweigh(edges, image, shading, albedo, delta, weight, data, inverse, residu
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _multiply(edges, weight, data, direction, product, sums):
-    """``product = A direction`` and its inner product with the direction."""
+    """Compute ``product = A direction`` and its inner product with the direction."""
     first, neighbour, _ = edges
     size = direction.shape[0]
     for block in numba.prange(sums.shape[0]):

@@ -1,4 +1,4 @@
-"""A painted, corrugated plane seen by nine cameras that move along it: any number of pixels, unrendered."""
+"""A coloured, corrugated plane in nine views shifted along it, synthesised at any number of pixels."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def corrugated_plane(pixels: int, smoothness: float = 3.0, agreement: float = 1.
 
 
 def _normals(rows: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Two waves across each other, (h, w, 3)."""
+    """Compute normals of two crossed waves, (h, w, 3)."""
     slopes = [0.6 * np.cos(along / 9), 0.5 * np.cos(rows / 7 + along / 23), np.ones(rows.shape)]
     normals = np.stack(slopes, axis=-1)
     return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -67,14 +67,14 @@ def _image(
 
 
 def _paint(rows: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Patches of random colours, (h, w, 3)."""
+    """Draw an albedo of patches of random colours, (h, w, 3)."""
     colours = np.random.default_rng(1).uniform(0.1, 0.9, (1009, 3))
     patch = (rows // PAINT_PX) * 31 + (along // PAINT_PX) * 17
     return colours[(patch * patch + patch) % len(colours)]
 
 
 def _links(height: int, width: int, shift: int) -> sp.csr_array:
-    """The pixel in column x of one view is the one in column x − shift of the other."""
+    """Build correspondences: column x of one view is column x − shift of the other."""
     pixels = np.arange(height * width, dtype=np.int32).reshape(height, width)
     linked = np.ones(pixels.shape, np.int32)
     linked[:, :shift] = 0

@@ -1,6 +1,6 @@
 """Seconds and peak memory of our solver: ``python -m benchmarks.solver.growth PIXELS THREADS ROUNDS``.
 
-Every size runs in a process of its own, since a process's peak memory never falls.
+Each size runs in its own process, since the peak memory of a process never falls.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ class Grown:
     ----------
     pixels : int
     seconds : float
-        Until the solver stops, by its own rule if the rounds suffice.
+        Time until the solver stops, by its own rule if the rounds suffice.
     close_s : float
-        Until its energy is within 1 % of the one that it stops at.
+        Time until its energy is within 1 % of the final one.
     iterations : int
         On the finest level.
     outcome : str
     peak_bytes : int
-        Growth of the process's peak resident memory from before the problem was made: what all solvers share
-        (normals' basis, differences, links, images) and what ours adds.
+        Growth of the process's peak resident memory since before the problem was built: data that all solvers
+        share (normals' basis, differences, correspondences, images) and memory of ours.
     given_bytes : int
-        Of that, until the problem was there.
+        Part of it that the problem takes.
     """
 
     pixels: int
@@ -59,12 +59,12 @@ class Grown:
 
 
 def grow(sizes: Sequence[int], threads: int, most_rounds: int) -> tuple[Grown, ...]:
-    """Measure every size, in so many rounds at most."""
+    """Measure every size, with this limit of rounds."""
     return tuple(_elsewhere(size, threads, most_rounds) for size in sizes)
 
 
 def slope(sizes: Sequence[float], values: Sequence[float]) -> float:
-    """Of log values on log sizes, at least two: 1 where twice as many pixels take twice as much."""
+    """Fit the slope of log values on log sizes, at least two: 1 for linear growth."""
     return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
 
 
@@ -103,7 +103,7 @@ def measure(pixels: int, threads: int, most_rounds: int) -> Grown:
 
 
 def peak_bytes() -> int:
-    """Largest resident memory of this process so far.
+    """Read the peak resident memory of this process.
 
     ``VmHWM`` where there is one: ``ru_maxrss`` survives an exec, so that a child would start with its
     parent's.

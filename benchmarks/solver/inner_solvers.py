@@ -1,4 +1,4 @@
-"""What rivals put in the place of the albedo step's linear solver; each takes A, b and a start, and gives x.
+"""Linear solvers that rivals use in the albedo step; each takes A, b and a start, and gives x.
 
 The packages are optional: ``pip install 'unshade[benchmarks]'``.
 """
@@ -29,9 +29,9 @@ class InnerSolver:
     ----------
     name : str
     precondition : callable or None
-        Makes what scipy takes as M.
+        Makes scipy's argument M.
     package : str or None
-        What must be importable.
+        Package that must be importable.
     """
 
     name: str
@@ -40,7 +40,7 @@ class InnerSolver:
 
     @property
     def available(self) -> bool:
-        """Whether its package is there."""
+        """True if its package is installed."""
         return self.package is None or find_spec(self.package) is not None
 
     def solve(self, matrix: sp.csr_array, rhs: np.ndarray, start: np.ndarray, check: Check) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""How near the inner loop comes to what the machine can copy."""
+"""Memory bandwidth of the inner loop relative to that of copying."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ REPEATS = 3
 
 @dataclass(frozen=True)
 class KernelSpeed:
-    """What an iteration on the finest level takes.
+    """Time and memory traffic of an iteration on the finest level.
 
     Attributes
     ----------
     threads : int
     pixels : int
     iteration_s : float
-        The light's part included.
+        Including the light's part.
     iteration_bytes : int
         Compulsory: every array that an iteration reads or writes counts once for each, gathers once.
     copied_bytes_per_s : float
@@ -44,17 +44,17 @@ class KernelSpeed:
 
     @property
     def bytes_per_s(self) -> float:
-        """Of the iteration."""
+        """Bandwidth of the iteration."""
         return self.iteration_bytes / self.iteration_s
 
     @property
     def share(self) -> float:
-        """Of what the machine copies."""
+        """Bandwidth relative to that of copying."""
         return self.bytes_per_s / self.copied_bytes_per_s
 
 
 def kernel_speed(problem: RaceProblem, threads: int, seconds: float) -> KernelSpeed:
-    """Time iterations for about so many seconds; the best of a few tries, for both sides."""
+    """Time iterations, and copying, for about so many seconds each; the best of a few tries."""
     how = FastSettings()
     descent = start(finest_level(problem.views, problem.images, problem.weights), how)
     use_threads(threads)
@@ -68,7 +68,7 @@ def kernel_speed(problem: RaceProblem, threads: int, seconds: float) -> KernelSp
 
 
 def compulsory_bytes(descent: PrimalDual) -> int:
-    """Bytes of an iteration of `PrimalDual`, were every cache perfect."""
+    """Count bytes of an iteration of `PrimalDual` under perfect caching."""
     problem, graph = descent.problem, descent.problem.graph
     of_edges, of_pixels = descent.edge_dual.nbytes, descent.albedo.nbytes
     ahead = of_pixels * 4 // 3  # four numbers per pixel
@@ -81,7 +81,7 @@ def compulsory_bytes(descent: PrimalDual) -> int:
 
 
 def _iteration_s(descent: PrimalDual, at_once: int, seconds: float) -> float:
-    """Per iteration; as many at once as two epochs are, one of either kind."""
+    """Time per iteration over two epochs, one of either kind."""
 
     def once() -> None:
         descent.iterate(at_once)
@@ -96,7 +96,7 @@ def _copied_bytes_per_s() -> float:
 
 
 def _best(once: Callable[[], None], seconds: float) -> float:
-    """Least time of one call, among tries of that length; one call beforehand compiles."""
+    """Measure the least time of one call among tries of that length; one call before compiles."""
     once()
     best = np.inf
     for _ in range(REPEATS):

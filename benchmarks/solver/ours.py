@@ -1,4 +1,4 @@
-"""`solver: fast` in the race: as it is, but for its stopping rule."""
+"""`solver: fast` in the race, unchanged except for its stopping rule."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ NEVER = -1.0  # a tolerance that nothing meets
 
 @dataclass(frozen=True, eq=False)
 class TimedDescent:
-    """What `solve` gave, and when each of its rounds had been done; its looks at the energy are counted.
+    """Result of `solve`, and the end of each round; evaluations of the energy are included in the times.
 
     Attributes
     ----------
     descent : FastDescent
     seconds : tuple of float
-        Graph and pyramid included.
+        End of each round, including graph and pyramid.
     total_s : float
-        When it returned.
+        Time of its return.
     """
 
     descent: FastDescent
@@ -33,7 +33,7 @@ class TimedDescent:
 
     @property
     def iterations(self) -> int:
-        """On the finest level."""
+        """Iterations on the finest level."""
         return max(one.iterations for one in self.descent.rounds)
 
     @property
@@ -43,11 +43,11 @@ class TimedDescent:
 
     @property
     def start_s(self) -> float:
-        """When the first round began: graph and coarser levels done, the energy looked at."""
+        """Start of the first round: after graph, coarser levels and the first evaluation of the energy."""
         return max(self.seconds[0] - self.round_s, 0.0)
 
     def trace(self) -> Trace:
-        """Energies of all channels together, against time."""
+        """Sum the energies of all channels, against time."""
         seconds = (self.start_s, *self.seconds)
         rounds = self.descent.rounds[: len(seconds)]  # a further one repeats the best
         energies = [sum(one.energy) for one in rounds]
@@ -55,19 +55,19 @@ class TimedDescent:
 
 
 def race(problem: RaceProblem, budget_s: float, threads: int, most_rounds: int) -> Trace:
-    """As many rounds as the time allows, which a rehearsal of two rounds tells."""
+    """Run as many rounds as the time allows, estimated from a trial of two rounds."""
     rehearsal = timed(problem, threads, endless(problem, 2))
     rounds = int((budget_s - rehearsal.start_s) / rehearsal.round_s)
     return timed(problem, threads, endless(problem, min(max(rounds, 2), most_rounds))).trace()
 
 
 def endless(problem: RaceProblem, rounds: int) -> FastSolver:
-    """The default settings, but that only the number of rounds ends it."""
+    """Build default settings that stop only by the number of rounds."""
     return FastSolver(problem.weights, Stopping(NEVER, USUAL["paper"].gap, rounds))
 
 
 def timed(problem: RaceProblem, threads: int, solver: FastSolver) -> TimedDescent:
-    """Solve, and keep the time."""
+    """Solve and measure the time."""
     seconds: list[float] = []
     began = time.perf_counter()
 

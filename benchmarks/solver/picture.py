@@ -1,4 +1,4 @@
-"""Energy against time, both logarithmic: what every method still has above the best energy known."""
+"""Energy against time, both logarithmic: excess of every method over the best known energy."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ class Axis:
     end: int
 
     def place(self, value: float) -> float:
-        """Pixel of a value; what lies outside goes to the border."""
+        """Convert a value to a pixel, clamped to the border."""
         inside = min(max(value, self.least), self.most)
         part = np.log(inside / self.least) / np.log(self.most / self.least)
         return self.start + part * (self.end - self.start)
 
     def decades(self) -> list[float]:
-        """The powers of ten on it."""
+        """List the powers of ten on the axis."""
         first, last = np.ceil(np.log10(self.least) - 1e-9), np.floor(np.log10(self.most) + 1e-9)
         return [float(10**k) for k in np.arange(first, last + 1)]
 
 
 def chart(title: str, traces: Sequence[Trace]) -> np.ndarray:
-    """Draw it, (h, w, 3) uint8 sRGB; times at 0 are drawn at the left border."""
+    """Draw the chart, (h, w, 3) uint8 sRGB; times at 0 are drawn at the left border."""
     best = best_known(traces)
     seconds = [look.seconds for trace in traces for look in trace.looks if look.seconds > 0]
     excess = [look.energy / best - 1 for trace in traces for look in trace.looks]
@@ -80,7 +80,7 @@ def _frame(draw: ImageDraw.ImageDraw, title: str, across: Axis, up: Axis) -> Non
 
 
 def _dashes(draw: ImageDraw.ImageDraw, y: float) -> None:
-    """The line that methods race to."""
+    """Draw the line of the target energy."""
     for start, end in pairwise(range(LEFT, RIGHT, 6)):
         if start // 6 % 2:
             draw.line((start, y, end, y), INK)

@@ -1,4 +1,4 @@
-"""A problem that solvers race on, and how one is opened from the results of the flow."""
+"""A problem for the solvers, opened from artefacts of the dataflow."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ class RaceProblem:
 
     @property
     def pixels(self) -> int:
-        """N."""
+        """Number of pixels N."""
         return int(self.views.starts[-1])
 
     def fresh_views(self) -> StackedViews:
-        """The views without what an earlier method has found out about them: everyone pays for it anew."""
+        """Copy the views without values cached by an earlier method, so that each computes its own."""
         return replace(self.views)
 
 
 def views_and_images(paths: Mapping[str, Path]) -> tuple[StackedViews, list[np.ndarray]]:
-    """What the `decomposition` stage would open, from artefacts by name."""
+    """Open the inputs of the `decomposition` stage from artefacts by name."""
     cameras = read_cameras(paths["cameras"])
     masks, normals, linear = zip(*read_views(paths, cameras), strict=True)
     views = stack_views(masks, normals, numbered_correspondences(paths["correspondences"], cameras))

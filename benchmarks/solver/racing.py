@@ -22,12 +22,12 @@ class Rules:
     Attributes
     ----------
     budget_s : float
-        Time that counts.
+        Time of each method.
     threads : int
     most_rounds : int
-        Of ours, however short they are.
+        Limit of our rounds.
     rivals : tuple of str
-        Only those whose names have one of these words; all where there is none.
+        Only rivals whose names contain one of these words; all if empty.
     """
 
     budget_s: float
@@ -36,25 +36,25 @@ class Rules:
     rivals: tuple[str, ...] = ()
 
     def admit(self, method: str) -> bool:
-        """Whether a rival takes part."""
+        """Check whether a rival takes part."""
         return not self.rivals or any(word in method for word in self.rivals)
 
 
 @dataclass(frozen=True, eq=False)
 class Race:
-    """A problem and what became of it; the first trace is ours."""
+    """A problem and its traces; the first is ours."""
 
     problem: RaceProblem
     traces: tuple[Trace, ...]
 
     @property
     def comparisons(self) -> tuple[Comparison, ...]:
-        """Every method against ours."""
+        """Comparisons of every method with ours."""
         return compare(self.traces, self.traces[0])
 
 
 def left_out() -> list[str]:
-    """A sentence for every rival whose package is not there."""
+    """List a sentence for every rival whose package is missing."""
     return [
         f"{inner.name} is left out: its package is not installed (`pip install 'unshade[benchmarks]'`)."
         for inner in INNER_SOLVERS
@@ -63,12 +63,12 @@ def left_out() -> list[str]:
 
 
 def rival_names() -> tuple[str, ...]:
-    """Of all that we know, here or not."""
+    """List the names of all rivals, installed or not."""
     return (compiled_alternation.NAME, *(inner.name for inner in INNER_SOLVERS))
 
 
 def hold(problem: RaceProblem, rules: Rules, say: Callable[[str], None]) -> Race:
-    """Let every method that is there have its time."""
+    """Run every available method for its time."""
     traces = []
     for trace in _traces(problem, rules):
         say(f"{problem.name}: {trace.method}: {trace.least:.6g} after {trace.looks[-1].seconds:.1f} s")

@@ -59,7 +59,7 @@ def write_report(to: Path, found: Findings) -> Path:
 
 
 def text_of(found: Findings) -> str:
-    """The page."""
+    """Format the page."""
     rules = found.rules
     parts = [INTRODUCTION, f"{rules.threads} threads, {rules.budget_s:g} s for every method."]
     parts += [f"* {sentence}" for sentence in found.left_out]
@@ -76,7 +76,7 @@ def text_of(found: Findings) -> str:
 
 
 def table_of_race(race: Race) -> str:
-    """A row per method."""
+    """Tabulate a row per method."""
     head = ["method", "looks", "least energy", "above best", "near, s", "ratio to ours", "at energy"]
     rows = [
         [
@@ -94,7 +94,7 @@ def table_of_race(race: Race) -> str:
 
 
 def table_of_speeds(speeds: Sequence[ThreadedSpeed]) -> str:
-    """A row per problem and number of threads."""
+    """Tabulate a row per problem and number of threads."""
     head = [
         "problem",
         "threads",
@@ -125,7 +125,7 @@ def table_of_speeds(speeds: Sequence[ThreadedSpeed]) -> str:
 
 
 def table_of_growth(grown: Sequence[Grown]) -> str:
-    """A row per size."""
+    """Tabulate a row per size."""
     head = [
         "pixels",
         "seconds",
@@ -153,7 +153,7 @@ def table_of_growth(grown: Sequence[Grown]) -> str:
 
 
 def sentence_of_growth(grown: Sequence[Grown]) -> str:
-    """The slopes."""
+    """Format the slopes."""
     slopes = slopes_of(grown)
     return (
         f"Log-log slopes against the number of pixels: seconds {slopes['seconds']:.2f}, seconds to 1 % "
@@ -163,7 +163,7 @@ def sentence_of_growth(grown: Sequence[Grown]) -> str:
 
 
 def slopes_of(grown: Sequence[Grown]) -> dict[str, float]:
-    """Of everything that grows."""
+    """Compute the slopes of time and memory."""
     sizes = [one.pixels for one in grown]
     return {
         "seconds": slope(sizes, [one.seconds for one in grown]),
@@ -174,7 +174,7 @@ def slopes_of(grown: Sequence[Grown]) -> dict[str, float]:
 
 
 def as_json(found: Findings) -> dict[str, Any]:
-    """Everything as JSON values."""
+    """Convert all findings to JSON values."""
     return {
         "rules": asdict(found.rules),
         "races": [

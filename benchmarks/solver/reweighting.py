@@ -22,7 +22,7 @@ PAPER = PaperSettings()  # δ
 
 @dataclass(frozen=True, eq=False)
 class ChannelState:
-    """ρ (N,) and σ (n, 9) of a channel, in the gauge; when they stood, and their energy."""
+    """ρ (N,) and σ (n, 9) of a channel, in the gauge; their time, and their energy."""
 
     albedo: np.ndarray
     light: np.ndarray
@@ -30,9 +30,9 @@ class ChannelState:
 
 
 def race(problem: RaceProblem, inner: InnerSolver, budget_s: float, threads: int) -> Trace:
-    """Alternate in all channels, side by side, as the stage does.
+    """Alternate in all channels, concurrently, as the stage does.
 
-    The stopping rule of the paper is left out: the time ends it. Energies are looked at off the clock.
+    The paper's stopping rule is replaced by the time limit. Evaluations of the energy are not timed.
     """
     workers = min(threads, 3)
     clock = Clock(budget_s, workers)
@@ -53,9 +53,9 @@ def race(problem: RaceProblem, inner: InnerSolver, budget_s: float, threads: int
 
 
 def _together(looks: list[tuple[Look, int]], channels: int) -> tuple[Look, ...]:
-    """Looks at single channels as looks at their sum, from the first time that all are known.
+    """Combine the energies of single channels into their sum, from the first time that all are known.
 
-    Channels side by side may be heard of in another order than they were done.
+    Concurrent channels may report in another order than they finished.
     """
     energies, sums = [0.0] * channels, []
     for heard, (look, channel) in enumerate(sorted(looks, key=lambda one: one[0].seconds), start=1):
@@ -66,7 +66,7 @@ def _together(looks: list[tuple[Look, int]], channels: int) -> tuple[Look, ...]:
 
 
 def _finished(advance: Callable[[int], ChannelState], channels: int, executor: ThreadPoolExecutor):
-    """Channel and state as they come, each channel again and again, until the time is up."""
+    """Yield channels with their states as they finish, restarting each until the time is up."""
     pending: dict[Future[ChannelState], int] = {executor.submit(advance, c): c for c in range(channels)}
     while pending:
         done = wait(pending, return_when=FIRST_COMPLETED).done
@@ -79,7 +79,7 @@ def _finished(advance: Callable[[int], ChannelState], channels: int, executor: T
 
 
 def _start(views: StackedViews, image: np.ndarray, weights: EnergyWeights, clock: Clock) -> ChannelState:
-    """The paper's initial guess."""
+    """Compute the paper's initial guess."""
     light = np.ones((views.view_count, views.basis.shape[1]))
     return _looked_at(views, image, image, light, weights, clock)
 

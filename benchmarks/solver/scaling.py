@@ -13,14 +13,14 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class ThreadedSpeed:
-    """With some threads, on one problem.
+    """Speed with a number of threads on one problem.
 
     Attributes
     ----------
     problem : str
     kernel : KernelSpeed
     solve_s : float
-        Graph, pyramid and `ROUNDS` rounds on the finest level.
+        Time of graph, pyramid and `ROUNDS` rounds on the finest level.
     """
 
     problem: str
@@ -29,7 +29,7 @@ class ThreadedSpeed:
 
 
 def threaded_speeds(problem: RaceProblem, threads: int, seconds: float) -> tuple[ThreadedSpeed, ...]:
-    """With one thread and with as many as there are, each kernel timed for about so many seconds."""
+    """Measure with one thread and with all, each kernel for about so many seconds."""
     return tuple(
         ThreadedSpeed(
             problem.name,

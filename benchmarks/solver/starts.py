@@ -1,4 +1,4 @@
-"""Does the start matter? ``python -m benchmarks.solver.starts [--problems bust,fountain,plane-PIXELS]``.
+"""Dependence on the start: ``python -m benchmarks.solver.starts [--problems bust,fountain,plane-PIXELS]``.
 
 Solves every problem from three starts and prints how far apart they end.
 """
@@ -36,7 +36,7 @@ STARTS = ("coarse to fine", "ρ = I", "constant")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Solve from every start, print a table."""
+    """Solve from every start, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--problems", default="bust,fountain")
     parser.add_argument("--threads", type=int, default=THREADS)
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def solve_from(name: str, problem: RaceProblem, threads: int) -> FastDescent:
-    """By the default settings; only the first start knows coarser levels."""
+    """Solve by the default settings; only the first start uses coarser levels."""
     solver, views, images = FastSolver(problem.weights, USUAL["paper"]), problem.fresh_views(), problem.images
     if name == "coarse to fine":
         return solve(views, images, solver, threads, lambda: None)
@@ -69,14 +69,14 @@ def solve_from(name: str, problem: RaceProblem, threads: int) -> FastDescent:
 
 
 def constant(descent: PrimalDual) -> PrimalDual:
-    """The same problem from an albedo that is everywhere the mean of the image."""
+    """Start the same problem from a constant albedo, the mean of the image."""
     problem = descent.problem
     albedo = np.broadcast_to(problem.image.mean(axis=(0, 2), keepdims=True), problem.image.shape).copy()
     return PrimalDual(problem, albedo, descent.light, steps_of(FastSettings()))
 
 
 def rows(problem: RaceProblem, found: dict[str, FastDescent]) -> Iterator[str]:
-    """A row of the table for every start."""
+    """Build a row of the table for every start."""
     energies = {name: energy(problem, descent) for name, descent in found.items()}
     least = min(energies.values())
     weights = f"{problem.weights.smoothness:g}, {problem.weights.consistency:g}"
@@ -91,12 +91,12 @@ def rows(problem: RaceProblem, found: dict[str, FastDescent]) -> Iterator[str]:
 
 
 def energy(problem: RaceProblem, descent: FastDescent) -> float:
-    """Of all channels together, in the gauge."""
+    """Sum the energy of all channels, in the gauge."""
     return sum(terms.total(problem.weights) for terms in descent.terms)
 
 
 def apart(found: dict[str, FastDescent]) -> str:
-    """The greatest distance over the channels of every pair of starts."""
+    """Compute the greatest distance over the channels for every pair of starts."""
     return "; ".join(
         f"{one} and {other} {max(distances(found[one].albedo, found[other].albedo)):.4f}"
         for one, other in combinations(found, 2)
@@ -104,7 +104,7 @@ def apart(found: dict[str, FastDescent]) -> str:
 
 
 def distances(one: np.ndarray, other: np.ndarray) -> list[float]:
-    """Root mean square per channel of what a single scale leaves between two albedos (N, 3)."""
+    """Compute the RMS difference per channel of two albedos (N, 3) after a single scale."""
     return [
         float(np.sqrt(np.mean((t - least_squares_scale(p, t) * p) ** 2)))
         for p, t in zip(other.T.astype(np.float64), one.T.astype(np.float64), strict=True)

@@ -1,4 +1,4 @@
-"""The problems of the issue, opened from what the flow left in workspaces."""
+"""Problems opened from results in workspaces."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BALANCES = (Weights(40.0, 1.0), Weights(4.0, 1.0))  # at a quarter of the size Î
 
 
 def bust(full: bool, listener: Listener) -> Iterator[RaceProblem]:
-    """Fig. 3 with two balances of its terms, rendered if the workspace does not hold it yet.
+    """Open Fig. 3 with two balances of its terms, rendered if the workspace does not hold it yet.
 
     The second balance shares the first one's views.
     """
@@ -41,12 +41,12 @@ def bust(full: bool, listener: Listener) -> Iterator[RaceProblem]:
 
 
 def fountain() -> Iterator[RaceProblem]:
-    """fountain-P11 as finely as the workspace holds it; nothing is run, so that its results stay as they are.
+    """Open fountain-P11 at the finest size in the workspace, without running any stage.
 
     Raises
     ------
     UserError
-        It holds nothing.
+        The workspace holds no such result.
     """
     store = Store(ROOT / "workspaces" / "fountain")
     raycast, correspondence = _finest_pair(store)
@@ -60,7 +60,7 @@ def fountain() -> Iterator[RaceProblem]:
 
 
 def _finest_pair(store: Store) -> tuple[Record, Record]:
-    """The `raycast` result with the most pixels, and its correspondences."""
+    """Find the `raycast` result with the most pixels, and its correspondences."""
     pairs = [
         (cast.settings["reduce"], cast, linked)
         for cast in store.records("raycast")
@@ -76,7 +76,7 @@ def _finest_pair(store: Store) -> tuple[Record, Record]:
 
 
 def paths_of(store: Store, records: list[Record]) -> dict[str, Path]:
-    """Where the artefacts of results lie, by name."""
+    """Find the paths of the artefacts of results, by name."""
     gives = {stage.name: stage.gives for stage in stages.ALL_STAGES}
     return {
         artefact.name: store.entry(record.stage, record.key) / artefact.path

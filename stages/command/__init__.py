@@ -1,1 +1,1 @@
-"""What the command line understands, and what it asks the machinery for."""
+"""The command line: its arguments, the requests that follow from them, tables of an evaluation."""

@@ -1,4 +1,4 @@
-"""The words of the command line, as types: tyro makes the parser and the help of them."""
+"""Arguments of the command line as types, from which tyro builds the parser and the help."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 
 def optional(metavar: str, name: str | None = None) -> Any:
-    """How the help shows an option that need not be given."""
+    """Declare an option that need not be given, as the help shows it."""
     return arg(metavar=metavar, name=name, help_behavior_hint="")
 
 
@@ -21,30 +21,30 @@ StageName = Annotated[str | None, optional("STAGE")]
 
 @dataclass(frozen=True)
 class Given:
-    """Where things are.
+    """Inputs, workspace and settings, common to most commands.
 
     Attributes
     ----------
     config
-        YAML configuration; without it the defaults are good for a folder of photos.
+        YAML configuration; without it the defaults suit a folder of photos.
     workspace
         Folder for the cache and the output; by default the configuration's, else `workspaces/NAME` in the
-        current folder: as the photos' folder is called, or the one above it where that is `photos` or so.
+        current folder: named like the photos' folder, or the one above it where that is `photos` or the like.
     images
         Folder of photos.
     colmap
-        Folder with a COLMAP model: its cameras are taken instead of running structure from motion.
+        Folder with a COLMAP model: its cameras are used instead of running structure from motion.
     mesh
-        Mesh in the frame of that model: taken instead of dense stereo and reconstruction.
+        Mesh in the frame of that model, used instead of dense stereo and reconstruction.
     masks
         Folder of masks named like the photos, white = keep.
     object
         Mesh to render instead of the bust, where the configuration asks for a rendered scene.
     environment
-        Picture of all directions (EXR, HDR) that lights a rendered scene.
+        Environment map (EXR, HDR) that lights a rendered scene.
     known_light
-        Picture of all directions (EXR, HDR), measured where the photos were taken; twice as wide as high, its
-        zenith in the first row. The light is not sought then, only how it is turned.
+        Environment map (EXR, HDR), measured where the photos were taken; twice as wide as high, its zenith in
+        the first row. Instead of the light, only its rotation about the vertical is estimated.
     assignments
         A setting, as in `--set decomposition.edges.coarse_lambda=5`; repeatable.
     threads
@@ -69,7 +69,7 @@ class Given:
 
 @dataclass(frozen=True)
 class Run(Given):
-    """Bring everything that is not up to date up to date.
+    """Run every stage whose result is not up to date.
 
     Attributes
     ----------
@@ -94,17 +94,17 @@ class Run(Given):
 
 @dataclass(frozen=True)
 class Plan(Run):
-    """Per stage: reuse or run, and the reason in one sentence. Takes what `run` takes, runs nothing."""
+    """Print per stage: reuse or run, and the reason. Takes the arguments of `run`, runs nothing."""
 
 
 @dataclass(frozen=True)
 class Relight(Given):
-    """Show the views under another light, from their albedo; what it stands on is run where it must be.
+    """Show the views under another light, from their albedo; stages that it needs are run where necessary.
 
     Attributes
     ----------
     light
-        Picture of all directions (EXR, HDR), twice as wide as high, its zenith in the first row.
+        Environment map (EXR, HDR), twice as wide as high, its zenith in the first row.
     """
 
     light: File = None
@@ -112,19 +112,19 @@ class Relight(Given):
 
 @dataclass(frozen=True)
 class Status(Given):
-    """What the workspace holds, and what it cost."""
+    """List the results in the workspace and their cost."""
 
 
 @dataclass(frozen=True)
 class Show(Given):
-    """The record of a stage's newest result.
+    """Print the record of a stage's newest result.
 
     Attributes
     ----------
     stage
         Which stage.
     key
-        Beginning of a result's key, for another than the newest.
+        Beginning of a result's key, for a result other than the newest.
     """
 
     stage: str = "decomposition"
@@ -133,7 +133,7 @@ class Show(Given):
 
 @dataclass(frozen=True)
 class Diff(Given):
-    """What differs between two results of a stage.
+    """Print the differences between two results of a stage.
 
     Attributes
     ----------
@@ -162,13 +162,13 @@ class Clean(Given):
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Judge albedo maps: against the truth, against the photos, or under another light.
+    """Evaluate albedo maps: against the truth, against the photos, or under another light.
 
     With TRUTH: variance, si-RMSE, LMSE, PSNR-H, leak, agreement between views, detail per octave.
 
-    With --photos: detail per octave, where the shading has little of it.
+    With --photos: detail per octave, where the shading has little energy.
 
-    With --other-light: by how much the albedo of one scene differs under two lights.
+    With --other-light: difference between the albedos of one scene under two lights.
 
     Attributes
     ----------
@@ -177,17 +177,17 @@ class Evaluate:
     truth
         Folder of true albedo maps of the same names, or one with albedo/, mask/, parts/, shading/.
     masks
-        Folder of masks, white = judge; by default the prediction's mask/. The truth's masks hold in any case.
+        Folder of masks, white = evaluate; by default the prediction's mask/. The truth's masks always apply.
     correspondences
         Folder of correspondences, for the agreement between views; with TRUTH.
     photos
-        Folder of the photos that the albedo is of (EXR: linear), as large or larger: compares their detail.
+        Folder of the photos behind the albedo (EXR: linear), of its size or larger: compares their detail.
     shading
         Folder of shading maps, for the detail against the photos; by default the prediction's shading/.
     other_light
         Albedo maps of the same views of the same scene under another light: compares the two.
     other_photos
-        Folder of the photos under the other light: says which share of the photos' difference is left.
+        Folder of the photos under the other light: gives the remaining share of the photos' difference.
     json
         Answer in JSON on the output stream.
     """

@@ -1,4 +1,4 @@
-"""The verb `evaluate`: what it measured, as tables for people."""
+"""The command `evaluate`: its measures as tables."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Cell = TypeVar("Cell", "PartVariance", "PartLeak")
 
 
 def evaluate_verb(command: Evaluate, terminal: Terminal) -> None:
-    """Judge a folder of albedo maps by everything that was given to compare it with."""
+    """Evaluate a folder of albedo maps against every reference that was given."""
     check_words(command)
     terminal.begin("views", None)
     try:
@@ -44,12 +44,12 @@ def evaluate_verb(command: Evaluate, terminal: Terminal) -> None:
 
 
 def check_words(command: Evaluate) -> None:
-    """Refuse options that say nothing without another.
+    """Refuse options that have no effect without another.
 
     Raises
     ------
     UserError
-        There is nothing to compare with, or an option lacks the one that it belongs to.
+        There is no reference, or an option lacks the one that it depends on.
     """
     if not (command.truth or command.photos or command.other_light):
         raise UserError(
@@ -69,7 +69,7 @@ def check_words(command: Evaluate) -> None:
 
 
 def judged_parts(command: Evaluate, step: Callable[[], None]) -> Iterator[tuple[dict[str, Any], list[Table]]]:
-    """Compare with the truth, the photos and the other light, as given: JSON and tables of each."""
+    """Compare with the truth, the photos and the other light, as given; yields JSON and tables of each."""
     from stages.evaluation.albedo_folder import open_albedo_folder
     from stages.evaluation.evaluate import evaluate_folders
     from stages.evaluation.without_truth import compare_two_lights, compare_with_photos
@@ -79,7 +79,7 @@ def judged_parts(command: Evaluate, step: Callable[[], None]) -> Iterator[tuple[
         report = evaluate_folders(prediction, command.truth, masks, command.correspondences, step)
         yield report.as_json(), tables_of_report(report)
     shading = command.shading or open_albedo_folder(prediction, masks).shading
-    if photos and (shading or not command.other_photos):  # else they are there for the other light alone
+    if photos and (shading or not command.other_photos):  # else they serve only the other light
         detail = compare_with_photos(prediction, photos, shading, masks, step)
         yield {"detail_against_photos": detail.as_json()}, tables_of_photo_detail(detail)
     if command.other_light:
@@ -89,7 +89,7 @@ def judged_parts(command: Evaluate, step: Callable[[], None]) -> Iterator[tuple[
 
 
 def tables_of_report(report: Report) -> list[Table]:
-    """The facts, the numbers, the detail, and what is to be said about them."""
+    """Build tables of the facts, the scores, the detail and the remarks."""
     columns = {"": "measure", "red": "red", "green": "green", "blue": "blue"}
     remarks = [{"remark": sentence} for sentence in (*report.notes, *report.scores.remarks())]
     return [
@@ -101,7 +101,7 @@ def tables_of_report(report: Report) -> list[Table]:
 
 
 def octave_table(title: str, octaves: Sequence[OctaveDetail | PhotoOctave], *measures: str) -> Table:
-    """A row per octave, columns for each measure of brightness and of chroma."""
+    """Build a table with a row per octave, and columns for each measure of brightness and of chroma."""
     names = [f"{kind}_{measure}" for kind in ("brightness", "chroma") for measure in measures]
     rows = [
         {"octave": f"σ {one.sigma_low_px:g}–{one.sigma_high_px:g} px"}
@@ -112,7 +112,7 @@ def octave_table(title: str, octaves: Sequence[OctaveDetail | PhotoOctave], *mea
 
 
 def tables_of_photo_detail(detail: PhotoDetail) -> list[Table]:
-    """How much was compared; gain per octave, and the share of the pixels that it stands on."""
+    """Build tables of the number of pixels compared, and of gain per octave with its share of pixels."""
     said = f"detail against the photos: {detail.pixels} pixels in {detail.views} view(s)"
     return [
         table_of([{"remark": said}], {"": "remark"}),
@@ -121,7 +121,7 @@ def tables_of_photo_detail(detail: PhotoDetail) -> list[Table]:
 
 
 def tables_of_stability(stability: Stability) -> list[Table]:
-    """How much was compared; differences under two lights, RMS after one scale per channel, over the mean."""
+    """Build tables of differences under two lights: RMS after one scale per channel, over the mean."""
     from stages.scene.wording import listed
 
     said = f"two lights: {stability.pixels} pixels in {stability.views} view(s)"
@@ -135,7 +135,7 @@ def tables_of_stability(stability: Stability) -> list[Table]:
 
 
 def fact_rows(report: Report) -> list[Row]:
-    """What was compared, and how."""
+    """List what was compared, and how."""
     from stages.evaluation.scores import SCALING
     from stages.scene.wording import listed
 
@@ -154,7 +154,7 @@ def fact_rows(report: Report) -> list[Row]:
 
 
 def score_rows(scores: Scores) -> list[Row]:
-    """A row per measure, a column per channel; a star where a variance enters no ratio."""
+    """Build a row per measure, a column per channel; a star marks variances that enter no ratio."""
     rows = [
         {"measure": f"variance, {part}"} | {cell.channel: variance_cell(cell) for cell in cells}
         for part, cells in by_part(scores.variances).items()
@@ -171,12 +171,12 @@ def score_rows(scores: Scores) -> list[Row]:
 
 
 def variance_cell(cell: PartVariance) -> str:
-    """Six digits."""
+    """Format a variance with six digits, and a star where it enters no ratio."""
     return number(cell.variance, 6) + ("" if cell.enters_ratios or math.isnan(cell.variance) else "*")
 
 
 def by_part(cells: tuple[Cell, ...]) -> dict[str, list[Cell]]:
-    """Cells of each part, in order."""
+    """Group cells by part, in order."""
     parts: dict[str, list[Cell]] = {}
     for cell in cells:
         parts.setdefault(cell.part, []).append(cell)
@@ -184,7 +184,7 @@ def by_part(cells: tuple[Cell, ...]) -> dict[str, list[Cell]]:
 
 
 def row(measure: str, values: tuple[float, ...], digits: int) -> Row:
-    """One measure of the three channels."""
+    """Build the row of one measure in the three channels."""
     from stages.evaluation.scores import by_channel
 
     cells = {channel: number(value, digits) for channel, value in by_channel(values).items()}
@@ -192,5 +192,5 @@ def row(measure: str, values: tuple[float, ...], digits: int) -> Row:
 
 
 def number(value: float, digits: int) -> str:
-    """A number, or that there is none."""
+    """Format a number, or the sign for a missing one."""
     return f"{value:.{digits}f}" if math.isfinite(value) else MISSING

@@ -1,4 +1,4 @@
-"""From the words of the command line, and the configuration that they name, to a checked request."""
+"""Checked requests from the arguments of the command line and the configuration that they name."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ SOURCE_OF_FLAG = {
 FILES = {"mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
 WORKSPACES = Path("workspaces")  # below the current folder
-# Names of folders that do not say of what the photos are: projects so called would share a workspace.
+# Generic names of folders of photos: projects named by them would share a workspace.
 SAY_NOTHING = {"images", "img", "photos", "photo", "pictures", "input", "jpg", "jpeg", "png", "tif", "tiff"}
 
 
 def request_of(command: Run) -> Request:
-    """Turn a command into a checked request.
+    """Build a checked request from a command.
 
     Raises
     ------
     UserError
-        Anything about it that the user should put right.
+        The command or its configuration has an error that the user can correct.
     """
     selection = Selection(command.only, command.first, command.last, command.force)
     config = config_of(command)
@@ -49,12 +49,12 @@ def request_of(command: Run) -> Request:
 
 
 def relighting_of(command: Relight) -> Request:
-    """The same for `relight`: all that leads to the albedo, and the light.
+    """Build a checked request for `relight`: all stages that lead to the albedo, and the relighting.
 
     Raises
     ------
     UserError
-        Anything about it that the user should put right; no light was given.
+        The command or its configuration has an error that the user can correct; no light was given.
     """
     config = config_of(command)
     if command.light is None:
@@ -98,12 +98,12 @@ def _request(
 
 
 def config_of(command: Given) -> Config:
-    """The configuration file's content, or an empty configuration.
+    """Read the configuration file; without one, return an empty configuration.
 
     Raises
     ------
     UserError
-        There is no such file, or it holds something else.
+        There is no such file, or it is not a configuration.
     """
     if command.config is None:
         return Config()
@@ -117,7 +117,7 @@ def config_of(command: Given) -> Config:
 
 
 def sources_of(command: Given, config: Config) -> dict[str, Path]:
-    """Every source that was given, on the command line before the configuration, and exists."""
+    """Collect the sources that were given, those on the command line before those of the configuration."""
     sources = {}
     if "dataset" in config.sources and command.images is None:
         fetch = isinstance(command, Run | Relight) and not isinstance(command, Plan)
@@ -134,12 +134,12 @@ def sources_of(command: Given, config: Config) -> dict[str, Path]:
 
 
 def beside(config: Config, path: str) -> Path:
-    """A path that a configuration names, relative to its folder; ~ is the user's own."""
+    """Resolve a path in a configuration relative to its folder; ~ is the user's home."""
     return Path(os.path.normpath(config.folder / Path(path).expanduser()))
 
 
 def existing(flag: str, path: Path) -> Path:
-    """The path, if it is there and of the right kind."""
+    """Check that the path exists and is of the right kind, and return it."""
     expected, flag = "file" if flag in FILES else "folder", flag.replace("_", "-")
     if not path.exists():
         raise UserError(f"--{flag} {path} does not exist; expected a {expected}. Check the path.")
@@ -149,7 +149,7 @@ def existing(flag: str, path: Path) -> Path:
 
 
 def workspace_of(command: Given, config: Config, sources: dict[str, Path]) -> Path:
-    """The workspace that was asked for, or `workspaces/` and the first name upwards that says something."""
+    """Select the workspace: the one given, or `workspaces/` and the first specific folder name upwards."""
     if command.workspace is not None:
         return command.workspace
     if config.workspace is not None:
@@ -167,7 +167,7 @@ def check_apart(workspace: Path, sources: dict[str, Path]) -> None:
     Raises
     ------
     UserError
-        It lies there.
+        The workspace lies in such a folder.
     """
     for name, place in sources.items():
         if workspace.resolve().is_relative_to(place.resolve()):
@@ -178,12 +178,12 @@ def check_apart(workspace: Path, sources: dict[str, Path]) -> None:
 
 
 def existing_workspace(command: Given) -> Path:
-    """The workspace that a verb looks at: the one that `run` takes, given the same words.
+    """Find the workspace that `run` uses with the same arguments.
 
     Raises
     ------
     UserError
-        None was named though there is not just one, or it is not there.
+        None was named and there is not exactly one, or it does not exist.
     """
     config = config_of(command)
     named = command.workspace is not None or config.workspace is not None
@@ -198,7 +198,7 @@ def existing_workspace(command: Given) -> Path:
 
 
 def only_workspace() -> Path:
-    """The workspace below `workspaces/`, where there is one alone.
+    """Find the only workspace below `workspaces/`.
 
     Raises
     ------
@@ -216,12 +216,12 @@ def only_workspace() -> Path:
 
 
 def threads_of(command: Given) -> int:
-    """Threads to use: what was asked for, else all that this process may use.
+    """Choose the number of threads: the one given, else all processors available to this process.
 
     Raises
     ------
     UserError
-        Fewer than one was asked for.
+        The given number is below one.
     """
     if command.threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,1 +1,1 @@
-"""How albedo is judged: against a known truth, between views, against the photos."""
+"""Evaluation of albedo: against known truth, between views, against the photos."""

@@ -1,4 +1,4 @@
-"""What needs no truth: agreement between views, between two lights, and of albedo × shading with photos."""
+"""Measures without truth: agreement between views, between two lights, of albedo × shading with photos."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stages.evaluation.scaled_error import least_squares_scale
 
 @dataclass(frozen=True, eq=False)
 class Correspondences:
-    """Which pixels of two views show the same point.
+    """Pixels of two views that show the same surface point.
 
     Attributes
     ----------
@@ -32,11 +32,11 @@ class Correspondences:
 def consistency(
     views: Sequence[JudgedView], correspondences: Correspondences
 ) -> tuple[tuple[float, ...], int]:
-    """Mean |ρ^i − ρ^j| over corresponding pixels, divided by the mean albedo, per channel; and their number.
+    """Compute mean |ρ^i − ρ^j| of corresponding pixels over the mean albedo, per channel; and their number.
 
-    Links between pixels that are both judged; pairs with a view that is not among `views` are passed over.
-    The mean albedo is that of the judged pixels of all views. nan without links, or with an albedo whose mean
-    is not positive.
+    Correspondences count where both pixels are judged; pairs with a view that is not among `views` are
+    skipped. The mean albedo is that of the judged pixels of all views. nan without correspondences, or where
+    the mean albedo is not positive.
 
     Raises
     ------
@@ -83,9 +83,9 @@ def _check_fit(
 def photometric_residual(
     image: np.ndarray, albedo: np.ndarray, shading: np.ndarray, mask: np.ndarray
 ) -> tuple[float, ...]:
-    """Median |I − ρ·S| over median I, per channel, on the masked pixels of one view or of many stacked.
+    """Compute median |I − ρ·S| over median I, per channel, on the masked pixels of one view or many stacked.
 
-    A median: shadow edges and highlights, which the model does not explain, may lie as far off as they like.
+    The median is robust to shadow edges and highlights, which the model does not explain.
 
     Parameters
     ----------
@@ -102,10 +102,10 @@ def photometric_residual(
 
 
 def relative_difference(first: np.ndarray, second: np.ndarray) -> tuple[float, ...]:
-    """Measure by how much two sets of values differ after one scale per channel, over the mean of the first.
+    """Compute the RMS difference of two sets of values after one scale per channel, over the first's mean.
 
     ``√(mean (a − s·b)²) / mean a`` with the least-squares ``s = Σ a·b / Σ b²``. Of one scene under two lights
-    this is the stability of albedo: small against the same figure of the photos.
+    this measures the stability of albedo, to be compared with the same figure of the photos.
 
     Parameters
     ----------

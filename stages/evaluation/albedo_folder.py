@@ -1,4 +1,4 @@
-"""Folders of albedo maps, and of photos beside them; maps are known by name, never by order."""
+"""Folders of albedo maps, and of photos beside them; maps are matched by name, never by order."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from stages.scene.wording import listed
 
 @dataclass(frozen=True)
 class AlbedoFolder:
-    """Albedo maps, and what may lie beside them.
+    """Albedo maps, with optional masks, true shading and parts.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class AlbedoFolder:
     masks, shading, parts : Path or None
         Folders of masks, of true shading, of numbered parts.
     part_names : tuple of str
-        Names to the numbers in `parts`.
+        Names of the numbers in `parts`.
     """
 
     maps: Path
@@ -42,16 +42,16 @@ class AlbedoFolder:
     part_names: tuple[str, ...]
 
     def albedo(self, name: str) -> np.ndarray:
-        """Linear albedo, shape (h, w, 3), float32."""
+        """Read the linear albedo, shape (h, w, 3), float32."""
         return read_photo(self.maps / self.files[name])
 
     def mask(self, name: str) -> np.ndarray | None:
-        """Where the map holds something, shape (h, w), bool; None where there are no masks at all.
+        """Read the mask of valid pixels, shape (h, w), bool; None where there are no masks at all.
 
         Raises
         ------
         UserError
-            Other views have a mask, this one has none.
+            There are masks, but none of this view.
         """
         if self.masks is None:
             return None
@@ -61,17 +61,17 @@ class AlbedoFolder:
         return read_mask(file)
 
     def part_map(self, name: str) -> np.ndarray | None:
-        """Number of the part per pixel, shape (h, w), uint8; None where the parts are not known."""
+        """Read the number of the part per pixel, shape (h, w), uint8; None where the parts are unknown."""
         if self.parts is None:
             return None
         return read_part_map(existing_map(self.parts, f"{name}.png"), len(self.part_names))
 
     def true_shading(self, name: str) -> np.ndarray | None:
-        """Linear shading, shape (h, w, 3), float32, 0 = unknown; None where none is known."""
+        """Read the linear shading, shape (h, w, 3), float32, 0 = unknown; None where there is none."""
         return None if self.shading is None else read_photo(existing_map(self.shading, f"{name}.exr"))
 
     def colour_space(self, names: list[str]) -> str:
-        """How the maps of these views were read, in words."""
+        """Describe how the maps of these views were read."""
         kinds = Counter(Path(self.files[name]).suffix.lower() for name in names)
         return ", ".join(
             f"{count} {suffix[1:].upper()} {'taken as linear' if suffix in LINEAR else 'decoded from sRGB'}"
@@ -80,17 +80,17 @@ class AlbedoFolder:
 
 
 def open_albedo_folder(folder: Path, masks: Path | None = None) -> AlbedoFolder:
-    """A flat folder of maps, or one that holds ``albedo/`` and perhaps ``mask/``, ``shading/``, ``parts/``.
+    """Open a flat folder of maps, or one with ``albedo/`` and optional ``mask/``, ``shading/``, ``parts/``.
 
     Parameters
     ----------
     masks : Path, optional
-        Taken instead of ``mask/``.
+        Used instead of ``mask/``.
 
     Raises
     ------
     UserError
-        It is not there, holds no maps, or two for one name.
+        The folder does not exist, holds no maps, or two for one name.
     """
     for place in (folder, masks):
         if place is not None and not place.is_dir():
@@ -116,12 +116,12 @@ def open_albedo_folder(folder: Path, masks: Path | None = None) -> AlbedoFolder:
 
 
 def find_maps(folder: Path) -> dict[str, str]:
-    """Maps below `folder` by view name, sorted: relative paths; a linear file goes before an encoded one.
+    """Find maps below `folder`: relative paths by view name, sorted; a linear file precedes an encoded one.
 
     Raises
     ------
     UserError
-        Two files are equally good for one name.
+        Two files of one name are both linear or both encoded.
     """
     found: dict[str, str] = {}
     for parent, folders, files in os.walk(folder):
@@ -143,12 +143,12 @@ def _is_linear(file: str) -> bool:
 
 
 def existing_map(folder: Path, file: str) -> Path:
-    """The file, if it is there.
+    """Check that the file exists, and return its path.
 
     Raises
     ------
     UserError
-        It is not.
+        It does not.
     """
     path = folder / file
     if not path.is_file():
@@ -158,12 +158,12 @@ def existing_map(folder: Path, file: str) -> Path:
 
 @dataclass(frozen=True)
 class MapFolder:
-    """Photos or shading maps, known by name.
+    """Photos or shading maps by view name.
 
     Attributes
     ----------
     what : str
-        What one of them is called in sentences.
+        Name of one of them in messages.
     folder : Path
     files : dict of str to str
         Relative to `folder`, by view name.
@@ -180,14 +180,14 @@ class MapFolder:
         Raises
         ------
         UserError
-            It is not there, or two of its files are equally good for one name.
+            The folder does not exist, or two of its files for one name are both linear or both encoded.
         """
         if not folder.is_dir():
             raise UserError(f"{folder} is not a folder; expected one. Check the path.")
         return cls(what, folder, find_maps(folder))
 
     def read(self, name: str, mask: np.ndarray) -> np.ndarray:
-        """Read a view's map at the size of its mask, shape (h, w, 3), linear: a larger one is averaged.
+        """Read a view's map at the size of its mask, shape (h, w, 3), linear; a larger map is averaged.
 
         Raises
         ------
@@ -208,9 +208,10 @@ class MapFolder:
 
 
 def check_shape(name: str, what: str, image: np.ndarray, mask: np.ndarray) -> None:
-    """Refuse an image that is smaller than the mask, or whose sides differ by another factor each.
+    """Refuse an image that is smaller than the mask, or of another aspect ratio.
 
-    Factors may differ by what one pixel of the smaller image makes: `raycast.reduce` drops what is left over.
+    The factors of the sides may differ by one pixel of the smaller image: `raycast.reduce` drops incomplete
+    rows and columns.
     """
     (height, width), (rows, columns) = image.shape[:2], mask.shape
     factors = height / rows, width / columns
@@ -223,7 +224,7 @@ def check_shape(name: str, what: str, image: np.ndarray, mask: np.ndarray) -> No
 
 
 def check_finite(name: str, what: str, values: np.ndarray) -> None:
-    """Refuse masked values of a view that are no numbers."""
+    """Refuse masked values of a view that are not finite."""
     bad = int(np.count_nonzero(~np.isfinite(values)))
     if bad:
         raise UserError(

@@ -1,4 +1,4 @@
-"""Detail of albedo, octave by octave: how much of it there is, and how much of it is right."""
+"""Detail of albedo, octave by octave: its gain and its error."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ KINDS = (BRIGHTNESS, CHROMA)
 
 @dataclass(frozen=True)
 class OctaveDetail:
-    """One octave against the truth; nan where the truth's band is too weak for a ratio to say anything.
+    """One octave against the truth; nan where the truth's band is too weak for a ratio.
 
     Attributes
     ----------
@@ -48,15 +48,15 @@ class OctaveDetail:
 
 @dataclass(frozen=True)
 class PhotoOctave:
-    """One octave against the photos, where the shading has little of it; nan where nothing counts.
+    """One octave against the photos, where the shading's band is weak; nan without such pixels.
 
     Attributes
     ----------
     sigma_low_px, sigma_high_px : float
     brightness_gain, chroma_gain : float
-        ``⟨b(albedo), b(photo)⟩ / ⟨b(photo)²⟩`` over the pixels that count.
+        ``⟨b(albedo), b(photo)⟩ / ⟨b(photo)²⟩`` over the counted pixels.
     brightness_share, chroma_share : float
-        Share of the eroded masks that counts; nan without any pixel there.
+        Share of the eroded masks that is counted; nan where the erosion leaves no pixel.
     """
 
     sigma_low_px: float
@@ -69,7 +69,7 @@ class PhotoOctave:
 
 @dataclass(frozen=True, eq=False)
 class PhotoView:
-    """One view as the decomposition explains it; all maps linear, shape (h, w, 3).
+    """One view and its decomposition; all maps linear, shape (h, w, 3).
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ def octave_details(views: Sequence[JudgedView], settings: BandSettings = BANDS) 
 
 
 def detail_remarks(octaves: Sequence[OctaveDetail]) -> list[str]:
-    """Why octaves have no figures, a sentence for brightness and one for chroma."""
+    """Explain octaves without figures, in a sentence for brightness and one for chroma."""
     sentences = []
     for kind in ("brightness", "chroma"):
         weak = [one for one in octaves if math.isnan(getattr(one, f"{kind}_gain"))]
@@ -128,17 +128,17 @@ def detail_remarks(octaves: Sequence[OctaveDetail]) -> list[str]:
 
 
 def photo_octaves(views: Sequence[PhotoView], settings: BandSettings = BANDS) -> tuple[PhotoOctave, ...]:
-    """Compare octave bands of albedo and photo where the shading has little of them, all views together.
+    """Compare octave bands of albedo and photo where the shading's band is weak, all views together.
 
-    A pixel of the eroded masks counts in an octave where ``A(shading) < shading_share · A(photo)`` and
+    A pixel of the eroded masks is counted in an octave where ``A(shading) < shading_share · A(photo)`` and
     ``A(photo) ≥ least_rms``, with the local band ``A(f) = √(G(σ_high) ∗ b(f)²)`` by normalised convolution:
-    there the photo's detail is the albedo's, as far as the decomposition itself knows. The albedo has one
+    there the decomposition itself attributes the photo's detail to the albedo. The albedo has one
     least-squares scale per channel onto the photos.
 
     Notes
     -----
-    Where albedo × shading is the photo exactly, the bands add up, and no gain is far from 1: detail that
-    went into the shading makes the share small instead. Read both.
+    Where albedo × shading equals the photo, the bands add up and every gain is near 1: detail in the shading
+    lowers the share instead. Both figures are needed.
     """
     masks = [view.mask for view in views]
     albedos, photos = [view.albedo for view in views], [view.photo for view in views]
@@ -159,7 +159,7 @@ def photo_octaves(views: Sequence[PhotoView], settings: BandSettings = BANDS) ->
 def _photo_moments(
     signals: np.ndarray, mask: np.ndarray, inner: np.ndarray, settings: BandSettings
 ) -> np.ndarray:
-    """Sum `_moments` of albedo and photo over the pixels of one view that count, and count these.
+    """Sum `_moments` of albedo and photo over the counted pixels of one view, and their number.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def _photo_moments(
 def _weakly_shaded(
     photo: np.ndarray, shading: np.ndarray, mask: np.ndarray, sigma_px: float, settings: BandSettings
 ) -> np.ndarray:
-    """Find pixels where the shading has little of the photo's local band, shape (h, w), bool.
+    """Find pixels where the shading's local band is weak against the photo's, shape (h, w), bool.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def _weakly_shaded(
 def _scales_onto(
     references: Sequence[np.ndarray], estimates: Sequence[np.ndarray], masks: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Least-squares scale of each channel of the estimates onto the references, all views together, (3,)."""
+    """Fit one scale per channel of the estimates to the references, all views together, shape (3,)."""
     reference, estimate = (
         np.concatenate([image[mask].astype(np.float64) for image, mask in zip(images, masks, strict=True)])
         for images in (references, estimates)
@@ -212,7 +212,7 @@ def _logs(
     scales: np.ndarray | float,
     settings: BandSettings,
 ) -> Iterator[np.ndarray]:
-    """Log signals of one map in view after view, with the floors of all views together."""
+    """Compute log signals of one map view by view, with floors from all views together."""
     values = np.concatenate([image[mask] * scales for image, mask in zip(images, masks, strict=True)])
     floors = log_floors(values, settings)
     for image, mask in zip(images, masks, strict=True):
@@ -220,14 +220,14 @@ def _logs(
 
 
 def _moments(estimate: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """``Σ (e − r)²``, ``Σ e·r`` and ``Σ r²`` of bands of one shape."""
+    """Compute ``Σ (e − r)²``, ``Σ e·r`` and ``Σ r²`` of bands of one shape."""
     estimate, reference = estimate.astype(np.float64), reference.astype(np.float64)
     gap = estimate - reference
     return np.array([(gap * gap).sum(), (estimate * reference).sum(), (reference * reference).sum()])
 
 
 def _error_and_gain(moments: np.ndarray, count: int, settings: BandSettings) -> tuple[float, float]:
-    """Ratios of `_moments` over `count` pixels; nan where the reference has no energy."""
+    """Compute the ratios of `_moments` over `count` pixels; nan where the reference has no energy."""
     difference, product, energy = (float(moment) for moment in moments)
     if energy < settings.least_rms**2 * max(count, 1):
         return math.nan, math.nan
@@ -235,6 +235,6 @@ def _error_and_gain(moments: np.ndarray, count: int, settings: BandSettings) -> 
 
 
 def _gain_and_share(sums: np.ndarray, total: int, settings: BandSettings) -> tuple[float, float]:
-    """Gain over the pixels that count, and their share of `total`; from a row of `_photo_moments`."""
+    """Compute gain and share of `total` of the counted pixels from a row of `_photo_moments`."""
     count = int(sums[3])
     return _error_and_gain(sums[:3], count, settings)[1], count / total if total else math.nan

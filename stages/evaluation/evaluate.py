@@ -1,4 +1,4 @@
-"""From two folders to a report: views paired by name, judged where both are known."""
+"""Evaluation of two folders: views paired by name, compared where both are valid."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from stages.scene.wording import listed
 
 @dataclass(frozen=True)
 class Report:
-    """What was compared, and the scores.
+    """The scores, and a description of what was compared.
 
     Attributes
     ----------
     prediction_space, truth_space : str
         How the maps were read.
     coverage : float
-        Share of the truth's masks, in the views compared, that the prediction has; nan without masks there.
+        Share of the truth's masks, in the views compared, that the prediction covers; nan without such masks.
     only_in_prediction, only_in_truth : tuple of str
-        Views that the other side lacks; they are not judged.
+        Views without a counterpart; they are not evaluated.
     scores : Scores
     notes : tuple of str
-        What else one should know.
+        Further remarks for the reader.
     """
 
     prediction_space: str
@@ -44,7 +44,7 @@ class Report:
     notes: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """Plain JSON."""
+        """Convert to plain JSON values."""
         return {
             "colour_space": {"prediction": self.prediction_space, "truth": self.truth_space},
             "scaling": SCALING,
@@ -63,23 +63,23 @@ def evaluate_folders(
     correspondences: Path | None = None,
     step: Callable[[], None] = lambda: None,
 ) -> Report:
-    """Judge the albedo maps of one folder against those of another.
+    """Evaluate the albedo maps of one folder against those of another.
 
     Parameters
     ----------
     prediction_folder, truth_folder : Path
         As `open_albedo_folder` takes them.
     masks : Path, optional
-        Where to judge, instead of the prediction's own masks; the truth's masks hold in any case.
+        Where to evaluate, instead of the prediction's own masks; the truth's masks always apply.
     correspondences : Path, optional
-        What the `correspondence` stage gave, for the agreement between views.
+        Output of the `correspondence` stage, for the agreement between views.
     step : callable
         Called after each view.
 
     Raises
     ------
     UserError
-        Anything about the folders that the user should put right.
+        The folders have an error that the user can correct.
     """
     prediction = open_albedo_folder(prediction_folder, masks)
     truth = open_albedo_folder(truth_folder)
@@ -107,7 +107,7 @@ def evaluate_folders(
 
 
 def common_names(prediction: AlbedoFolder, truth: AlbedoFolder) -> list[str]:
-    """Names of the views that both have.
+    """List the names of the views in both folders.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def common_names(prediction: AlbedoFolder, truth: AlbedoFolder) -> list[str]:
 def _pair(
     name: str, prediction: AlbedoFolder, truth: AlbedoFolder
 ) -> tuple[JudgedView, np.ndarray, np.ndarray | None]:
-    """One view to judge, the prediction's mask, and the truth's."""
+    """Read one view of both folders, the prediction's mask, and the truth's."""
     albedo, true_albedo = prediction.albedo(name), truth.albedo(name)
     check_size(name, "prediction", albedo, true_albedo)
     own, true_mask = prediction.mask(name), truth.mask(name)

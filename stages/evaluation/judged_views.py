@@ -1,4 +1,4 @@
-"""What is judged of a view: prediction and truth on the pixels where both are known."""
+"""Prediction and truth of a view on the pixels where both are valid."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ CHANNELS = ("red", "green", "blue")
 
 @dataclass(frozen=True, eq=False)
 class JudgedView:
-    """One view; everything is 0 where it is not judged. Made by `judge_view`.
+    """One view; all maps are 0 at pixels that are not judged. Made by `judge_view`.
 
     Attributes
     ----------
     name : str
-        View name: what prediction and truth are matched by.
+        View name, by which prediction and truth are matched.
     prediction, truth : ndarray, shape (h, w, 3), float32 or float64
         Linear albedo, finite.
     judged : ndarray, shape (h, w), bool
-        Pixels that count.
+        Pixels that are evaluated.
     parts : ndarray, shape (h, w), uint8
         k where the k-th part of uniform albedo is, from 1; 0 elsewhere (seams, textured parts, background).
     shading : ndarray, shape (h, w, 3), float32 or float64
@@ -47,7 +47,7 @@ def judge_view(
     parts: np.ndarray | None = None,
     shading: np.ndarray | None = None,
 ) -> JudgedView:
-    """Check a view's maps and clear what is not judged; shapes and meanings as in `JudgedView`.
+    """Check a view's maps and clear unjudged pixels; shapes and meanings as in `JudgedView`.
 
     Raises
     ------
@@ -79,12 +79,12 @@ def judge_view(
 
 
 def check_size(name: str, what: str, array: np.ndarray, truth: np.ndarray) -> None:
-    """Whether a map of a view, shape (h, w[, 3]), has the size of the true albedo.
+    """Check that a map of a view, shape (h, w[, 3]), has the size of the true albedo.
 
     Raises
     ------
     UserError
-        It has not.
+        It does not.
     """
     (height, width), (true_height, true_width) = array.shape[:2], truth.shape[:2]
     if (height, width) != (true_height, true_width):
@@ -97,14 +97,14 @@ def check_size(name: str, what: str, array: np.ndarray, truth: np.ndarray) -> No
 
 
 def channel_values(views: Sequence[JudgedView], channel: int) -> tuple[np.ndarray, np.ndarray]:
-    """Prediction and truth of one channel on all judged pixels of all views together, (N,), float64."""
+    """Collect prediction and truth of one channel on the judged pixels of all views, (N,), float64."""
     prediction = np.concatenate([view.prediction[view.judged, channel] for view in views])
     truth = np.concatenate([view.truth[view.judged, channel] for view in views])
     return prediction.astype(np.float64), truth.astype(np.float64)
 
 
 def part_values(views: Sequence[JudgedView], part: int, channel: int) -> tuple[np.ndarray, ...]:
-    """Prediction, truth and shading of one channel in one part of all views together, (N,), float64.
+    """Collect prediction, truth and shading of one channel in one part of all views, (N,), float64.
 
     Parameters
     ----------
@@ -123,12 +123,12 @@ def part_values(views: Sequence[JudgedView], part: int, channel: int) -> tuple[n
 
 
 def true_value(part: str, channel: str, truth: np.ndarray) -> float:
-    """The albedo of a part that should be uniform, from its pixels, shape (N,).
+    """Compute the albedo of a uniform part from its pixels, shape (N,), as their median.
 
     Raises
     ------
     UserError
-        It is not uniform: its map holds seams or texture, and a variance there would say nothing.
+        The albedo is not uniform: the part's map includes seams or texture, where variance means nothing.
     """
     value = float(np.median(truth))
     spread = float(np.abs(truth - value).max())
@@ -141,5 +141,5 @@ def true_value(part: str, channel: str, truth: np.ndarray) -> float:
 
 
 def above_floor(true_albedo: float) -> bool:
-    """Whether a true albedo is large enough to be compared; in float32, as it was stored."""
+    """Check that a true albedo is large enough to be compared; in float32, as it was stored."""
     return bool(np.float32(true_albedo) >= np.float32(ALBEDO_FLOOR))

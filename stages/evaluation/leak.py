@@ -1,4 +1,4 @@
-"""How much of the shading is left in the albedo: a slope between logarithms."""
+"""Leak of shading into the albedo: the slope of log albedo on log shading."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class PartLeak:
     slope : float
         0: none of the shading is in the albedo, 1: all of it; nan for the reason in `remark`.
     pixels, left_out : int
-        Pixels that entered, and those with albedo or shading ≤ 0, which cannot.
+        Pixels used, and those excluded because albedo or shading is ≤ 0.
     log_shading_variance : float
-        Variance of log S over the pixels that entered: the more, the better the slope is known.
+        Variance of log S over the pixels used: the larger, the more certain the slope.
     remark : str
     """
 
@@ -37,10 +37,10 @@ class PartLeak:
 
 
 def part_leaks(views: Sequence[JudgedView], part_names: Sequence[str]) -> tuple[PartLeak, ...]:
-    """Slope of the regression of log ρ on log S_true, per part and channel, all views together.
+    """Regress log ρ on log S_true, per part and channel, all views together; the leak is the slope.
 
     ``Σ (x − x̄)(y − ȳ) / Σ (x − x̄)²`` with x = log S and y = log ρ over the part's pixels. Scaling ρ or S
-    changes nothing. Noise in S makes it smaller, as errors in the abscissa do.
+    changes nothing. Noise in S lowers the slope (attenuation by errors in the abscissa).
 
     Raises
     ------
@@ -55,7 +55,7 @@ def part_leaks(views: Sequence[JudgedView], part_names: Sequence[str]) -> tuple[
 
 
 def channel_leaks(leaks: Sequence[PartLeak]) -> tuple[float, ...]:
-    """One slope per channel: that of all its parts together, each around its own means; nan without any."""
+    """Pool one slope per channel from all its parts, each centred on its own means; nan without any."""
     slopes = []
     for channel in CHANNELS:
         known = [leak for leak in leaks if leak.channel == channel and np.isfinite(leak.slope)]
@@ -85,6 +85,6 @@ def _leak(
 
 
 def _centred(values: np.ndarray) -> np.ndarray:
-    """Values minus their mean; exactly 0 where they are all the same."""
+    """Subtract the mean from values; exactly 0 where they are all equal."""
     shifted = values - values[0]
     return shifted - shifted.mean()

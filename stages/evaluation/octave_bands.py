@@ -14,24 +14,24 @@ KERNEL_RADII = 4  # a Gaussian is cut at this many σ, where it has fallen to 3e
 
 @dataclass(frozen=True)
 class BandSettings:
-    """Numbers that define the measure; figures compare only between reports that share them.
+    """Numbers that define the measure; figures are comparable only between reports that share them.
 
     Attributes
     ----------
     sigmas_px : tuple of float
-        Bounds of the octaves: band k is ``G(σ_k) − G(σ_k+1)``. From the finest detail that a pixel grid
-        holds to the width of a shadow's edge.
+        Bounds of the octaves: band k is ``G(σ_k) − G(σ_k+1)``. From the finest detail of a pixel grid to
+        the width of a shadow's edge.
     erosion_px : int
-        Pixels that the mask's edge loses before statistics: silhouettes mix object and background.
+        Erosion of the mask before statistics: pixels at silhouettes mix object and background.
     floor_quantile, floor_share : float
-        Values below this share of this quantile enter the logarithm as that: below a hundredth of white one
-        step of 8-bit sRGB is 6 % and more, so that a logarithm would show rounding alone. The quantile keeps
-        a few highlights from moving the floor.
+        Values below this share of this quantile are clamped to it before the logarithm: below a hundredth of
+        white one step of 8-bit sRGB is 6 % and more, so that a logarithm would show only rounding. The
+        quantile makes the floor robust to a few highlights.
     least_rms : float
-        Natural log units. Bands of less energy are no reference: one step of 8-bit sRGB is nowhere below
-        0.9 %, and a ratio to a ninth of that would show rounding alone.
+        Natural log units. Weaker bands serve as no reference: one step of 8-bit sRGB is nowhere below 0.9 %,
+        and a ratio to a ninth of that would show only rounding.
     shading_share : float
-        Without truth: local band of the shading over that of the photo, below which a pixel counts.
+        Without truth: local band of the shading over that of the photo, below which a pixel is counted.
     """
 
     sigmas_px: tuple[float, ...] = (1, 2, 4, 8, 16, 32)
@@ -51,10 +51,10 @@ BANDS = BandSettings()
 
 
 def log_floors(values: np.ndarray, settings: BandSettings = BANDS) -> np.ndarray:
-    """Compute the least values that enter logarithms: of brightness, red, green and blue.
+    """Compute the least values of which logarithms are taken: of brightness, red, green and blue.
 
-    ``floor_share · quantile(floor_quantile)`` over the masked pixels of all views together, of which scaling
-    the values scales the floors; 1 where that is not positive, so that a black channel is a flat one.
+    ``floor_share · quantile(floor_quantile)`` over the masked pixels of all views together. Floors scale with
+    the values; where they are not positive they are 1, so that a black channel is constant.
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ def log_signals(image: np.ndarray, mask: np.ndarray, floors: np.ndarray) -> np.n
 def smooth_inside(signals: np.ndarray, mask: np.ndarray, sigma_px: float) -> np.ndarray:
     """Filter by a Gaussian inside a mask, by normalised convolution (Knutsson & Westin 1993).
 
-    ``(G_σ ∗ (m·f)) / (G_σ ∗ m)``: the mean of the masked neighbours under the Gaussian's weights, so that
-    nothing outside the mask, nor beyond the frame, has a share in it. Constants are kept.
+    ``(G_σ ∗ (m·f)) / (G_σ ∗ m)``: the mean of the masked neighbours under the Gaussian's weights;
+    pixels outside the mask or beyond the frame have no weight. Constants are preserved.
 
     Parameters
     ----------
@@ -142,8 +142,8 @@ def octave_bands(
 
     Notes
     -----
-    Within about σ_k+1 of an edge of the mask or of the frame the means are one-sided, and a slope has a band
-    there. All maps that are compared have it alike.
+    Within about σ_k+1 of an edge of the mask or of the frame the means are one-sided, so that a linear slope
+    gives a non-zero band there, equally in all maps that are compared.
     """
     fine = smooth_inside(signals, mask, settings.sigmas_px[0])
     for sigma in settings.sigmas_px[1:]:
@@ -153,6 +153,6 @@ def octave_bands(
 
 
 def eroded(mask: np.ndarray, pixels: int) -> np.ndarray:
-    """Take `pixels` off the edge of a mask, shape (h, w), bool; what the frame cuts is no edge."""
+    """Erode a mask by `pixels`, shape (h, w), bool; the frame is no edge."""
     side = 2 * pixels + 1
     return cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0

@@ -10,7 +10,7 @@ import numpy as np
 from stages.evaluation.judged_views import CHANNELS, JudgedView, above_floor, part_values, true_value
 from stages.scene.albedo_floor import ALBEDO_FLOOR
 
-# A variance below this in the method compared with is as good as none: a ratio to it says nothing.
+# A variance below this in the reference method is negligible: a ratio to it has no meaning.
 VARIANCE_FLOOR = 0.0005
 
 
@@ -26,11 +26,11 @@ class PartVariance:
     pixels : int
         Over all views.
     median, scale : float
-        Median of the prediction, and what makes it the true value.
+        Median of the prediction, and the factor that makes it the true value.
     variance : float
-        Of the scaled prediction; nan where no scale can, for the reason in `remark`.
+        Of the scaled prediction; nan where there is no such factor, for the reason in `remark`.
     remark : str
-        Empty where there is nothing to say.
+        Empty without a remark.
     """
 
     part: str
@@ -44,13 +44,13 @@ class PartVariance:
 
     @property
     def enters_ratios(self) -> bool:
-        """Whether methods may be compared by it: known, and the true albedo not below the floor."""
+        """True where methods may be compared by it: variance known, true albedo not below the floor."""
         return bool(np.isfinite(self.variance)) and above_floor(self.true_albedo)
 
 
 @dataclass(frozen=True)
 class VarianceRatio:
-    """A variance divided by that of the method compared with; nan for the reason in `remark`."""
+    """A variance divided by that of the reference method; nan for the reason in `remark`."""
 
     part: str
     channel: str
@@ -61,7 +61,7 @@ class VarianceRatio:
 
 
 def part_variances(views: Sequence[JudgedView], part_names: Sequence[str]) -> tuple[PartVariance, ...]:
-    """Variance per part and channel, all views together.
+    """Compute the variance per part and channel, all views together.
 
     ``Var(s·ρ)`` with ``s = ρ_true / median(ρ)``, over the N pixels of the part, divided by N. Where the
     median is the true value already, 0 for 0 included, s is 1.
@@ -92,7 +92,7 @@ def _variance(part: str, channel: str, prediction: np.ndarray, truth: np.ndarray
         remark = f"the prediction's median is {median:g}: no positive scale makes it {value:.4f}"
         return PartVariance(part, channel, value, prediction.size, median, nan, nan, remark)
     scale = 1.0 if median == value else value / median
-    # The shift by the true value changes no variance, and makes that of the truth itself exactly zero.
+    # Subtracting the true value leaves the variance unchanged, and makes that of the truth exactly zero.
     variance = float(np.var(scale * prediction - value))
     remark = "" if above_floor(value) else f"true albedo below {ALBEDO_FLOOR}: enters no ratio"
     return PartVariance(part, channel, value, prediction.size, median, scale, variance, remark)
@@ -101,7 +101,7 @@ def _variance(part: str, channel: str, prediction: np.ndarray, truth: np.ndarray
 def variance_ratios(
     variances: Sequence[PartVariance], compared_with: Sequence[PartVariance]
 ) -> tuple[VarianceRatio, ...]:
-    """How a method's variances stand to another's, with both floors of `ALBEDO_FLOOR`, `VARIANCE_FLOOR`.
+    """Divide a method's variances by another's, subject to `ALBEDO_FLOOR` and `VARIANCE_FLOOR`.
 
     Raises
     ------

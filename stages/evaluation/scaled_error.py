@@ -1,4 +1,4 @@
-"""Errors after the one scale per channel that nature leaves open: si-RMSE, LMSE, PSNR-H."""
+"""Errors after the one scale per channel that is undetermined: si-RMSE, LMSE, PSNR-H."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from numpy.lib.stride_tricks import sliding_window_view
 from stages.evaluation.judged_views import CHANNELS, JudgedView, channel_values
 
 WINDOW_PX, STEP_PX = 20, 10  # Grosse 2009
-EROSION_PX = 5  # Stanford-ORB: side of the square that silhouettes lose
+EROSION_PX = 5  # Stanford-ORB: side of the square by which masks are eroded
 
 
 def least_squares_scale(prediction: np.ndarray, truth: np.ndarray) -> float:
-    """``a = Σ t·p / Σ p²``, the minimiser of ``Σ (t − a·p)²`` over arrays of one shape; 0 for a black p."""
+    """Compute ``a = Σ t·p / Σ p²``, which minimises ``Σ (t − a·p)²``; arrays of one shape; 0 if p is 0."""
     energy = float((prediction * prediction).sum())
     return float((truth * prediction).sum()) / energy if energy > 0 else 0.0
 
 
 def si_rmse(views: Sequence[JudgedView]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """RMSE per channel after one least-squares scale for all views together, and these scales.
+    """Compute RMSE per channel after one least-squares scale for all views together, and these scales.
 
-    ``√(mean (t − a·p)²)`` over the judged pixels of all views: one scale, since agreement between views is
-    the point.
+    ``√(mean (t − a·p)²)`` over the judged pixels of all views: one scale, since views must agree.
     """
     errors, scales = [], []
     for channel in range(len(CHANNELS)):
@@ -35,17 +34,17 @@ def si_rmse(views: Sequence[JudgedView]) -> tuple[tuple[float, ...], tuple[float
 
 
 def lmse(views: Sequence[JudgedView]) -> tuple[float, ...]:
-    """Local mean squared error per channel (equation 8 of Grosse et al. 2009), all views together.
+    """Compute local mean squared error per channel (equation 8 of Grosse et al. 2009), all views together.
 
     ``Σ_w min_a ‖t_w − a·p_w‖² / Σ_w ‖t_w‖²`` over windows w of 20 × 20 pixels, every 10 pixels, judged pixels
     only: 0 at best, at most 1.
 
     Notes
     -----
-    As in their code, windows lie wholly in the image, so that up to 9 pixels at the right and lower rim may
-    be in none. Two things are not as in their code. The energy below is summed over every window, as the
-    article has it, where the code adds one window per row only. A black window is one whose p is 0, not one
-    of little energy, so that the scale of p changes nothing. Without any window, or with a black truth, nan.
+    As in their code, windows lie wholly in the image, so that up to 9 pixels at the right and lower border
+    may be in none. There are two differences. The energy in the denominator is summed over every window, as
+    in the article, where the code adds one window per row only. A black window is one whose p is 0, not one
+    of low energy, so that the scale of p changes nothing. Without any window, or with a black truth, nan.
     """
     scores = []
     for channel in range(len(CHANNELS)):
@@ -55,7 +54,7 @@ def lmse(views: Sequence[JudgedView]) -> tuple[float, ...]:
 
 
 def _window_sums(view: JudgedView, channel: int) -> tuple[float, float]:
-    """``Σ_w min_a ‖t_w − a·p_w‖²`` and ``Σ_w ‖t_w‖²`` of one view; unjudged pixels are 0 in both."""
+    """Compute ``Σ_w min_a ‖t_w − a·p_w‖²`` and ``Σ_w ‖t_w‖²`` of one view; unjudged pixels are 0 in both."""
     if min(view.judged.shape) < WINDOW_PX:
         return 0.0, 0.0
     p, t = (
@@ -71,18 +70,18 @@ def _window_sums(view: JudgedView, channel: int) -> tuple[float, float]:
 
 
 def psnr_h(views: Sequence[JudgedView]) -> dict[str, float]:
-    """PSNR per view in Stanford-ORB's manner (its PSNR-H, peak 1), dB; inf where there is no error at all.
+    """Compute PSNR per view as in Stanford-ORB (its PSNR-H, peak 1), dB; inf where there is no error.
 
     ``−10·log10(mean (clip(a·p) − clip(t))²)`` over the whole frame and all channels, both clipped to [0, 1]
-    and set to 0 outside the mask, which is eroded by 5 × 5 pixels. Works on any two sets of linear images,
-    for instance relit ones.
+    and set to 0 outside the mask, which is eroded by 5 × 5 pixels. Applicable to any two sets of linear
+    images, for instance relit ones.
 
     Notes
     -----
-    The scale a is one per channel for all views together, where Stanford-ORB takes one per image. Beyond the
-    image's border everything counts as judged, as in OpenCV's erosion: what the frame cuts is no silhouette.
-    The frame's empty part counts as correct, so that figures compare between methods, not between scenes.
-    A view of which the erosion leaves nothing has no figure, and is absent.
+    The scale a is one per channel for all views together, where Stanford-ORB takes one per image. Pixels
+    beyond the image's border count as judged, as in OpenCV's erosion: the frame is no silhouette. The empty
+    part of the frame counts as correct, so that figures are comparable between methods, not between scenes. A
+    view of which the erosion leaves nothing is absent.
     """
     eroded = {view.name: mask for view in views if (mask := _eroded(view.judged)).any()}
     kept = [view for view in views if view.name in eroded]

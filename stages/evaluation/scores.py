@@ -1,4 +1,4 @@
-"""All that is measured of a set of albedo maps, as one value."""
+"""All measures of a set of albedo maps, as one value."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ SCALING = (
 
 @dataclass(frozen=True)
 class Scores:
-    """Every measure; triples are red, green, blue; nan: not measurable; inf: a PSNR where no error is.
+    """Every measure; triples are red, green, blue; nan: not measurable; inf: PSNR without error.
 
     Attributes
     ----------
     views, pixels : int
-        How much was judged.
+        Number of views and of judged pixels.
     si_rmse, si_rmse_scales, lmse : tuple of 3 floats
     psnr_h : float
         Mean over the views, dB.
@@ -42,7 +42,7 @@ class Scores:
     consistency : tuple of 3 floats, or None
         None where no correspondences were given.
     links : int
-        How many correspondences that was.
+        Number of correspondences used.
     detail : tuple of OctaveDetail
         One per octave, finest first.
     """
@@ -62,7 +62,7 @@ class Scores:
     detail: tuple[OctaveDetail, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """Plain JSON: triples by channel, null for what is not a finite number."""
+        """Convert to plain JSON values: triples by channel, null for NaN and infinities."""
         triples = {
             name: by_channel(getattr(self, name)) for name in ("si_rmse", "si_rmse_scales", "lmse", "leak")
         }
@@ -72,7 +72,7 @@ class Scores:
         return finite_or_null(plain)
 
     def remarks(self) -> list[str]:
-        """Why some numbers are missing or count for nothing, a sentence per reason and part."""
+        """Explain numbers that are missing or excluded from ratios, a sentence per reason and part."""
         said: dict[str, list[str]] = {}
         for measure, cells in (("variance", self.variances), ("leak", self.leaks)):
             for cell in cells:
@@ -93,7 +93,7 @@ def score_albedo(
     part_names: Sequence[str] = (),
     correspondences: Correspondences | None = None,
 ) -> Scores:
-    """Measure everything that the given truth allows.
+    """Compute every measure that the given truth allows.
 
     Raises
     ------
@@ -132,5 +132,5 @@ def score_albedo(
 
 
 def by_channel(values: Sequence[float]) -> dict[str, float]:
-    """A triple with the names of its channels."""
+    """Label a triple with the names of its channels."""
     return dict(zip(CHANNELS, values, strict=True))

@@ -1,4 +1,4 @@
-"""From folders to what needs no truth: detail against the photos, one scene under two lights."""
+"""Evaluation of folders without truth: detail against the photos, one scene under two lights."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class PhotoDetail:
     Attributes
     ----------
     views, pixels : int
-        How much was compared, before the masks are eroded.
+        Number of views and of pixels compared, before the masks are eroded.
     octaves : tuple of PhotoOctave
     """
 
@@ -33,7 +33,7 @@ class PhotoDetail:
     octaves: tuple[PhotoOctave, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """Plain JSON, null for what is not a finite number."""
+        """Convert to plain JSON values, null for NaN and infinities."""
         return finite_or_null(asdict(self))
 
 
@@ -44,7 +44,7 @@ class Stability:
     Attributes
     ----------
     views, pixels : int
-        How much was compared.
+        Number of views and of pixels compared.
     albedo : tuple of 3 floats
         `relative_difference` of the two sets of albedo maps.
     photos : tuple of 3 floats, or None
@@ -61,13 +61,13 @@ class Stability:
 
     @property
     def ratio(self) -> tuple[float, ...] | None:
-        """Share of the photos' difference that is left in the albedo; nan where the photos do not differ."""
+        """Share of the photos' difference that remains in the albedo; nan where the photos do not differ."""
         if self.photos is None:
             return None
         return tuple(a / p if p > 0 else float("nan") for a, p in zip(self.albedo, self.photos, strict=True))
 
     def as_json(self) -> dict[str, Any]:
-        """Plain JSON: triples by channel, null for what is not known."""
+        """Convert to plain JSON values: triples by channel, null for unknown values."""
         triples = {"albedo": self.albedo, "photos": self.photos, "ratio": self.ratio}
         named = {name: None if one is None else by_channel(one) for name, one in triples.items()}
         return finite_or_null(
@@ -82,7 +82,7 @@ def compare_with_photos(
     masks: Path | None = None,
     step: Callable[[], None] = lambda: None,
 ) -> PhotoDetail:
-    """Measure what the albedo maps keep of the photos' detail.
+    """Measure how much of the photos' detail the albedo maps retain.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def compare_with_photos(
     Raises
     ------
     UserError
-        Anything about the folders that the user should put right.
+        The folders have an error that the user can correct.
     """
     prediction = open_albedo_folder(prediction_folder, masks)
     shading = prediction.shading if shading is None else shading
@@ -131,7 +131,7 @@ def compare_two_lights(
     masks: Path | None = None,
     step: Callable[[], None] = lambda: None,
 ) -> Stability:
-    """Measure by how much the albedo maps of the same views under two lights differ.
+    """Measure the difference between the albedo maps of the same views under two lights.
 
     Parameters
     ----------
@@ -140,14 +140,14 @@ def compare_two_lights(
     photos : (Path, Path), optional
         Folders of the photos under either light, of the same names, the same size or larger.
     masks : Path, optional
-        Where to compare, instead of the prediction's own masks; the other's masks hold in any case.
+        Where to compare, instead of the prediction's own masks; the other's masks always apply.
     step : callable
         Called after each view.
 
     Raises
     ------
     UserError
-        Anything about the folders that the user should put right.
+        The folders have an error that the user can correct.
     """
     one, other = open_albedo_folder(prediction_folder, masks), open_albedo_folder(other_folder)
     names = common_names(one, other)
@@ -178,7 +178,7 @@ def mask_or_all(folder: AlbedoFolder, name: str, albedo: np.ndarray) -> np.ndarr
     Raises
     ------
     UserError
-        It has not the size of the albedo, shape (h, w, 3).
+        Its size is not that of the albedo, shape (h, w, 3).
     """
     mask = folder.mask(name)
     mask = np.ones(albedo.shape[:2], bool) if mask is None else mask
@@ -187,7 +187,7 @@ def mask_or_all(folder: AlbedoFolder, name: str, albedo: np.ndarray) -> np.ndarr
 
 
 def check_same_size(name: str, what: str, image: np.ndarray, albedo: np.ndarray) -> None:
-    """Refuse a map of a view that has not the size of its albedo."""
+    """Refuse a map of a view whose size is not that of its albedo."""
     (height, width), (rows, columns) = image.shape[:2], albedo.shape[:2]
     if (height, width) != (rows, columns):
         raise UserError(
@@ -197,7 +197,7 @@ def check_same_size(name: str, what: str, image: np.ndarray, albedo: np.ndarray)
 
 
 def check_any(pixels: int) -> None:
-    """Refuse masks that leave nothing."""
+    """Refuse masks that leave no pixel."""
     if not pixels:
         raise UserError(
             "No pixel is compared: the masks have none in common. Check that they are white where the object "

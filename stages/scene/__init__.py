@@ -1,1 +1,1 @@
-"""Cameras, directions, data sets, words: what needs no file format."""
+"""Cameras, the upright frame, data sets and messages: independent of file formats."""

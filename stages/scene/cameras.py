@@ -1,4 +1,4 @@
-"""Pinhole cameras: projection, back-projection and the named crossings between pixel conventions."""
+"""Pinhole cameras: projection, back-projection and conversions between pixel conventions."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def intrinsics_for_integer_centres(intrinsics: np.ndarray) -> np.ndarray:
 def rays_in_world(camera: Camera) -> np.ndarray:
     """Compute the direction of every pixel's ray, (height, width, 3), world axes, **z = 1 in the camera**.
 
-    A point at z-depth d on the ray is ``centre + d * ray``: no ray length ever needs converting.
+    A point at z-depth d on the ray is ``centre + d * ray``: ray lengths need no conversion.
     """
     xy = pixel_centres(camera.width, camera.height)
     homogeneous = np.concatenate([xy, np.ones((*xy.shape[:2], 1))], axis=-1)

@@ -1,4 +1,4 @@
-"""Public photo sets by name: looked for in `UNSHADE_DATA`, else fetched once; checksums hold either way."""
+"""Public photo sets by name: read from `UNSHADE_DATA`, else fetched once; checksums are always verified."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def dataset_folder(name: str, fetch: bool = True) -> Path:
     Raises
     ------
     UserError
-        The name is unknown; a file there has another checksum; or the set is not there, and not reachable
-        or not to be fetched.
+        The name is unknown; a file has another checksum; or the set is absent, and cannot or may not be
+        fetched.
     """
     known = json.loads(files("stages.scene").joinpath("datasets.json").read_text(encoding="utf-8"))
     if name not in known:
@@ -52,7 +52,7 @@ def _verify(folder: Path, checksums: dict[str, str]) -> None:
 
 
 def _refuse(url: str, *_: Any) -> NoReturn:
-    """Raise in place of a download, where only a plan is asked for."""
+    """Raise instead of downloading, where only a plan is requested."""
     raise UserError(
         f"{url} is not on this machine yet, and a plan fetches nothing; `unshade run` fetches it."
     )
@@ -61,7 +61,7 @@ def _refuse(url: str, *_: Any) -> NoReturn:
 def _fetched(
     name: str, known: dict[str, Any], looked_in: Path | None, download: Callable[..., None] | None
 ) -> Path:
-    """Download what is not there yet: pooch verifies before a file gets its name."""
+    """Download missing files; pooch verifies each before it gets its name."""
     import pooch
 
     pooch.get_logger().setLevel("WARNING")

@@ -1,4 +1,4 @@
-"""The upright frame of pictures of all directions."""
+"""The upright frame of environment maps."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def mean_camera_up(cameras: Sequence[Camera]) -> np.ndarray:
 
 
 def upright_from_world(cameras: Sequence[Camera], within_deg: float) -> np.ndarray:
-    """Rotate from the world to a frame whose z is up, (3, 3).
+    """Compute the rotation from the world to a frame whose z is up, (3, 3).
 
     Up is the world's axis nearest to the cameras' mean up (−y), if it is within `within_deg` of it: frames
-    made by hand, and by most programs, have an axis upwards. Otherwise the cameras' mean up itself. The
-    rotation is the smallest that leads there, so a world whose z is up stays as it is.
+    made by hand, and by most programs, have an axis upwards. Otherwise it is the cameras' mean up itself. The
+    rotation is the smallest that maps up to z, so it is the identity where the world's z is up.
     """
     up = mean_camera_up(cameras)
     axis = np.zeros(3)
@@ -32,7 +32,7 @@ def upright_from_world(cameras: Sequence[Camera], within_deg: float) -> np.ndarr
 
 
 def _smallest_rotation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """That takes a unit vector to another; half a turn about x where they are opposed (Rodrigues)."""
+    """Compute the rotation of a unit vector to another; 180° about x where they are opposed (Rodrigues)."""
     cosine = float(one @ other)
     if cosine < -1 + 1e-12:
         return np.diag([1.0, -1, -1])

@@ -1,4 +1,4 @@
-"""Lists of photos in sentences, and sentences that several stages say."""
+"""Lists of photos in messages, and messages that several stages share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def listed(names: Sequence[str], at_most: int = 12) -> str:
 
 
 def tell_seen_from_behind(job: Job[Settings], opposed: int, pixels: int) -> None:
-    """Note how many of all pixels see the back of the mesh, and warn where most do."""
+    """Record how many of all pixels see the back of the mesh, and warn where most do."""
     job.note(opposed_pixels=opposed)
     if 2 * opposed > pixels:
         job.warn(
