@@ -2,9 +2,10 @@
 VENV    := .venv
 UNSHADE := $(VENV)/bin/unshade
 PYTEST  := $(VENV)/bin/python -m pytest
+TWICE   := -n 2 --dist loadfile# two files of tests at a time
 
 .DEFAULT_GOAL := help
-.PHONY: help sample fountain paper paper-quick accuracy accuracy-quick test test-all check docs benchmarks clean
+.PHONY: help sample fountain paper paper-quick accuracy accuracy-quick test test-quick test-all check docs benchmarks clean
 
 help: ## show this
 	@echo "Unshade: per-view albedo from photos or a COLMAP workspace."
@@ -48,10 +49,13 @@ accuracy-quick: $(VENV)/.ready-synthetic ## the same on the paper's five rows, a
 	$(VENV)/bin/python -m benchmarks.accuracy --quick
 
 test: $(VENV)/.ready-test ## the fast tests
-	$(PYTEST) -m "not slow"
+	$(PYTEST) $(TWICE) -m "not slow"
+
+test-quick: $(VENV)/.ready-test ## those of them that take a minute together, while one works
+	$(PYTEST) $(TWICE) -q -m "not slow and not whole"
 
 test-all: $(VENV)/.ready-test ## all tests (the long ones take most of an hour)
-	$(PYTEST)
+	$(PYTEST) $(TWICE)
 
 check: $(VENV)/.ready-test ## format, lint, types, numbers outside settings, generated documentation up to date
 	$(VENV)/bin/ruff format --check .

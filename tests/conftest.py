@@ -17,6 +17,45 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 from stages.solvers.kernels.threading_layer import use_threads  # noqa: E402
 
 
+# Files of tests that run the program, render, or search for light: five seconds and more each.
+WHOLE = {
+    "test_accuracy",
+    "test_accuracy_benchmark",
+    "test_albedo_detail",
+    "test_divided_light",
+    "test_fast_solver_parts",
+    "test_full_resolution",
+    "test_ignored_settings",
+    "test_known_light",
+    "test_lights_between",
+    "test_minimum_cuts",
+    "test_mit_berkeley",
+    "test_mvs_geometry",
+    "test_mvs_stage",
+    "test_natural_paint",
+    "test_niche",
+    "test_paper_benchmark",
+    "test_reflectance",
+    "test_relight",
+    "test_render_stage",
+    "test_sfm",
+    "test_short_writes",
+    "test_sky_light",
+    "test_solver_benchmark",
+    "test_specular",
+    "test_stories",
+    "test_transfer_stage",
+    "test_values",
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that `make test-quick` leaves out."""
+    for item in items:
+        if item.path.stem in WHOLE:
+            item.add_marker("whole")
+
+
 @pytest.fixture(scope="session")
 def make_job() -> Iterator[Callable[..., Job]]:
     """``make_job(folder, stage, settings=None, threads=2, **inputs)``: a job that writes into `folder`."""
