@@ -16,7 +16,6 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 from stages.solvers.kernels.threading_layer import use_threads  # noqa: E402
 
-
 # Files of tests that run the program, render, or search for light: five seconds and more each.
 WHOLE = {
     "test_accuracy",
