@@ -147,7 +147,10 @@ def by_size(models: Iterable[pycolmap.Reconstruction]) -> list[pycolmap.Reconstr
 def adjust(
     model: pycolmap.Reconstruction, held_cameras: Iterable[int], *, free_principal_point: bool = False
 ) -> None:
-    """Bundle-adjust poses, points and cameras but `held_cameras` (ids), in place, on one thread."""
+    """Refine poses, points and intrinsics by bundle adjustment, in place.
+
+    Intrinsics of the cameras in `held_cameras` (ids) stay as they are. One thread, for the same bits again.
+    """
     options = pycolmap.BundleAdjustmentOptions(
         refine_principal_point=free_principal_point, print_summary=False
     )

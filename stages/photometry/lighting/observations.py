@@ -108,7 +108,7 @@ class Observations:
 
     @property
     def share_a_light(self) -> bool:
-        """Whether all views have one light: diffuse surface then has equal radiance in all of them."""
+        """Whether one light is common to all views, as `light_of_view` has it."""
         return not self.light_of_view.any()
 
     def reflecting(self, brightest: float) -> Observations:

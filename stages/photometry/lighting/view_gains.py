@@ -34,15 +34,26 @@ class ViewGains:
 def view_gains(
     views: StackedViews, image: np.ndarray, trusted: np.ndarray, how: ViewGainSettings
 ) -> ViewGains:
-    """Estimate per-view gains from corresponding trusted pixels, (N,), bool, of scaled images, (N, 3).
+    """Estimate the gain of every view and channel from corresponding pixels.
+
+    Parameters
+    ----------
+    views : StackedViews
+    image : ndarray, shape (N, 3)
+        Linear, scaled to a 99th percentile of 1.
+    trusted : ndarray, shape (N,), bool
+        Pixels that count: neither clipped nor seen at a grazing angle.
+    how : ViewGainSettings
 
     Notes
     -----
-    For every pair of views and channel, the median over its bright correspondences of
-    ``log I^i − log I^j``. The gains are the least-squares solution over all pairs, weighted by the square
-    root of the number of correspondences. Under one static light, diffuse surface has the same radiance in
-    all views, so that only the gains differ. Differences are averaged over patches, since misregistration of
-    fine texture by half a pixel does not indicate moving light.
+    1. For every pair of views and channel, the median of ``log I^i − log I^j`` over correspondences whose
+       pixels are both brighter than `how.dark`. Under one static light diffuse surfaces have the same
+       radiance in all views, so that only the gains differ.
+    2. The log gains are the least-squares solution over all pairs, each weighted by its number of
+       correspondences.
+    3. The spread is measured on what the gains leave, averaged over patches: fine texture that is
+       misregistered by half a pixel averages out, moving light does not.
     """
     floor = np.repeat(_floors(views, image, how), np.diff(views.starts), axis=0)
     logs, bright = np.log(np.maximum(image, floor)), trusted[:, None] & (image > floor)

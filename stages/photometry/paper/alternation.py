@@ -166,25 +166,25 @@ def decompose_channels(
     executor: Executor,
     after_each: Callable[[], None] = lambda: None,
 ) -> list[Descent]:
-    """Alternate Eq. 9 and 10 in every channel independently, from the paper's initial guess.
+    """Alternate the light (Eq. 9) and the albedo (Eq. 10) in every channel, from the paper's initial guess.
 
     Parameters
     ----------
     views : StackedViews
     images : sequence of ndarray, shape (N,), float64
-        The channels of the linear images, scaled to a 99th percentile of 1, the unit of δ.
+        The channels of the linear images, scaled to a 99th percentile of 1, in which `how.delta` is stated.
     weights : EnergyWeights
     how : PaperSettings
     executor : Executor
-        Each task is one alternation of one channel, so that three channels share two workers evenly. The
-        result does not depend on the timing of the tasks.
+        Runs the channels concurrently. Each task is one alternation of one channel, so that no worker waits
+        for the slowest channel; the result does not depend on the timing of the tasks.
     after_each : callable
         Called in this thread after every alternation.
 
     Returns
     -------
     list of Descent
-        One per channel, each with its outcome.
+        One per channel, each with its outcome: converged, or why it stopped.
     """
     descents = [start(views, image, weights) for image in images]
     _ = views.equations  # computed once here, else every channel's thread would compute it
