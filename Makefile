@@ -43,6 +43,7 @@ accuracy: $(VENV)/.ready-synthetic ## albedo against truth on many scenes, all m
 	$(VENV)/bin/python -m benchmarks.accuracy --natural
 	$(VENV)/bin/python -m benchmarks.accuracy.two_lights
 	$(VENV)/bin/python -m benchmarks.accuracy.touched
+	$(VENV)/bin/python -m benchmarks.accuracy.sensitivity
 	test -z "$(UNSHADE_DATA)" || $(VENV)/bin/python -m benchmarks.accuracy.relighting
 
 accuracy-quick: $(VENV)/.ready-synthetic ## the same on the paper's five rows, a tenth of their size

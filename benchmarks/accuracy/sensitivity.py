@@ -35,10 +35,10 @@ STAGES = {stage.name: stage for stage in (LIGHTING, DECOMPOSITION_UNDER_LIGHT)}
 HEAD = """# What each number is worth
 
 Written by `python -m benchmarks.accuracy.sensitivity`. Each number of the settings alone, 30 % smaller and
-30 % larger (whole numbers by at least one; lists as a whole; where a bound is nearer, up to it), on the
-three stored scenes of `tests/accuracy_scenes`: a relief under sun and sky, a glossy bust, a courtyard of
-smoothed geometry. Shown is the mean over the scenes of si-RMSE and of the error of detail (five octaves of
-log brightness), over that by default, and si-RMSE of the scene that changes most. Numbers that change no
+30 % larger (whole numbers by at least one; lists as a whole; where a bound is nearer, up to it), on stored
+scenes of `tests/accuracy_scenes`: {scenes} (relief: under sun and sky; bust: glossy; courtyard: of smoothed
+geometry). Shown is the mean over the scenes of si-RMSE and of the error of detail (five octaves of log
+brightness), over that by default, and si-RMSE of the scene that changes most. Numbers that change no
 scene's si-RMSE by half a per cent are listed below the table."""
 
 
@@ -125,7 +125,7 @@ def rows(scenes: Sequence[StoredScene], stage: str) -> Iterator[tuple[str, list[
         yield f"{stage}.{name}", found
 
 
-def page(found: dict[str, list[tuple[float, float, float]]]) -> str:
+def page(found: dict[str, list[tuple[float, float, float]]], scenes: str) -> str:
     """Format the table, largest change first, and the list of numbers without effect."""
     weight = {name: max(abs(np.log(one[1])) for one in both) for name, both in found.items()}
     order = sorted(found, key=lambda name: -weight[name])
@@ -135,7 +135,9 @@ def page(found: dict[str, list[tuple[float, float, float]]]) -> str:
         head += [f"×{factor:g}: si-RMSE", "most changed scene", "detail"]
     table = [[f"`{name}`", *(f"{v:.3f}" for one in found[name] for v in one)] for name in shown]
     still = ", ".join(f"`{name}`" for name in order if name not in shown)
-    return f"{HEAD}\n\n{markdown(head, table)}\n\nChanging nothing: {still or 'none'}.\n"
+    return (
+        f"{HEAD.format(scenes=scenes)}\n\n{markdown(head, table)}\n\nChanging nothing: {still or 'none'}.\n"
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> Path:
@@ -151,7 +153,7 @@ def main(argv: Sequence[str] | None = None) -> Path:
     for stage in given.stages.split(","):
         for name, both in rows(scenes, stage):
             found[name] = both
-            written.write_text(page(found), encoding="utf-8")
+            written.write_text(page(found, ", ".join(given.scenes.split(","))), encoding="utf-8")
     return written
 
 
