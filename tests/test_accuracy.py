@@ -14,11 +14,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.accuracy.stored_scene import StoredScene
+from benchmarks.accuracy.stored_scene import FEWER, StoredScene
 from stages.evaluation.agreement import relative_difference
 
 WORSE = 1.125
-FEWER = {"lighting": {"samples": 5000}}  # a third of the time, and hardly another light
 
 
 @dataclass(frozen=True)
@@ -52,10 +51,6 @@ class Decomposed:
         """Pixels inside the masks of all views, (N, 3)."""
         return np.concatenate([maps[view][self.scene.of_view(view)["mask"]] for view in self.scene.names])
 
-    def photos(self) -> dict[str, np.ndarray]:
-        """The linear photos by view."""
-        return {view: self.scene.of_view(view)["image"].astype(np.float32) for view in self.scene.names}
-
 
 @pytest.fixture(scope="module")
 def decomposed(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Decomposed]:
@@ -85,7 +80,7 @@ def test_no_figure_has_become_worse_by_an_eighth(name: str, decomposed: Callable
 
 def test_albedos_under_two_lights_differ_far_less_than_photos(decomposed: Callable[[str], Decomposed]):
     sun, dome = (decomposed(name) for name in TWO_LIGHTS)
-    photos = relative_difference(sun.inside(sun.photos()), dome.inside(dome.photos()))
+    photos = relative_difference(sun.inside(sun.scene.photos()), dome.inside(dome.scene.photos()))
     albedos = relative_difference(sun.inside(sun.albedo), dome.inside(dome.albedo))
     assert np.all(np.array(photos) > 0.2), "lights that hardly differ are no test"
     assert np.mean(albedos) / np.mean(photos) <= WORSE * HELD_RATIO, (albedos, photos)

@@ -27,7 +27,7 @@ def niche(tmp_path_factory: pytest.TempPathFactory) -> StoredScene:
 
 @pytest.fixture(scope="module")
 def photos(niche: StoredScene) -> Maps:
-    return {view: niche.of_view(view)["image"].astype(np.float32) for view in niche.names}
+    return niche.photos()
 
 
 @pytest.fixture(scope="module")

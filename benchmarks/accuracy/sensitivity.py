@@ -18,7 +18,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in an
 
 import numpy as np  # noqa: E402
 
-from benchmarks.accuracy.stored_scene import StoredScene  # noqa: E402
+from benchmarks.accuracy.stored_scene import FEWER, StoredScene  # noqa: E402
 from benchmarks.paper.tables import markdown  # noqa: E402
 from pipeline.config import check_settings, override  # noqa: E402
 from pipeline.errors import UserError  # noqa: E402
@@ -30,16 +30,18 @@ from stages.lighting import LIGHTING  # noqa: E402
 ROOT = Path(__file__).resolve().parent.parent.parent
 SCENES = ("relief", "bust", "courtyard")
 FACTORS = (0.7, 1.3)
-FEWER = {"lighting": {"samples": 5000}}  # as tests/test_accuracy.py has them
+Change = tuple[float, float, float]  # as `Judged.over` gives it
+NEARER = (1.0, 0.5, 0.2)  # shares of a change that are tried in turn, until the bounds allow one
 STAGES = {stage.name: stage for stage in (LIGHTING, DECOMPOSITION_UNDER_LIGHT)}
 HEAD = """# What each number is worth
 
-Written by `python -m benchmarks.accuracy.sensitivity`. Each number of the settings alone, 30 % smaller and
-30 % larger (whole numbers by at least one; lists as a whole; where a bound is nearer, up to it), on stored
-scenes of `tests/accuracy_scenes`: {scenes} (relief: under sun and sky; bust: glossy; courtyard: of smoothed
-geometry). Shown is the mean over the scenes of si-RMSE and of the error of detail (five octaves of log
-brightness), over that by default, and si-RMSE of the scene that changes most. Numbers that change no
-scene's si-RMSE by half a per cent are listed below the table."""
+Written by `python -m benchmarks.accuracy.sensitivity`. Each number of the settings alone, 30 % smaller
+and 30 % larger (whole numbers by at least one; lists as a whole; where the bounds refuse that, by half or
+a fifth of it; – where they refuse all), on stored scenes of `tests/accuracy_scenes`: {scenes} (relief:
+under sun and sky; bust: glossy; courtyard: of smoothed geometry). Shown is the mean over the scenes of
+si-RMSE and of the error of detail (five octaves of log brightness), over that by default, and si-RMSE of
+the scene that changes most. Numbers that change no scene's si-RMSE by half a per cent are listed below
+the table."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Judged:
             tuple(float(np.mean([octave.brightness_error for octave in one.detail])) for one in scores),
         )
 
-    def over(self, usual: Judged) -> tuple[float, float, float]:
+    def over(self, usual: Judged) -> Change:
         """Compare: geometric mean of si-RMSE ratios, that of the scene that changes most, that of detail."""
         ratios = np.log(np.array(self.si_rmse) / usual.si_rmse)
         detail = np.log(np.array(self.detail) / usual.detail)
@@ -88,11 +90,11 @@ def numbers_of(stage: str) -> dict[str, Any]:
     return {name: value for name, value in values.items() if is_number(value) and name != "samples"}
 
 
-def within_bounds(stage: str, name: str, value: Any, default: Any) -> dict[str, dict[str, Any]] | None:
-    """Set this value, or one nearer the default where it is refused; None if all are refused."""
-    for share in (1.0, 0.5, 0.2):
-        between = _between(default, value, share)
-        given = override(FEWER, [f"{stage}.{name}={between}"])
+def within_bounds(stage: str, name: str, default: Any, factor: float) -> dict[str, dict[str, Any]] | None:
+    """Set a number changed by this factor, or by one nearer 1 where that is refused; None if all are."""
+    for share in NEARER:
+        value = changed(default, 1 + share * (factor - 1))
+        given = override(FEWER, [f"{stage}.{name}={value}"])
         try:
             check_settings({stage: STAGES[stage].settings}, {stage: given[stage]})
         except UserError:
@@ -101,39 +103,38 @@ def within_bounds(stage: str, name: str, value: Any, default: Any) -> dict[str, 
     return None
 
 
-def _between(default: Any, value: Any, share: float) -> Any:
-    if isinstance(default, list):
-        return [_between(*each, share) for each in zip(default, value, strict=True)]
-    if isinstance(default, int):
-        return value if share == 1 else default
-    return default + share * (value - default)
-
-
 def judged(scenes: Sequence[StoredScene], settings: dict[str, dict[str, Any]]) -> Judged:
     """Decompose all scenes with these settings, and evaluate."""
     return Judged.of([one.scores(one.decomposed(settings)["albedo"]) for one in scenes])
 
 
-def rows(scenes: Sequence[StoredScene], stage: str) -> Iterator[tuple[str, list[tuple[float, float, float]]]]:
-    """Change each number of a stage in both directions, where its bounds allow."""
+def rows(scenes: Sequence[StoredScene], stage: str) -> Iterator[tuple[str, list[Change | None]]]:
+    """Change each number of a stage in both directions; None where its bounds allow none."""
     usual = judged(scenes, FEWER)
     for name, default in numbers_of(stage).items():
         found = []
         for factor in FACTORS:
-            given = within_bounds(stage, name, changed(default, factor), default)
-            found.append((1.0, 1.0, 1.0) if given is None else judged(scenes, given).over(usual))
+            given = within_bounds(stage, name, default, factor)
+            found.append(None if given is None else judged(scenes, given).over(usual))
         yield f"{stage}.{name}", found
 
 
-def page(found: dict[str, list[tuple[float, float, float]]], scenes: str) -> str:
+def cells(change: Change | None) -> list[str]:
+    """Format a change; a dash for what is not measured, since no such value is allowed."""
+    return ["–"] * 3 if change is None else [f"{value:.3f}" for value in change]
+
+
+def page(found: dict[str, list[Change | None]], scenes: str) -> str:
     """Format the table, largest change first, and the list of numbers without effect."""
-    weight = {name: max(abs(np.log(one[1])) for one in both) for name, both in found.items()}
+    weight = {
+        name: max((abs(np.log(one[1])) for one in both if one), default=0.0) for name, both in found.items()
+    }
     order = sorted(found, key=lambda name: -weight[name])
     shown = [name for name in order if weight[name] >= 0.005]
     head = ["setting"]
     for factor in FACTORS:
         head += [f"×{factor:g}: si-RMSE", "most changed scene", "detail"]
-    table = [[f"`{name}`", *(f"{v:.3f}" for one in found[name] for v in one)] for name in shown]
+    table = [[f"`{name}`", *(cell for one in found[name] for cell in cells(one))] for name in shown]
     still = ", ".join(f"`{name}`" for name in order if name not in shown)
     return (
         f"{HEAD.format(scenes=scenes)}\n\n{markdown(head, table)}\n\nChanging nothing: {still or 'none'}.\n"

@@ -20,6 +20,7 @@ from stages.formats.images.photos import write_mask
 from stages.formats.meshes.triangle_meshes import Surface, write_mesh
 from stages.scene.cameras import Camera
 
+FEWER = {"lighting": {"samples": 5000}}  # a third of the time, and hardly another light
 SCENES = Path(__file__).resolve().parent.parent.parent / "tests/accuracy_scenes"
 
 
@@ -65,6 +66,10 @@ class StoredScene:
         """Select the stored arrays of a view, by kind."""
         kinds = {key.removesuffix(f"_{view}"): key for key in self.arrays if key.endswith(f"_{view}")}
         return {kind: self.arrays[key] for kind, key in kinds.items()}
+
+    def photos(self) -> dict[str, np.ndarray]:
+        """Linear photos by view, (h, w, 3), float32."""
+        return {view: self.of_view(view)["image"].astype(np.float32) for view in self.names}
 
     def decomposed(self, settings: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, np.ndarray]]:
         """Decompose the scene; returns albedo and shading of each view by its name, (h, w, 3), float32."""

@@ -7,14 +7,12 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize
 
-SETTLED = 1e-5  # greatest partial derivative at which a descent ends: further, light is fitted to albedo
-
 
 def descend_above_zero(
     objective: Callable[[np.ndarray], tuple[float, np.ndarray]],
     start: np.ndarray,
     steps: int,
-    settled: float = SETTLED,
+    settled: float,
 ) -> np.ndarray:
     """Minimise over values of at least 0, from a start of any shape, by at most `steps` steps of L-BFGS-B.
 
