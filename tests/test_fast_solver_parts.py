@@ -390,7 +390,7 @@ def test_a_finer_level_inherits_the_duals_of_its_groups():
     one = _held(coarse, coarse.image / coarse.share[:, None], light)
     one.iterate(100)
     pull = _pulls(one)
-    two = PrimalDual.inheriting(one.legacy(), problem_of(fine), coarse.group)
+    two = PrimalDual.from_coarse(one.coarse_state(), problem_of(fine), coarse.group)
     assert np.array_equal(albedo_of(two), albedo_of(one)[coarse.group])
     assert np.array_equal(two.light, one.light)
     sums = np.stack([np.bincount(coarse.group, each) for each in _pulls(two).T], axis=1)
@@ -408,13 +408,13 @@ def test_a_finer_level_pulls_no_group_apart():
     problem = problem_of(coarse)
     one = PrimalDual(problem, problem.slices.spread(coarse.image / coarse.share[:, None]), light, DEFAULT)
     one.iterate(30)
-    two = PrimalDual.inheriting(one.legacy(), problem_of(fine), coarse.group)
+    two = PrimalDual.from_coarse(one.coarse_state(), problem_of(fine), coarse.group)
     two.fill_in(coarse.group)
     slices = two.problem.slices
     within, bound = _edges_within(fine, coarse.group, two)
-    shading, multiplier = slices.collect(two.shading()), two.legacy().multiplier
+    shading, multiplier = slices.collect(two.shading()), two.coarse_state().multiplier
     held = np.minimum(multiplier[fine.gauge_of_view[fine.view_of_pixel]], np.abs(shading))
-    force = _pulls(two) + shading * slices.collect(two.legacy().data_dual) - held
+    force = _pulls(two) + shading * slices.collect(two.coarse_state().data_dual) - held
     assert held.min() > 5e-3  # what is asked of the rest is finer
     groups = coarse.image.shape[0]
     easy = np.bincount(coarse.group, bound, groups)[coarse.group] == 0
@@ -440,7 +440,7 @@ def test_filling_in_leaves_duals_that_are_opposite_at_both_ends(seed):
     problem = problem_of(coarse)
     one = PrimalDual(problem, problem.slices.spread(coarse.image / coarse.share[:, None]), light, DEFAULT)
     one.iterate(40)
-    two = PrimalDual.inheriting(one.legacy(), problem_of(fine), coarse.group)
+    two = PrimalDual.from_coarse(one.coarse_state(), problem_of(fine), coarse.group)
     before = two.edge_dual.copy()
     two.fill_in(coarse.group)
     assert np.any(two.edge_dual != before)

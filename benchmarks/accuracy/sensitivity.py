@@ -135,10 +135,17 @@ def page(found: dict[str, list[Change | None]], scenes: str) -> str:
     for factor in FACTORS:
         head += [f"×{factor:g}: si-RMSE", "most changed scene", "detail"]
     table = [[f"`{name}`", *(cell for one in found[name] for cell in cells(one))] for name in shown]
-    still = ", ".join(f"`{name}`" for name in order if name not in shown)
+    fixed = [name for name in order if not any(found[name])]  # no bound allows another value
+    still = [name for name in order if name not in shown and name not in fixed]
     return (
-        f"{HEAD.format(scenes=scenes)}\n\n{markdown(head, table)}\n\nChanging nothing: {still or 'none'}.\n"
+        f"{HEAD.format(scenes=scenes)}\n\n{markdown(head, table)}\n\n"
+        f"Changing nothing: {listed(still)}.\n\nNot to be changed within their bounds: {listed(fixed)}.\n"
     )
+
+
+def listed(names: Sequence[str]) -> str:
+    """Format names of settings as a sentence's list."""
+    return ", ".join(f"`{name}`" for name in names) or "none"
 
 
 def main(argv: Sequence[str] | None = None) -> Path:

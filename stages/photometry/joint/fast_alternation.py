@@ -109,12 +109,12 @@ def from_coarse_to_fine(
     descent = start(levels.pop(0), how) if light is None else under(light, levels.pop(0), how)
     while levels:
         descent.iterate(how.coarse_iterations * 2 ** (len(levels) - 1))
-        coarse = descent.legacy()
+        coarse = descent.coarse_state()
         del descent  # before the finer level takes its place
         use_threads(threads_for(levels[0].pixels, threads))
         problem = problem_of(levels.pop(0))
         give_back_free_memory()
-        descent = PrimalDual.inheriting(coarse, problem, groups[0])
+        descent = PrimalDual.from_coarse(coarse, problem, groups[0])
         del coarse  # frees memory for the next step
         descent.fill_in(groups.pop(0))
         give_back_free_memory()

@@ -81,7 +81,7 @@ class PrimalDual:
         self._mobility = np.zeros((*light.shape, light.shape[2]))
 
     @classmethod
-    def inheriting(cls, coarse: CoarseState, problem: Problem, group: np.ndarray) -> PrimalDual:
+    def from_coarse(cls, coarse: CoarseState, problem: Problem, group: np.ndarray) -> PrimalDual:
         """Initialise a level from the coarser one: albedo, light and duals; see also `fill_in`.
 
         Parameters
@@ -113,7 +113,7 @@ class PrimalDual:
         return finer
 
     def fill_in(self, group: np.ndarray) -> None:
-        """Set the duals within groups, (N,); called after `inheriting`, once the coarse state is freed."""
+        """Set the duals within groups, (N,); called after `from_coarse`, once the coarse state is freed."""
         problem = self.problem
         fill_in(
             problem.slices.blocks,
@@ -125,7 +125,7 @@ class PrimalDual:
             self.shading(),
         )
 
-    def legacy(self) -> CoarseState:
+    def coarse_state(self) -> CoarseState:
         """Return the state that a finer level is initialised from; the rest can be freed."""
         return CoarseState(
             slices=self.problem.slices,
