@@ -270,5 +270,5 @@ LIGHTING = Stage(
         Artefact("observations", "per view: radiance with and without gloss, and trusted pixels, npz"),
     ),
     run=run,
-    tools=("numpy", "scipy", "numba", *OPEN3D, *PICTURES),
+    tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
 )

@@ -92,7 +92,7 @@ RELIGHT = Stage(
     takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer", "light"),
     gives=(Artefact("relit", "the views under another light, EXR (linear) and PNG", output="relit"),),
     run=run,
-    tools=("numpy", "scipy", "numba", *OPEN3D, *PICTURES),
+    tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
 )
 
 # The same after a stage that has estimated the light.

@@ -188,5 +188,5 @@ TRANSFER = Stage(
     takes=("mesh",),
     gives=(Artefact("transfer", "transfer vectors and form factors", file="transfer.npz"),),
     run=run,
-    tools=("numpy", "scipy", "numba", "fast-simplification", *OPEN3D),
+    tools=("numpy", "scipy", "numba", "llvmlite", "fast-simplification", *OPEN3D),
 )

@@ -6,6 +6,7 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stages.solvers.kernels.sparse_rows import product
 from stages.solvers.least_squares.conjugate_gradient import conjugate_gradient
 from stages.solvers.least_squares.correspondence_operator import correspondence_matrix
 from stages.solvers.least_squares.difference_operators import difference_matrices, first_pixels, neighbours
@@ -236,3 +237,14 @@ def test_an_unknown_that_nothing_holds_keeps_its_start():
     matrix = sp.csr_array(np.diag([2.0, 0.0]))
     solved = conjugate_gradient(matrix, np.array([4.0, 0.0]), np.array([0.0, 7.0]), 1e-8, 10)
     assert np.allclose(solved.x, [2.0, 7.0])
+
+
+@given(SEEDS)
+@FEW
+def test_products_on_all_threads_have_the_bits_of_scipys(seed):
+    rng = np.random.default_rng(seed)
+    sparse = sp.random_array((40, 30), density=0.2, dtype=np.float32, rng=rng, format="csr")
+    for width in (1, 3):
+        dense = rng.standard_normal((30, width)).astype(np.float32)
+        assert np.array_equal(product(sparse, dense), sparse @ dense)
+        assert np.array_equal(product(sparse, dense, slice(7, 19)), sparse[7:19] @ dense)

@@ -73,7 +73,7 @@ def test_deep_in_a_bowl_the_open_part_of_the_sky_is_what_arrives():
     )
     own = sp.csr_array(sp.eye_array(len(lifted), dtype=np.float32, format="csr"))
     transport = DirectionalTransport.of(normals, np.zeros(lifted.shape, np.float32), own, visible, COUNT)
-    arriving = transport.shading(np.ones((COUNT, 1)))[0, 0]
+    arriving = transport.shading(np.ones((COUNT, 3)))[0, 0]
     rim = np.arccos((2 * 0.7 - 1 + 1) / np.linalg.norm([np.sqrt(1 - (2 * 0.7 - 1) ** 2), 2 * 0.7]))
     assert arriving == pytest.approx(np.sin(rim) ** 2, abs=0.02)
 

@@ -77,7 +77,9 @@ def test_in_a_spherical_bowl_light_is_even_and_bounces_add_a_geometric_series(de
     shading = under_uniform_sky(direct)[inner]
     assert np.median(shading) == pytest.approx(1 - depth, abs=0.01)
     assert np.abs(shading - (1 - depth)).max() < 0.06
-    total = under_uniform_sky(bounced(direct, seen, np.full(len(direct), albedo), 0.0, bounces=60))[inner]
+    total = under_uniform_sky(bounced(direct, seen, np.full((len(direct), 1), albedo), 0.0, bounces=60))[
+        inner
+    ]
     assert np.median(total) == pytest.approx((1 - depth) / (1 - albedo * depth), rel=0.02)
 
 
@@ -98,7 +100,7 @@ def test_surface_met_from_behind_is_told_apart():
     assert np.asarray(seen.behind.sum(axis=1)).ravel()[:3] == pytest.approx(1, abs=0.02)
     assert seen.form_factors[:3].nnz == 0
     direct = np.ones((6, 9))
-    lit = bounced(direct, seen, np.zeros(6), of_backs=0.5, bounces=1)
+    lit = bounced(direct, seen, np.zeros((6, 1)), of_backs=0.5, bounces=1)
     assert lit[:3] == pytest.approx(1.5, abs=0.02)
     assert lit[3:] == pytest.approx(1.0)
 
@@ -106,8 +108,8 @@ def test_surface_met_from_behind_is_told_apart():
 def test_no_bounce_or_black_surface_leaves_the_direct_transfer():
     seen, normals = seen_from(bowl(0.5, rings=10, around=20))
     direct = shading_basis(normals) - seen.blocked
-    assert bounced(direct, seen, np.full(len(direct), 0.8), 0.8, bounces=0) is direct
-    assert np.array_equal(bounced(direct, seen, np.zeros(len(direct)), 0.0, bounces=3), direct)
+    assert bounced(direct, seen, np.full((len(direct), 1), 0.8), 0.8, bounces=0) is direct
+    assert np.array_equal(bounced(direct, seen, np.zeros((len(direct), 1)), 0.0, bounces=3), direct)
 
 
 def test_occlusion_is_the_same_whatever_the_threads():

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.photometry.transport.lit_scenes import LitScene
+from stages.solvers.kernels.sparse_rows import product
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,7 @@ class LightEstimate:
         """Compute the shading by bounces alone."""
         out = np.empty((int(starts[-1]), 3), np.float32)
         for rows, own in _of_views(starts, light_of_view):
-            out[rows] = scene.pixels.blend[rows] @ self.bounced[own]
+            out[rows] = product(scene.pixels.blend, self.bounced[own], rows)
         return out
 
     def shading_at(self, scene: LitScene, pixels: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.lit_scenes import LitScene
+from stages.solvers.kernels.sparse_rows import product
 
 NO_LIGHT = 1e-6  # of the scaled image's unit: surface with less light does not constrain its albedo
 
@@ -15,8 +16,7 @@ def vertex_albedo(scene: LitScene, image: np.ndarray, shading: np.ndarray) -> tu
 
     ``ρ = Σ b I / Σ b S`` over the pixels around a vertex, b their blend weights: dark pixels count little.
     """
-    to_vertices = scene.pixels.blend.T.tocsr()
-    seen, light = to_vertices @ image, to_vertices @ shading
+    seen, light = product(scene.to_vertices, image), product(scene.to_vertices, shading)
     return np.where(light > NO_LIGHT, seen / np.maximum(light, NO_LIGHT), 0), light
 
 
@@ -34,12 +34,10 @@ def bounced_at_vertices(
     scene: LitScene, direct: np.ndarray, absolute: np.ndarray, light: np.ndarray, bounces: int
 ) -> np.ndarray:
     """Compute the vertices' shading by interreflection under each light: (G, P, 3), float32."""
-    at_vertices = np.empty_like(direct)
-    for c in range(3):
-        lit = light[:, c] > NO_LIGHT
-        typical = float(np.median(absolute[lit, c])) if lit.any() else 0.0
-        albedo = np.where(lit, absolute[:, c], typical).astype(np.float32)
-        from_sky = np.ascontiguousarray(direct[:, :, c].T)  # all lights at once
-        total = bounced(from_sky, scene.proxy.occlusion, albedo, typical, bounces)
-        at_vertices[:, :, c] = (total - from_sky).T
-    return at_vertices
+    count, vertices, _ = direct.shape
+    lit = light > NO_LIGHT
+    typical = np.array([np.median(a[b]) if b.any() else 0 for a, b in zip(absolute.T, lit.T, strict=True)])
+    albedo, of_backs = np.where(lit, absolute, typical).astype(np.float32), typical.astype(np.float32)
+    own = direct.transpose(1, 0, 2).reshape(vertices, 3 * count)  # all lights and channels at once
+    total = bounced(own, scene.proxy.occlusion, np.tile(albedo, count), np.tile(of_backs, count), bounces)
+    return np.ascontiguousarray((total - own).reshape(vertices, count, 3).transpose(1, 0, 2))

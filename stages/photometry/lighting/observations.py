@@ -181,7 +181,8 @@ class Observations:
         glossy = np.any(specular, axis=0)
         own = differences.within(glossy)
         of_all = own.strength(light)
-        assert of_all is not None  # one of the clusters alone has enough correspondences
+        if of_all is None:  # impossible: one of the clusters alone has enough correspondences
+            return None
         return SpecularReflection(of_all.strength, of_all.roughness, of_all.left, glossy), own
 
     def specular(

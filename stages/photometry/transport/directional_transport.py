@@ -130,10 +130,10 @@ class DirectionalTransport:
         return out
 
     def shading(self, radiance: np.ndarray, points: slice = slice(None)) -> np.ndarray:
-        """Compute the direct shading of a range of points under light (M, C): (·, C), float32."""
+        """Compute the direct shading of a range of points under light (M, 3): (·, 3), float32."""
         first, vertex, weight = self._blend
         begin, end, _ = points.indices(len(self.normals))
-        out = np.empty((max(0, end - begin), radiance.shape[1]), np.float32)
+        out = np.empty((max(0, end - begin), 3), np.float32)
         own = (first[begin : end + 1], vertex, weight)
         light = np.ascontiguousarray(radiance * self._weight[:, None], np.float32)
         gather_irradiance(

@@ -6,35 +6,43 @@ import numba
 import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401
+from stages.solvers.kernels.simd import load, spread, store
 
 CHUNK = 1024  # points that share a buffer
+BITS = np.unpackbits(np.arange(256, dtype=np.uint8)).astype(np.float32)  # of each byte, highest first
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def gather_irradiance(normals, offsets, blend, visible, directions, radiance, out):
-    """Gather ``Σ_d V_d g_d e_d`` at every point and channel, (N, C), with g of `_arriving`."""
+    """Gather ``Σ_d V_d g_d e_d`` at every point in three channels, (N, 3), with g of `_arriving`."""
+    x, y, z = directions[:, 0].copy(), directions[:, 1].copy(), directions[:, 2].copy()  # to be vectorised
     for chunk in numba.prange((len(normals) + CHUNK - 1) // CHUNK):
         seen = np.empty(8 * visible.shape[1], np.float32)
         for p in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(normals))):
             blended_visibility(p, blend, visible, seen)
-            out[p] = 0
+            normal, offset = normals[p], offsets[p]
+            for d in range(len(directions)):  # apart from the sums, whose order is fixed
+                seen[d] *= _arriving(normal, offset, x[d], y[d], z[d])
+            red = green = blue = np.float32(0)
             for d in range(len(directions)):
-                share = seen[d] * _arriving(normals[p], offsets[p], directions[d])
-                if share > 0:
-                    for c in range(out.shape[1]):
-                        out[p, c] += share * radiance[d, c]
+                red += seen[d] * radiance[d, 0]
+                green += seen[d] * radiance[d, 1]
+                blue += seen[d] * radiance[d, 2]
+            out[p, 0], out[p, 1], out[p, 2] = red, green, blue
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def gather_shares(points, normals, offsets, blend, visible, directions, out):
     """Compute ``V_d g_d`` of chosen points and all directions, (n, M), with g of `_arriving`."""
+    x, y, z = directions[:, 0].copy(), directions[:, 1].copy(), directions[:, 2].copy()  # to be vectorised
     for chunk in numba.prange((len(points) + CHUNK - 1) // CHUNK):
         seen = np.empty(8 * visible.shape[1], np.float32)
         for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(points))):
-            blended_visibility(points[k], blend, visible, seen)
+            p = points[k]
+            blended_visibility(p, blend, visible, seen)
+            normal, offset = normals[p], offsets[p]
             for d in range(len(directions)):
-                p = points[k]
-                out[k, d] = seen[d] * _arriving(normals[p], offsets[p], directions[d])
+                out[k, d] = seen[d] * _arriving(normal, offset, x[d], y[d], z[d])
 
 
 @numba.njit(nogil=True)
@@ -45,27 +53,23 @@ def blended_visibility(point, blend, visible, seen):
     if begin == end:
         seen[:] = 1
         return
-    seen[:] = 0
-    for k in range(begin, end):
-        for byte in range(visible.shape[1]):
-            bits = visible[vertex[k], byte]
-            if bits == 0:
-                continue
-            for bit in range(8):
-                if bits & (128 >> bit):
-                    seen[8 * byte + bit] += weight[k]
+    for byte in range(visible.shape[1]):
+        total = spread(np.float32(0))
+        for k in range(begin, end):
+            bits = np.int64(visible[vertex[k], byte])
+            total = total + spread(weight[k]) * load(BITS, 8 * bits)
+        store(seen, 8 * byte, total)
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _arriving(normal, offset, direction):
-    """Compute irradiance from a small source at ``direction`` on the unit sphere, facing its centre.
+def _arriving(normal, offset, dx, dy, dz):
+    """Compute irradiance from a small source in a direction on the unit sphere, facing its centre.
 
     The point is at ``offset``; an offset of 0 stands for a source at infinity.
     """
-    x, y, z = direction[0] - offset[0], direction[1] - offset[1], direction[2] - offset[2]
+    x, y, z = dx - offset[0], dy - offset[1], dz - offset[2]
     squared = x * x + y * y + z * z
     received = x * normal[0] + y * normal[1] + z * normal[2]
-    sent = x * direction[0] + y * direction[1] + z * direction[2]
-    if received <= 0 or sent <= 0:
-        return np.float32(0)
-    return received * sent / (squared * squared)
+    sent = x * dx + y * dy + z * dz
+    arriving = received * sent / (squared * squared)
+    return arriving if (received > 0) & (sent > 0) else np.float32(0)  # no branch

@@ -83,6 +83,11 @@ class LitScene:
         """Nearest shown vertex of every vertex, (P,); see the function `nearest_shown`."""
         return nearest_shown(self.pixels.blend, self.proxy.positions)
 
+    @cached_property
+    def to_vertices(self) -> sp.csr_array:
+        """Blend weights of the pixels around every vertex, (P, N)."""
+        return self.pixels.blend.T.tocsr()
+
 
 def proxy_in(stored: StoredTransfer) -> Proxy:
     """Build the proxy mesh, whose vertices the pixels blend."""

@@ -106,7 +106,9 @@ class PixelTransfer:
         basis = np.empty((*direct.shape, albedo.shape[1]), np.float32)
         for c in range(albedo.shape[1]):
             values, typical = self.at_vertices(absolute[:, c]), float(np.median(absolute[:, c]))
-            there = bounced(of_vertices, self.occlusion, values.astype(np.float32), typical, bounces.count)
+            there = bounced(
+                of_vertices, self.occlusion, values[:, None].astype(np.float32), typical, bounces.count
+            )
             basis[:, :, c] = direct + self.blend @ (there - of_vertices).astype(np.float32)
         return basis
 

@@ -36,6 +36,6 @@ def relit(
         values = np.minimum(absolute[:, c], WHITEST)
         there, typical = at_vertices(blend, scene.nearest_shown, values), float(np.median(values))
         own = np.ascontiguousarray(of_vertices[:, c : c + 1])
-        total = bounced(own, scene.proxy.occlusion, there.astype(np.float32), typical, bounces.count)
+        total = bounced(own, scene.proxy.occlusion, there[:, None].astype(np.float32), typical, bounces.count)
         shading[:, c] += (blend @ (total - own))[:, 0]
     return (absolute * shading).astype(np.float32), shading
