@@ -253,7 +253,7 @@ def _write(
 
 LIGHTING = Stage(
     name="lighting",
-    version=6,
+    version=7,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),

@@ -182,7 +182,7 @@ def _middle(surface: Surface, outlier_share: float) -> tuple[np.ndarray, float]:
 
 TRANSFER = Stage(
     name="transfer",
-    version=7,
+    version=8,
     about="Visibility of the sky from each vertex, and form factors of what occludes it.",
     settings=TransferSettings,
     takes=("mesh",),

@@ -35,7 +35,7 @@ class StoredTransfer:
         Of the proxy, world.
     faces : ndarray, shape (F, 3), int32
         Of the proxy.
-    eyes : ndarray, shape (P, 3), float64
+    probes : ndarray, shape (P, 3), float64
         Where rays from its vertices begin, world.
     directions : ndarray, shape (), int64
         M, directions that light is looked for in.

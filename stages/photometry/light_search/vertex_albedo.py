@@ -8,6 +8,7 @@ from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.solvers.kernels.sparse_rows import product
 
+FEW = 16  # of so many values one is sorted first, for the quantile: speed
 NO_LIGHT = 1e-6  # of the scaled image's unit: surface with less light does not constrain its albedo
 
 
@@ -22,11 +23,18 @@ def vertex_albedo(scene: LitScene, image: np.ndarray, shading: np.ndarray) -> tu
 
 def brightest_albedo(albedo: np.ndarray, light: np.ndarray, quantile: float) -> float:
     """Compute a high quantile of the albedo over all channels, weighted by light."""
-    order = np.argsort(albedo, axis=None)
-    upto = np.cumsum(light.ravel()[order], dtype=np.float64)
-    if upto.size == 0 or upto[-1] <= 0:
+    values, weights, total = albedo.ravel(), light.ravel(), float(light.sum(dtype=np.float64))
+    if total <= 0:
         return 1.0
-    bright = float(albedo.ravel()[order][np.searchsorted(upto, quantile * upto[-1])])
+    count, above = 0, 0.0
+    while above < (1 - quantile) * total and count < values.size:  # only the brightest are sorted
+        count = min(values.size, 4 * count or values.size // FEW + 1)
+        brightest = np.argpartition(values, values.size - count)[values.size - count :]
+        above = float(weights[brightest].sum(dtype=np.float64))
+    order = brightest[np.argsort(values[brightest])]
+    upto = total - above + np.cumsum(weights[order], dtype=np.float64)
+    place = min(int(np.searchsorted(upto, quantile * total)), count - 1)
+    bright = float(values[order[place]])
     return bright if bright > 0 else 1.0
 
 
