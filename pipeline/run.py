@@ -18,6 +18,7 @@ from pipeline.errors import UserError
 from pipeline.job import Job, Progress
 from pipeline.key import Ingredients
 from pipeline.logbook import logged
+from pipeline.memory_limits import compare_with_free_memory, cut_short, memory_errors_told
 from pipeline.meter import measured
 from pipeline.output import Output
 from pipeline.plan import Decision, decide, read_sources
@@ -74,12 +75,16 @@ def run(request: Request, listener: Listener) -> list[Done]:
     ------
     UserError
         Another run holds the workspace; it cannot be written; a stage outside the selection is not up to
-        date; a source changed while a stage read it; or a stage found fault with its input. Results
-        published before stay.
+        date; a source changed while a stage read it, or cannot be fetched; or a stage found fault with its
+        input. Results published before stay.
+    MachineError
+        A stage ran out of memory, or needs far more than there is.
     """
     with locked(request.workspace):
         store = Store(request.workspace)
         for stage in request.flow:
+            if store.was_cut_short(stage.name):
+                listener.say(cut_short(stage))
             store.sweep(stage.name)
         try:
             return _run_in_order(request, store, listener)
@@ -123,10 +128,16 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
         )
     if made_from is None:
         raise RuntimeError(f"{stage.name} was to run though {decision.reason}")
+    _fetch_absent_sources(stage, request, listener)
     partial = store.begin(stage.name)
     with _kept_only_if_finished(partial), _threads(request.threads) as executor:
         job = _job(stage, made_from, request, store, listener, executor, partial)
-        with logged(stage, job, partial / "log.txt", request.workspace / "logs"), measured() as reading:
+        with (
+            memory_errors_told(stage),
+            logged(stage, job, partial / "log.txt", request.workspace / "logs"),
+            measured() as reading,
+        ):
+            compare_with_free_memory(stage, job)
             stage.run(job)
         _check_sources(stage, made_from, request, store)
         shutil.rmtree(job.scratch)
@@ -137,6 +148,22 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
         _compare_with_twin(store, record, listener)
         store.publish(partial, record)
     return record
+
+
+def _fetch_absent_sources(stage: AnyStage, request: Request, listener: Listener) -> None:
+    """Fetch the files of the sources that a stage is about to read.
+
+    Raises
+    ------
+    UserError
+        They cannot be had.
+    """
+    for name in request.absent_from(stage):
+        listener.begin(f"fetching {name}", None)
+        try:
+            request.absent[name].fetch()
+        finally:
+            listener.end()
 
 
 @contextmanager
@@ -205,7 +232,7 @@ def _check_sources(stage: AnyStage, made_from: Ingredients, request: Request, st
     UserError
         Files of a source were added, removed or changed.
     """
-    for name, files in read_sources(replace(request, flow=(stage,)), store).items():
+    for name, files in read_sources(replace(request, flow=(stage,), absent={}), store).items():
         before = made_from.inputs[name]
         if files != before:
             raise UserError(

@@ -102,6 +102,10 @@ class Store:
         _flush_folder(entry.parent)
         self.sweep(record.stage)
 
+    def was_cut_short(self, stage: str) -> bool:
+        """Check for a result that a run began and could not clean up, since its process ended at once."""
+        return any((self.root / stage).glob(f"{PARTIAL}*/log.txt"))
+
     def sweep(self, stage: str) -> None:
         """Delete partial results of an interrupted run. Only under the workspace's lock."""
         folder = self.root / stage

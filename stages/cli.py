@@ -10,8 +10,9 @@ from collections.abc import Sequence
 import tyro
 from tyro.conf import FlagCreatePairsOff
 
-from pipeline import UserError, verbs
+from pipeline import MachineError, UserError, verbs
 from pipeline.key import tool_version
+from pipeline.memory_limits import is_out_of_memory
 from pipeline.terminal import Terminal
 from stages import IN_ORDER
 from stages.command.arguments import Clean, Command, Diff, Evaluate, Plan, Relight, Run, Show, Status
@@ -44,7 +45,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         terminal.fail("Interrupted. What was finished is kept; the next run continues there.")
         return INTERRUPTED
+    except MachineError as error:
+        terminal.fail(str(error))
+        return FAULT
     except Exception as error:
+        if is_out_of_memory(error):
+            terminal.fail(
+                "The memory is full; expected room for more. End other programs; earlier results are kept."
+            )
+            return FAULT
         traceback.print_exc()
         terminal.fail(
             f"{type(error).__name__}: {error}. This is a fault of unshade; earlier results are kept."

@@ -239,4 +239,5 @@ UNDISTORT = Stage(
     ),
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
+    saves_memory="lower undistort.max_size_px, or give --threads 1",
 )
