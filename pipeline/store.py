@@ -7,6 +7,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from pipeline.digest import DigestMemo, replace_text
@@ -109,6 +110,18 @@ class Store:
             for left in folder.glob(f"{PARTIAL}*"):
                 shutil.rmtree(left, ignore_errors=True)
 
+    def clear_up(self) -> list[str]:
+        """Delete what an interrupted run left, of any stage; returns the names of the stages that it was in.
+
+        Only under the workspace's lock.
+        """
+        interrupted = sorted({left.parent.name for left in self.root.glob(f"*/{PARTIAL}*")})
+        for stage in interrupted:
+            self.sweep(stage)
+        for left in self.root.glob(".*.json.*"):  # of `replace_text`
+            left.unlink(missing_ok=True)
+        return interrupted
+
     def remove(self, stage: str, key: str) -> int:
         """Delete a result; returns the bytes freed."""
         entry = self.entry(stage, key)
@@ -119,8 +132,13 @@ class Store:
 
 
 def size_of(folder: Path) -> int:
-    """Sum the bytes of all files below `folder`."""
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    """Sum the bytes of all files below `folder`; a run may delete some meanwhile."""
+    size = 0
+    for root, _, names in os.walk(folder):
+        for name in names:
+            with suppress(OSError):
+                size += Path(root, name).stat().st_size
+    return size
 
 
 def _below(artefact_path: str, name: str) -> str:
