@@ -1,4 +1,4 @@
-"""Death at random moments of every stage: nothing half-made is seen, nothing piles up, the next run is the same.
+"""Death at random moments of every stage: nothing half-made is seen, nothing piles up, digests are the same.
 
 The program is a parent that waits and a child that computes. Ctrl-C goes to both, SIGTERM to the parent or to
 both, SIGKILL to either or to both.
