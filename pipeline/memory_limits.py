@@ -36,8 +36,8 @@ def compare_with_free_memory(stage: AnyStage, job: Job[Settings]) -> None:
         return
     said = f"{stage.name} needs about {_gigabytes(needed)} of memory, and {_gigabytes(free)} are free"
     if needed > FAR_BEYOND * free:
-        raise MachineError(f"{said}: it was not begun. {_advice(stage)}Earlier results are kept.")
-    job.say(f"{said}: it may not come to its end. {_advice(stage)}".rstrip())
+        raise MachineError(f"{said}: it was not begun. {advice(stage)}Earlier results are kept.")
+    job.say(f"{said}: it may not come to its end. {advice(stage)}".rstrip())
 
 
 @contextmanager
@@ -58,16 +58,8 @@ def memory_errors_told(stage: AnyStage) -> Iterator[None]:
     # Outside the handler: the error holds the frames of the stage, and with them all its arrays.
     raise MachineError(
         f"{stage.name} ran out of memory; expected room for more, or less to do. "
-        f"{_advice(stage)}Earlier results are kept."
+        f"{advice(stage)}Earlier results are kept."
     )
-
-
-def cut_short(stage: AnyStage) -> str:
-    """Describe a run whose process ended at once: systems kill the one that takes the most memory."""
-    return (
-        f"An earlier run ended within {stage.name} without a word: it was killed, or memory was full. "
-        f"{_advice(stage)}"
-    ).rstrip()
 
 
 def is_out_of_memory(error: BaseException) -> bool:
@@ -122,7 +114,8 @@ def _kilobytes(file: Path, *names: str) -> int | None:
     return sum(found.values()) if len(found) == len(names) else None
 
 
-def _advice(stage: AnyStage) -> str:
+def advice(stage: AnyStage) -> str:
+    """Say which settings lower the memory of a stage: a sentence with a space after it, or nothing."""
     return f"To lower it, {stage.saves_memory}. " if stage.saves_memory else ""
 
 

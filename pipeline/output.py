@@ -17,6 +17,7 @@ from pipeline.stage import AnyStage, Artefact
 from pipeline.store import Store
 
 Digests = Mapping[str, Mapping[str, str]]  # by artefact or source, then by file
+PART = ".unshade-part"  # of the name of a copy while it is written
 UNKNOWN = ""  # the stage of entries from a ledger that did not yet record stage and key
 
 
@@ -33,6 +34,11 @@ class Output:
         self._store = store
         self._flow = flow
         self._ledger = store.root / "output.json"
+
+    def clear_up(self) -> None:
+        """Delete copies that an interrupted run began. Only under the workspace's lock."""
+        for left in self.root.rglob(f".*{PART}"):
+            left.unlink(missing_ok=True)
 
     def show(self, stage: AnyStage, record: Record) -> None:
         """Copy the stage's artefacts into `output/`, and remove those that it no longer gives.
@@ -154,6 +160,6 @@ def _stamp(path: Path) -> list[int] | None:
 
 def _copy(file: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
-    fresh = target.with_name(f".{target.name}.part")
+    fresh = target.with_name(f".{target.name}{PART}")
     shutil.copyfile(file, fresh)
     fresh.replace(target)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -18,7 +20,7 @@ from pipeline.errors import UserError
 from pipeline.job import Job, Progress
 from pipeline.key import Ingredients
 from pipeline.logbook import logged
-from pipeline.memory_limits import compare_with_free_memory, cut_short, memory_errors_told
+from pipeline.memory_limits import compare_with_free_memory, memory_errors_told
 from pipeline.meter import measured
 from pipeline.output import Output
 from pipeline.plan import Decision, decide, read_sources
@@ -29,6 +31,7 @@ from pipeline.settings import Settings
 from pipeline.stage import AnyStage, S, Stage, settings_of
 from pipeline.store import Store
 
+AT_ONCE_S = 2.0  # a killed run holds the lock until the system has taken its memory back
 NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}  # errors of writing only
 IF_WITHIN = {errno.EACCES, errno.EPERM, errno.EIO}  # errors of reading as well
 
@@ -82,19 +85,32 @@ def run(request: Request, listener: Listener) -> list[Done]:
     """
     with locked(request.workspace):
         store = Store(request.workspace)
-        for stage in request.flow:
-            if store.was_cut_short(stage.name):
-                listener.say(cut_short(stage))
-            store.sweep(stage.name)
+        _clear_up(request, store)
         try:
             return _run_in_order(request, store, listener)
         finally:
             store.memo.save()
 
 
+def clear_up(request: Request) -> list[str]:
+    """Delete what a killed run left; returns the stages that it was in. What another run holds stays."""
+    with suppress(UserError, OSError), locked(request.workspace):
+        return _clear_up(request, Store(request.workspace))
+    return []
+
+
+def _clear_up(request: Request, store: Store) -> list[str]:
+    _output(request, store).clear_up()
+    return store.clear_up()
+
+
+def _output(request: Request, store: Store) -> Output:
+    return Output(request.workspace, store, [stage.name for stage in request.flow])
+
+
 def _run_in_order(request: Request, store: Store, listener: Listener) -> list[Done]:
     available = _read_sources_aloud(request, store, listener)
-    output = Output(request.workspace, store, [stage.name for stage in request.flow])
+    output = _output(request, store)
     done = []
     for stage in request.flow[: request.last_index() + 1]:
         decision = decide(stage, request, store, available)
@@ -135,6 +151,7 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
         with (
             memory_errors_told(stage),
             logged(stage, job, partial / "log.txt", request.workspace / "logs"),
+            _temporary_files_in(job.scratch),
             measured() as reading,
         ):
             compare_with_free_memory(stage, job)
@@ -172,6 +189,21 @@ def _kept_only_if_finished(partial: Path) -> Iterator[None]:
         yield
     finally:
         shutil.rmtree(partial, ignore_errors=True)  # published means renamed: then there is nothing here
+
+
+@contextmanager
+def _temporary_files_in(folder: Path) -> Iterator[None]:
+    """Keep temporary files of a stage, its libraries' too, where a killed run's are swept with the rest."""
+    before, variable = tempfile.tempdir, os.environ.get("TMPDIR")
+    tempfile.tempdir = os.environ["TMPDIR"] = str(folder.resolve())
+    try:
+        yield
+    finally:
+        tempfile.tempdir = before
+        if variable is None:
+            del os.environ["TMPDIR"]
+        else:
+            os.environ["TMPDIR"] = variable
 
 
 @contextmanager
@@ -291,7 +323,7 @@ def locked(workspace: Path) -> Iterator[None]:
         workspace.mkdir(parents=True, exist_ok=True)
         (workspace / "cache").mkdir(exist_ok=True)
         lock = FileLock(workspace / ".lock")
-        lock.acquire(timeout=0)
+        lock.acquire(timeout=AT_ONCE_S)
     except Timeout:
         raise UserError(
             f"Another run is using the workspace {workspace}; wait for it to end, "

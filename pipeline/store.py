@@ -7,6 +7,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from pipeline.digest import DigestMemo, replace_text
@@ -102,16 +103,24 @@ class Store:
         _flush_folder(entry.parent)
         self.sweep(record.stage)
 
-    def was_cut_short(self, stage: str) -> bool:
-        """Check for a result that a run began and could not clean up, since its process ended at once."""
-        return any((self.root / stage).glob(f"{PARTIAL}*/log.txt"))
-
     def sweep(self, stage: str) -> None:
         """Delete partial results of an interrupted run. Only under the workspace's lock."""
         folder = self.root / stage
         if folder.is_dir():
             for left in folder.glob(f"{PARTIAL}*"):
                 shutil.rmtree(left, ignore_errors=True)
+
+    def clear_up(self) -> list[str]:
+        """Delete what an interrupted run left, of any stage; returns the names of the stages that it was in.
+
+        Only under the workspace's lock.
+        """
+        interrupted = sorted({left.parent.name for left in self.root.glob(f"*/{PARTIAL}*")})
+        for stage in interrupted:
+            self.sweep(stage)
+        for left in self.root.glob(".*.json.*"):  # of `replace_text`
+            left.unlink(missing_ok=True)
+        return interrupted
 
     def remove(self, stage: str, key: str) -> int:
         """Delete a result; returns the bytes freed."""
@@ -123,8 +132,13 @@ class Store:
 
 
 def size_of(folder: Path) -> int:
-    """Sum the bytes of all files below `folder`."""
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    """Sum the bytes of all files below `folder`; a run may delete some meanwhile."""
+    size = 0
+    for root, _, names in os.walk(folder):
+        for name in names:
+            with suppress(OSError):
+                size += Path(root, name).stat().st_size
+    return size
 
 
 def _below(artefact_path: str, name: str) -> str:

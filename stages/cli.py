@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import tyro
 from tyro.conf import FlagCreatePairsOff
@@ -13,7 +12,9 @@ from tyro.conf import FlagCreatePairsOff
 from pipeline import MachineError, UserError, verbs
 from pipeline.key import tool_version
 from pipeline.memory_limits import is_out_of_memory
-from pipeline.terminal import Terminal
+from pipeline.request import Request
+from pipeline.streams import prepare_process
+from pipeline.terminal import Terminal, output_stream
 from stages import IN_ORDER
 from stages.command.arguments import Clean, Command, Diff, Evaluate, Plan, Relight, Run, Show, Status
 from stages.command.evaluation import evaluate_verb
@@ -27,23 +28,42 @@ ABOUT = (
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Parse, do, and answer with an exit code: 0 done, 2 something the user can put right, 1 our fault."""
+    """Parse, do, and answer with an exit code: 0 done, 2 something the user can put right, 1 our fault.
+
+    As a program (without `argv`) it also sets up its process, and computes in a child of it.
+    """
     # BLAS splits its sums by the number of cores: on one thread the bits are the same on every machine, and
     # the stages are parallel over views, rows or channels anyway. Read when numpy is first imported.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    if argv is None:
+        prepare_process()
     words = list(sys.argv[1:] if argv is None else argv)
-    if words == ["--version"]:
-        sys.stdout.write(f"unshade {tool_version('unshade')}\n")
-        return 0
-    command = tyro.cli(Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,))
-    terminal = Terminal(command.json)
+    terminal = Terminal("--json" in words)
+    return exit_code_of(lambda: parse_and_obey(words, terminal, in_child=argv is None), terminal)
+
+
+def parse_and_obey(words: Sequence[str], terminal: Terminal, in_child: bool) -> int:
+    """Parse a command line and do what it says; returns the exit code."""
+    command = None
+    with output_stream() as stream:
+        if words == ["--version"]:
+            stream.write(f"unshade {tool_version('unshade')}\n")
+        else:
+            command = tyro.cli(
+                Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,)
+            )
+    return obey(command, terminal, in_child) if command else 0
+
+
+def exit_code_of(work: Callable[[], int | None], terminal: Terminal) -> int:
+    """Do some work, print the error that it raises, and return the exit code: its own, if it returns one."""
     try:
-        obey(command, terminal)
+        return work() or 0
     except UserError as error:
         terminal.fail(str(error))
         return USER_MISTAKE
     except KeyboardInterrupt:
-        terminal.fail("Interrupted. What was finished is kept; the next run continues there.")
+        terminal.fail("Interrupted. What was finished is kept; the same command continues there.")
         return INTERRUPTED
     except MachineError as error:
         terminal.fail(str(error))
@@ -53,24 +73,20 @@ def main(argv: Sequence[str] | None = None) -> int:
             terminal.fail(
                 "The memory is full; expected room for more. End other programs; earlier results are kept."
             )
-            return FAULT
-        traceback.print_exc()
-        terminal.fail(
-            f"{type(error).__name__}: {error}. This is a fault of unshade; earlier results are kept."
-        )
+        else:
+            terminal.fault(error)
         return FAULT
-    return 0
 
 
-def obey(command: Command, terminal: Terminal) -> None:
-    """Do what a parsed command says."""
+def obey(command: Command, terminal: Terminal, in_child: bool) -> int:
+    """Do what a parsed command says; returns the exit code of what was done in a child process."""
     match command:
         case Plan():
             verbs.plan_verb(request_of(command), terminal)
         case Run():
-            verbs.run_verb(request_of(command), terminal)
+            return carry_out(request_of(command), terminal, in_child)
         case Relight():
-            verbs.run_verb(relighting_of(command), terminal)
+            return carry_out(relighting_of(command), terminal, in_child)
         case Status():
             verbs.status_verb(existing_workspace(command), [stage.name for stage in IN_ORDER], terminal)
         case Show():
@@ -81,6 +97,15 @@ def obey(command: Command, terminal: Terminal) -> None:
             verbs.clean_verb(existing_workspace(command), command.everything, terminal)
         case Evaluate():
             evaluate_verb(command, terminal)
+    return 0
+
+
+def carry_out(request: Request, terminal: Terminal, in_child: bool) -> int:
+    """Run the stages of a request, in a child process or in this one."""
+    if in_child:
+        return verbs.run_verb_in_child(request, terminal, lambda work: exit_code_of(work, terminal))
+    verbs.run_verb(request, terminal)
+    return 0
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ SOURCE_OF_FLAG = {
 }
 FILES = {"mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
+MOST_THREADS = 1024
 WORKSPACES = Path("workspaces")  # below the current folder
 # Generic names of folders of photos: projects named by them would share a workspace.
 SAY_NOTHING = {"images", "img", "photos", "photo", "pictures", "input", "jpg", "jpeg", "png", "tif", "tiff"}
@@ -85,6 +86,8 @@ def _request(
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     workspace = workspace_of(command, config, sources)
+    for path in (workspace, *sources.values()):
+        check_text(path)
     check_apart(workspace, sources)
     return Request(
         flow=flow,
@@ -175,6 +178,24 @@ def workspace_of(command: Given, config: Config, sources: dict[str, Path]) -> Pa
     return WORKSPACES / next((name for name in names if name.lower() not in SAY_NOTHING), photos.name)
 
 
+def check_text(path: Path) -> None:
+    """Refuse a path that is not text: libraries take names as UTF-8, and would not find it.
+
+    Raises
+    ------
+    UserError
+        Some bytes of its name, or of the name of a folder above it, are not UTF-8.
+    """
+    name = os.fsencode(path.absolute())
+    try:
+        name.decode("utf-8")
+    except UnicodeDecodeError:
+        raise UserError(
+            f"The path {name!r} is not UTF-8; expected names in UTF-8. Rename what it names, or choose "
+            "another place."
+        ) from None
+
+
 def check_apart(workspace: Path, sources: dict[str, Path]) -> None:
     """Refuse a workspace in the folder of a source: the next run would read its results as that source.
 
@@ -235,10 +256,12 @@ def threads_of(command: Given) -> int:
     Raises
     ------
     UserError
-        The given number is below one.
+        The given number is below one, or more than libraries can start.
     """
     if command.threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if command.threads < 1:
-        raise UserError(f"--threads is {command.threads}; expected 1 or more.")
+    if not 1 <= command.threads <= MOST_THREADS:
+        raise UserError(
+            f"--threads is {command.threads}; expected 1 to {MOST_THREADS}, or none for all processors."
+        )
     return command.threads

@@ -1,4 +1,4 @@
-"""The recorder of attacks: what was tried, what happened, what was lost."""
+"""The recorder of what the suite of faults tried."""
 
 from __future__ import annotations
 
@@ -9,18 +9,16 @@ from pathlib import Path
 
 import pytest
 
-LOG_VARIABLE = "UNSHADE_FAULT_LOG"
-
 
 @pytest.fixture(scope="session")
 def tried() -> Callable[..., None]:
-    """``tried(attack, outcome, times=1, lost=0)``: append a line of JSON to the file in UNSHADE_FAULT_LOG."""
+    """``tried(attack, outcome, times=1, lost=0)``: a line in the file that UNSHADE_FAULT_LOG names."""
+    log = os.environ.get("UNSHADE_FAULT_LOG")
 
     def record(attack: str, outcome: str, times: int = 1, lost: int = 0) -> None:
-        log = os.environ.get(LOG_VARIABLE)
         if log:
-            line = json.dumps({"attack": attack, "outcome": outcome, "times": times, "lost": lost})
+            line = {"attack": attack, "outcome": outcome, "times": times, "lost": lost}
             with Path(log).open("a", encoding="utf-8") as file:
-                file.write(line + "\n")
+                file.write(json.dumps(line) + "\n")
 
     return record
