@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +20,8 @@ NATIVE = (  # how libraries in other languages say it, in exceptions of other ty
     "out of memory",
     "cannot allocate memory",
     "can't start new thread",
+    "resource temporarily unavailable",  # as a RuntimeError: of a thread
+    "failed to map segment",  # of a library's code
 )
 _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
@@ -32,6 +35,7 @@ def compare_with_free_memory(stage: AnyStage, job: Job[Settings]) -> None:
         It exceeds it by far.
     """
     needed, free = stage.memory(job), free_bytes()
+    logging.getLogger(stage.name).info("estimated memory %s, free %s", needed, free)
     if needed is None or free is None or needed <= free:
         return
     said = f"{stage.name} needs about {_gigabytes(needed)} of memory, and {_gigabytes(free)} are free"
@@ -63,11 +67,14 @@ def memory_errors_told(stage: AnyStage) -> Iterator[None]:
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Check whether an error says that memory, or a thread's share of it, could not be had."""
-    if isinstance(error, MemoryError):
-        return True
+    """Check whether an error, or one that it came from, says that memory for data, code or threads lacks."""
+    if isinstance(error, UserError | MachineError | BlockingIOError):
+        return False  # they know what they say, whatever they came from
     said = str(error).lower()
-    return not isinstance(error, UserError | MachineError) and any(words in said for words in NATIVE)
+    if isinstance(error, MemoryError) or any(words in said for words in NATIVE):
+        return True
+    origin = error.__cause__ or error.__context__
+    return origin is not None and is_out_of_memory(origin)
 
 
 def free_bytes() -> int | None:
@@ -116,7 +123,7 @@ def _kilobytes(file: Path, *names: str) -> int | None:
 
 def advice(stage: AnyStage) -> str:
     """Say which settings lower the memory of a stage: a sentence with a space after it, or nothing."""
-    return f"To lower it, {stage.saves_memory}. " if stage.saves_memory else ""
+    return f"For less memory, {stage.saves_memory}. " if stage.saves_memory else ""
 
 
 def _gigabytes(size: int) -> str:

@@ -82,7 +82,7 @@ class Stage(Generic[S]):
         From a job about to run, an estimate of the bytes that the stage will take; None where it is unknown.
         Must be quick beside the stage itself.
     saves_memory : str
-        Settings that lower it, as the end of "To lower it, ".
+        Settings that lower it, as the end of "For less memory, ".
     """
 
     name: str
