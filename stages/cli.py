@@ -14,7 +14,18 @@ from pipeline import UserError, verbs
 from pipeline.key import tool_version
 from pipeline.terminal import Terminal
 from stages import IN_ORDER
-from stages.command.arguments import Clean, Command, Diff, Evaluate, Plan, Relight, Run, Show, Status
+from stages.command.arguments import (
+    Clean,
+    Command,
+    Diff,
+    Evaluate,
+    Plan,
+    Relight,
+    Run,
+    Show,
+    Status,
+    refuse_empty,
+)
 from stages.command.evaluation import evaluate_verb
 from stages.command.request import existing_workspace, relighting_of, request_of
 
@@ -34,9 +45,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if words == ["--version"]:
         sys.stdout.write(f"unshade {tool_version('unshade')}\n")
         return 0
-    command = tyro.cli(Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,))
-    terminal = Terminal(command.json)
+    terminal = Terminal("--json" in words)
     try:
+        refuse_empty(words)
+        command = tyro.cli(
+            Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,)
+        )
         obey(command, terminal)
     except UserError as error:
         terminal.fail(str(error))
