@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 
 from blake3 import blake3
@@ -36,6 +37,8 @@ def read_sealed(path: Path) -> dict[str, Any]:
     ValueError
         It was changed, or holds no object.
     """
+    if not S_ISREG(path.stat().st_mode):  # reading a pipe would wait for ever
+        raise ValueError(f"{path} is no file")
     data = path.read_bytes()
     if data.startswith(OPENING):
         seal, data = data[:SEAL], data[SEAL:]
