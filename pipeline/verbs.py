@@ -12,7 +12,7 @@ from pipeline.inspect import compare, find_record, overview, prune, two_newest
 from pipeline.plan import plan, read_sources
 from pipeline.record import Record
 from pipeline.request import Request
-from pipeline.run import clear_up, locked, run
+from pipeline.run import clear_up, locked, refusals_explained, run
 from pipeline.store import Store
 from pipeline.terminal import Terminal, megabytes, table_of
 
@@ -63,14 +63,16 @@ def _how_it_ended(ending: Ending, name: str, where: str) -> str:
 
 def plan_verb(request: Request, terminal: Terminal) -> None:
     """Print what a run would do, and why."""
-    store = Store(request.workspace)
-    rows = [decision.as_json() for decision in plan(request, store, read_sources(request, store))]
+    with refusals_explained(request.workspace):
+        store = Store(request.workspace)
+        rows = [decision.as_json() for decision in plan(request, store, read_sources(request, store))]
     terminal.answer(rows, table_of(rows, {"stage": "stage", "": "action", "because": "reason"}))
 
 
 def status_verb(workspace: Path, order: Sequence[str], terminal: Terminal) -> None:
     """Print results and their cost, stage by stage in this order."""
-    rows = overview(Store(workspace), order)
+    with refusals_explained(workspace):
+        rows = overview(Store(workspace), order)
     for row in rows:
         row["peak"] = megabytes(row["peak_bytes"])
         row["size"] = megabytes(row["bytes"])
@@ -91,7 +93,8 @@ def status_verb(workspace: Path, order: Sequence[str], terminal: Terminal) -> No
 def show_verb(workspace: Path, stage: str, key: str | None, terminal: Terminal) -> None:
     """Print the record of a result."""
     store = Store(workspace)
-    record = find_record(store, stage, key)
+    with refusals_explained(workspace):
+        record = find_record(store, stage, key)
     folder = store.entry(record.stage, record.key)
     rows = [{"what": name, "value": value} for name, value in _sayings(record, folder)]
     terminal.answer(record.as_json() | {"folder": str(folder)}, table_of(rows, {"": "what", " ": "value"}))
@@ -113,10 +116,11 @@ def _sayings(record: Record, folder: Path) -> list[tuple[str, Any]]:
 def diff_verb(workspace: Path, stage: str, keys: tuple[str, ...], terminal: Terminal) -> None:
     """Print the differences between two results of a stage: those named, or the newest and the one before."""
     store = Store(workspace)
-    if len(keys) == 2:
-        before, now = (find_record(store, stage, key) for key in keys)
-    else:
-        before, now = two_newest(store, stage)
+    with refusals_explained(workspace):
+        if len(keys) == 2:
+            before, now = (find_record(store, stage, key) for key in keys)
+        else:
+            before, now = two_newest(store, stage)
     found = compare(before, now)
     rows = [
         {"where": where, "what": sentence} for where, sentences in found.items() for sentence in sentences

@@ -15,7 +15,18 @@ from pipeline.request import Request
 from pipeline.streams import prepare_process
 from pipeline.terminal import Terminal, output_stream
 from stages import IN_ORDER
-from stages.command.arguments import Clean, Command, Diff, Evaluate, Plan, Relight, Run, Show, Status
+from stages.command.arguments import (
+    Clean,
+    Command,
+    Diff,
+    Evaluate,
+    Plan,
+    Relight,
+    Run,
+    Show,
+    Status,
+    refuse_empty,
+)
 from stages.command.evaluation import evaluate_verb
 from stages.command.request import existing_workspace, relighting_of, request_of
 
@@ -48,6 +59,7 @@ def parse_and_obey(words: Sequence[str], terminal: Terminal, in_child: bool) -> 
         if words == ["--version"]:
             stream.write(f"unshade {tool_version('unshade')}\n")
         else:
+            refuse_empty(words)
             command = tyro.cli(
                 Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,)
             )

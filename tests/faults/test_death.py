@@ -240,13 +240,25 @@ def test_a_signal_within_native_code_is_heeded_at_once(undisturbed, how, tried):
     tried(f"{how.name} within Poisson (native code)", "left within two seconds with a line")
 
 
+def test_a_result_that_was_about_to_be_replaced_is_kept(undisturbed, tried):
+    """A kill between the two renames of a publication: the old result is aside, the new one not yet there."""
+    workspace = undisturbed.folder / "aside"
+    shutil.copytree(undisturbed.workspace, workspace)
+    (entry,) = (workspace / "cache" / "mvs").iterdir()
+    (partial := entry.parent / f"{PARTIAL}0").mkdir()
+    entry.rename(partial / entry.name)
+    done = small_runs.do(words("run", workspace))
+    assert done.returncode == 0 and "mvs             reuse" in done.stderr
+    assert results(workspace) == undisturbed.results and leftovers(workspace) == []
+    tried("SIGKILL between two renames of a publication", "the earlier result returns")
+
+
 def test_a_killed_copy_to_output_leaves_no_temporary_file(undisturbed, tried):
     """What a kill between two lines would leave: a begun copy, a begun ledger, a begun result."""
     workspace = undisturbed.folder / "copies"
     shutil.copytree(undisturbed.workspace, workspace)
-    picture = next((workspace / "output" / "albedo").glob("*.png"))
-    picture.with_name(f".{picture.name}.unshade-part").write_bytes(b"half")
-    (workspace / "cache" / ".output.json.4242").write_text("{")
+    (workspace / "output" / ".part").write_bytes(b"half")
+    (workspace / "cache" / ".output.json.part").write_text("{")
     (workspace / "cache" / "relight" / f"{PARTIAL}0").mkdir(parents=True)
     done = small_runs.do(words("run", workspace))
     assert done.returncode == 0 and "run " not in done.stderr
