@@ -41,10 +41,12 @@ def test_two_workspaces_share_a_folder_of_photos(workspace, tried):
 def test_during_a_run_others_read_or_are_refused_with_a_sentence(workspace, tried):
     photos = small_runs.link_photos(workspace.parent / "dozen", 12)
     before = results(workspace)
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)  # which a job in the background ignores
     first = subprocess.Popen(
         words("run", workspace, "--to", "sfm", *SLOWLY, photos=photos),
         cwd=small_runs.ROOT, env=small_runs.environment(), stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
+    signal.signal(signal.SIGINT, former)
     while not list((workspace / "cache" / "sfm").glob(".partial-*")):
         assert first.poll() is None, first.communicate()
     at_once = {
