@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from blake3 import blake3
 
 from pipeline.errors import UserError
+from pipeline.file_kinds import expect_file
 from pipeline.json_text import json_text
 
 DIGEST_HEX_DIGITS = 32  # 128 bits: accidental collisions are negligible
@@ -49,7 +50,7 @@ def files_below(root: Path, suffixes: Iterable[str] = ()) -> dict[str, Path]:
     Raises
     ------
     UserError
-        A link leads nowhere.
+        A link leads nowhere, or what has such a name is a pipe, a socket or a device.
     """
     if root.is_file():
         return {root.name: root}
@@ -61,6 +62,7 @@ def files_below(root: Path, suffixes: Iterable[str] = ()) -> dict[str, Path]:
                 f"{path} is a link to {path.readlink()}, which is not there; mend it or remove it."
             )
         if not wanted or path.name.lower().endswith(wanted):
+            expect_file(path)
             found[path.relative_to(root).as_posix()] = path
     return dict(sorted(found.items()))
 
