@@ -6,11 +6,13 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from pathlib import Path
 
 import tyro
 from tyro.conf import FlagCreatePairsOff
 
 from pipeline import UserError, verbs
+from pipeline.file_kinds import is_folder
 from pipeline.key import tool_version
 from pipeline.terminal import Terminal
 from stages import IN_ORDER
@@ -18,6 +20,7 @@ from stages.command.arguments import Clean, Command, Diff, Evaluate, Plan, Relig
 from stages.command.evaluation import evaluate_verb
 from stages.command.request import existing_workspace, relighting_of, request_of
 
+COMMANDS = [kind.__name__.lower() for kind in (Run, Plan, Relight, Status, Show, Diff, Clean, Evaluate)]
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130
 ABOUT = (
     "Per-view albedo from photos or a COLMAP workspace: the light and the shading apart. "
@@ -34,6 +37,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if words == ["--version"]:
         sys.stdout.write(f"unshade {tool_version('unshade')}\n")
         return 0
+    if hint := path_for_a_command(words):
+        Terminal().fail(hint)
+        return USER_MISTAKE
     command = tyro.cli(Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,))
     terminal = Terminal(command.json)
     try:
@@ -51,6 +57,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return FAULT
     return 0
+
+
+def path_for_a_command(words: Sequence[str]) -> str:
+    """Say which command takes the path that was given in place of one; empty where there is a command."""
+    if not words or words[0].startswith("-") or words[0] in COMMANDS:
+        return ""
+    given = Path(words[0])
+    if is_folder(given):
+        return f"{given} is a folder, and no command. For photos: `unshade run --images {given}`."
+    if given.suffix.lower() in (".yaml", ".yml"):
+        return f"{given} is a configuration, and no command. To run it: `unshade run {given}`."
+    return ""
 
 
 def obey(command: Command, terminal: Terminal) -> None:

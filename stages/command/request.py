@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import stages
 from pipeline import UserError, former_names
 from pipeline.config import Config, check_settings, override, read_config
+from pipeline.errors import shortened
 from pipeline.file_kinds import FILE, FOLDER, is_folder, kind_of_file
+from pipeline.library_messages import library_messages_in
 from pipeline.request import Request, Selection, check_flow
 from stages.command.arguments import Given, Plan, Relight, Run
 from stages.scene.datasets import dataset_folder
@@ -23,6 +26,7 @@ SOURCE_OF_FLAG = {
     "environment": "environment",
     "known_light": "known_light",
 }
+LIGHTS = {"light", "known_light", "environment"}
 FILES = {"mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
 WORKSPACES = Path("workspaces")  # below the current folder
@@ -83,6 +87,7 @@ def _request(
         flow = stages.with_relighting(flow)
     if full_resolution:
         flow = stages.with_full_resolution(flow)
+    check_lights(sources)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     workspace = workspace_of(command, config, sources)
@@ -96,6 +101,21 @@ def _request(
         threads=threads_of(command),
         selection=selection,
     )
+
+
+def check_lights(sources: Mapping[str, Path]) -> None:
+    """Refuse a picture of light that cannot be one, before the stages that lead to its use are run.
+
+    Raises
+    ------
+    UserError
+        As `read_environment`.
+    """
+    for name in LIGHTS & sources.keys():
+        from stages.formats.images.photos import read_environment
+
+        with library_messages_in(Path(os.devnull)):
+            read_environment(sources[name])
 
 
 def config_of(command: Given) -> Config:
@@ -151,10 +171,13 @@ def existing(flag: str, path: Path) -> Path:
     try:
         kind = kind_of_file(path)
     except (FileNotFoundError, NotADirectoryError):
-        raise UserError(f"--{flag} {path} does not exist; expected {expected}. Check the path.") from None
+        raise UserError(
+            f"--{flag} {shortened(str(path))} does not exist; expected {expected}. Check the path."
+        ) from None
     except OSError as error:
         raise UserError(
-            f"--{flag} {path} cannot be looked up ({error.strerror}); expected {expected}. Check the path."
+            f"--{flag} {shortened(str(path))} cannot be looked up ({error.strerror}); expected {expected}. "
+            "Check the path."
         ) from error
     if kind != expected:
         raise UserError(f"--{flag} {path} is {kind}; expected {expected}.")

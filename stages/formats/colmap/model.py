@@ -265,7 +265,7 @@ def _check_counts(model: pycolmap.Reconstruction, promised: Mapping[str, int], s
 def _read_without_points(folder: Path, form: str) -> pycolmap.Reconstruction:
     """COLMAP insists on a points3D file: read beside an empty one."""
     with tempfile.TemporaryDirectory() as beside:
-        for file in folder.glob(f"*{form}"):
+        for file in (one for one in folder.glob(f"*{form}") if one.is_file()):
             shutil.copy(file, beside)
         (Path(beside) / f"points3D{form}").write_bytes(struct.pack("<Q", 0) if form == ".bin" else b"")
         return pycolmap.Reconstruction(beside)

@@ -79,7 +79,8 @@ def find_mask(folder: Path, image_name: str) -> Path | None:
     """
     stem = view_name(image_name)
     suffix = PurePosixPath(image_name).suffix
-    names = [stem + ending for one in (suffix, ".png", suffix + ".png") for ending in _written(one)]
+    endings = [*_written(suffix), *_written(".png"), *(suffix + one for one in _written(".png"))]
+    names = [stem + ending for ending in endings]
     return next((folder / name for name in (image_name, *names) if (folder / name).is_file()), None)
 
 

@@ -16,6 +16,7 @@ from stages.formats.meshes.polygons import Polygons
 
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of primitives; points and lines below
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+MOST_NODES = 10_000  # seconds, and the time grows faster than they do
 MOST_PER_BYTE, FEWEST_ALLOWED = 64, 1 << 22  # morphs and instances are laid out longer than they are stored
 HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_")  # say nothing of the shape
 INSTANCING, DRACO = "EXT_mesh_gpu_instancing", "KHR_draco_mesh_compression"
@@ -90,6 +91,10 @@ def _check_sizes(content: dict[str, Any], length: int) -> None:
         for one in content.get("accessors", [])
     )
     sliced = sum(one["byteLength"] for one in content.get("bufferViews", []))
+    if len(nodes := _nodes(content)) > MOST_NODES:
+        raise ValueError(
+            f"its scene has {len(nodes)} nodes, of which at most {MOST_NODES} are read: join them"
+        )
     placed = sum(_triangles(content, primitive) for primitive in _placed(content))
     for size, what in ((laid_out, "bytes of numbers"), (sliced, "bytes of views"), (placed, "triangles")):
         most = FEWEST_ALLOWED + MOST_PER_BYTE * length
