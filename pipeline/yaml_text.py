@@ -32,6 +32,19 @@ class _Loader(yaml.SafeLoader):
     PyYAML accepts only 1.0e-6 and null, reads the others as text, and drops the first of two equal names.
     """
 
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._levels = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose a value as PyYAML does; refuse one that is nested too deeply before reading on."""
+        self._levels += 1
+        if self._levels > DEEPEST:
+            raise MarkedYAMLError(problem=f"more than {DEEPEST} levels, one in another")
+        node = super().compose_node(parent, index)
+        self._levels -= 1
+        return node
+
     def compose_mapping_node(self, anchor: object) -> yaml.MappingNode:
         """Compose a mapping as PyYAML does; refuse duplicate names."""
         node = super().compose_mapping_node(anchor)  # type: ignore[arg-type]  # types-PyYAML has it a dict
@@ -117,8 +130,6 @@ def parse_yaml(text: str) -> Any:
             return None
         _count_values(node, (), {})
         return loader.construct_document(node)
-    except RecursionError as error:
-        raise MarkedYAMLError(problem=f"more than {DEEPEST} levels, one in another") from error
     finally:
         loader.dispose()
 

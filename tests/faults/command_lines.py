@@ -18,6 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent.parent
 ADDRESS_SPACE = 8 << 30  # bytes; the libraries alone map two of them
+MOST_MB = 1000  # of any command here: the libraries and small inputs
 LONGEST = 120  # seconds for one command: a hang
 
 
@@ -62,6 +63,13 @@ def obey(rows: Sequence[Sequence[str | Path]], cwd: Path) -> list[Answer]:
     return answers
 
 
+def expect_refusal(answer: Answer, says: str = "", most_mb: float = MOST_MB) -> None:
+    """Assert that a command was refused as promised, and by what it says."""
+    assert is_refusal(answer), answer
+    assert says in answer.said, answer
+    assert answer.peak_mb < most_mb, answer
+
+
 def is_refusal(answer: Answer) -> bool:
     """Test whether a command was refused as promised: exit code 2, sentences and nothing else."""
     said = answer.said
@@ -70,7 +78,7 @@ def is_refusal(answer: Answer) -> bool:
         and "unshade: " in said
         and "Traceback" not in said
         and "Warning" not in said
-        and len(said) < 3000
+        and len(said) < 12_000
     )
 
 
