@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 from blake3 import blake3
 
 from pipeline.errors import UserError
+from pipeline.file_kinds import expect_file
 from pipeline.replacing import replace_text
 from pipeline.sealed_json import read_sealed, sealed
 
@@ -56,7 +57,7 @@ def files_below(root: Path, suffixes: Iterable[str] = ()) -> dict[str, Path]:
     Raises
     ------
     UserError
-        A link leads nowhere.
+        A link leads nowhere; a name is not UTF-8, or that of a pipe, a socket or a device.
     """
     if root.is_file():
         return {root.name: root}
@@ -68,8 +69,20 @@ def files_below(root: Path, suffixes: Iterable[str] = ()) -> dict[str, Path]:
                 f"{path} is a link to {path.readlink()}, which is not there; mend it or remove it."
             )
         if not wanted or path.name.lower().endswith(wanted):
+            _expect_utf8(path)
+            expect_file(path)
             found[path.relative_to(root).as_posix()] = path
     return dict(sorted(found.items()))
+
+
+def _expect_utf8(path: Path) -> None:
+    """Refuse a name that no record could hold."""
+    try:
+        path.name.encode()
+    except UnicodeEncodeError as error:
+        raise UserError(
+            f"{os.fsencode(path)!r} is not called by a name in UTF-8; names must be. Rename it."
+        ) from error
 
 
 def _entries_below(root: Path) -> Iterator[Path]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from pipeline.boundary import check_own_folder
 from pipeline.errors import UserError
 from pipeline.job import Job
+from pipeline.library_messages import library_messages_in
 from pipeline.replacing import FRESH, replace_copy
 from pipeline.settings import Settings, settings_that_matter
 from pipeline.stage import AnyStage
@@ -39,7 +40,8 @@ def logged(stage: AnyStage, job: Job[Settings], path: Path, failures: Path) -> I
     log = logging.getLogger(stage.name)
     try:
         log.info("version %s, settings %s", stage.version, settings_that_matter(job.settings, stage.ignores))
-        yield
+        with library_messages_in(path):
+            yield
         for sentence in job.warnings:
             log.warning(sentence)
         log.info("facts %s", job.facts)

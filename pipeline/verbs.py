@@ -29,14 +29,17 @@ def run_verb(request: Request, terminal: Terminal) -> None:
     terminal.answer({"stages": [one.as_json() for one in done], "output": str(output)}, table)
 
 
-def run_verb_in_child(
-    request: Request, terminal: Terminal, code_of: Callable[[Callable[[], int | None]], int]
+def do_in_child(
+    work: Callable[[], None],
+    request: Request,
+    terminal: Terminal,
+    code_of: Callable[[Callable[[], None]], int],
 ) -> int:
-    """Do `run_verb` in a child process, clear up after one that was killed, and return the exit code.
+    """Do the work of a request in a child process; clear up after one that was killed; return the exit code.
 
     `code_of` calls a function, prints the error that it raises, and returns the exit code.
     """
-    ending = run_in_child(lambda: code_of(lambda: run_verb(request, terminal)))
+    ending = run_in_child(lambda: code_of(work))
     if ending.signal is not None:
         terminal.restore()
         stages = clear_up(request)

@@ -142,7 +142,7 @@ def test_a_source_that_may_not_be_read_is_named(root, name):
 
 def test_a_source_that_is_nothing_to_read_is_named(root):
     os.mknod(root / "words/c.txt", stat.S_IFSOCK | 0o600)
-    with pytest.raises(UserError, match="words/c.txt, of the source words, cannot be read .a pipe, a socket"):
+    with pytest.raises(UserError, match="words/c.txt is a socket; expected a file"):
         run_toy(root)
 
 
