@@ -1,4 +1,4 @@
-"""Errors with messages for users."""
+"""Errors with messages for users: theirs to correct, or failures of the machine."""
 
 LONGEST_SHOWN = 200  # characters of a value in a message
 
@@ -9,6 +9,10 @@ class UserError(Exception):
     The text is one or two sentences: what, which value, what was expected, what to do next. The command
     line prints it without a traceback and ends with exit code 2.
     """
+
+
+class MachineError(Exception):
+    """A failure of the machine, such as too little memory: told like a `UserError`, with exit code 1."""
 
 
 def shown(value: object) -> str:

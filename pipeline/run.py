@@ -21,6 +21,7 @@ from pipeline.errors import UserError
 from pipeline.job import Job, Progress
 from pipeline.key import Ingredients
 from pipeline.logbook import logged
+from pipeline.memory_limits import compare_with_free_memory, memory_errors_told
 from pipeline.meter import measured
 from pipeline.output import Output
 from pipeline.plan import Decision, decide, read_sources
@@ -78,8 +79,10 @@ def run(request: Request, listener: Listener) -> list[Done]:
     ------
     UserError
         Another run holds the workspace; it cannot be written; a stage outside the selection is not up to
-        date; a source changed while a stage read it; or a stage found fault with its input. Results
-        published before stay.
+        date; a source changed while a stage read it, or cannot be fetched; or a stage found fault with its
+        input. Results published before stay.
+    MachineError
+        A stage ran out of memory, or needs far more than there is.
     """
     with locked(request.workspace):
         store = Store(request.workspace)
@@ -92,8 +95,9 @@ def run(request: Request, listener: Listener) -> list[Done]:
 
 def clear_up(request: Request) -> list[str]:
     """Delete what a killed run left; returns the stages that it was in. What another run holds stays."""
-    with suppress(UserError, OSError), locked(request.workspace):
-        return _clear_up(request, Store(request.workspace))
+    if (request.workspace / "cache").is_dir():
+        with suppress(UserError, OSError), locked(request.workspace, patience_s=0):
+            return _clear_up(request, Store(request.workspace))
     return []
 
 
@@ -142,14 +146,17 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
         )
     if made_from is None:
         raise RuntimeError(f"{stage.name} was to run though {decision.reason}")
+    _fetch_absent_sources(stage, request, listener)
     partial = store.begin(stage.name)
     with _kept_only_if_finished(partial), _threads(request.threads) as executor:
         job = _job(stage, made_from, request, store, listener, executor, partial)
         with (
+            memory_errors_told(stage),
             logged(stage, job, partial / "log.txt", request.workspace / "logs"),
             _temporary_files_in(job.scratch),
             measured() as reading,
         ):
+            compare_with_free_memory(stage, job)
             try:
                 stage.run(job)
             except Exception:
@@ -166,6 +173,22 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
         _compare_with_twin(store, record, listener)
         store.publish(partial, record)
     return record
+
+
+def _fetch_absent_sources(stage: AnyStage, request: Request, listener: Listener) -> None:
+    """Fetch the files of the sources that a stage is about to read.
+
+    Raises
+    ------
+    UserError
+        They cannot be had.
+    """
+    for name in request.absent_from(stage):
+        listener.begin(f"fetching {name}", None)
+        try:
+            request.absent[name].fetch()
+        finally:
+            listener.end()
 
 
 @contextmanager
@@ -251,7 +274,7 @@ def _check_inputs(job: Job[Settings], made_from: Ingredients, request: Request, 
         stage works is gone.
     """
     stage = next(stage for stage in request.flow if stage.name == made_from.stage)
-    found = read_sources(replace(request, flow=(stage,)), store)
+    found = read_sources(replace(request, flow=(stage,), absent={}), store)
     cached = [name for name in made_from.inputs if name not in request.sources]
     found |= {name: store.digests(job.inputs[name]) for name in cached}
     for name, files in found.items():
@@ -307,7 +330,7 @@ def _compare_with_twin(store: Store, record: Record, listener: Listener) -> None
 
 
 @contextmanager
-def locked(workspace: Path) -> Iterator[None]:
+def locked(workspace: Path, patience_s: float = AT_ONCE_S) -> Iterator[None]:
     """Hold the workspace for this run.
 
     Raises
@@ -320,7 +343,7 @@ def locked(workspace: Path) -> Iterator[None]:
         workspace.mkdir(parents=True, exist_ok=True)
         (workspace / "cache").mkdir(exist_ok=True)
         lock = FileLock(workspace / ".lock")
-        lock.acquire(timeout=AT_ONCE_S)
+        lock.acquire(timeout=patience_s)
     except Timeout:
         raise UserError(
             f"Another run is using the workspace {workspace}; wait for it to end, "

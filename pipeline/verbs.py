@@ -9,10 +9,12 @@ from typing import Any
 
 from pipeline.child import Ending, run_in_child
 from pipeline.inspect import compare, find_record, overview, prune, two_newest
+from pipeline.memory_limits import advice
 from pipeline.plan import plan, read_sources
 from pipeline.record import Record
 from pipeline.request import Request
 from pipeline.run import clear_up, locked, refusals_explained, run
+from pipeline.stage import AnyStage
 from pipeline.store import Store
 from pipeline.terminal import Terminal, megabytes, table_of
 
@@ -40,27 +42,32 @@ def do_in_child(
     `code_of` calls a function, prints the error that it raises, and returns the exit code.
     """
     ending = run_in_child(lambda: code_of(work))
-    if ending.signal is not None:
+    if ending.code == 0:
+        return 0
+    left = clear_up(request)  # nothing, where the child could tell its error itself
+    if ending.signal is not None or left:
         terminal.restore()
-        stages = clear_up(request)
-        terminal.fail(_how_it_ended(ending, ending.signal.name, f" during {stages[0]}" if stages else ""))
+        terminal.fail(_how_it_ended(ending, [stage for stage in request.flow if stage.name in left]))
     return ending.code
 
 
-def _how_it_ended(ending: Ending, name: str, where: str) -> str:
+def _how_it_ended(ending: Ending, stages: Sequence[AnyStage]) -> str:
     """Describe the end of a killed run in sentences, the last of which says how to go on."""
+    name = ending.signal.name if ending.signal else f"exit code {ending.code}"
+    where = f" during {stages[0].name}" if stages else ""
+    less = "".join(map(advice, stages)) or "Choose a smaller size or fewer --threads. "
     if ending.requested:
         how = "Interrupted" if name == "SIGINT" else f"Ended by {name}"
         return f"{how}{where}. What was finished is kept; the same command continues there."
     if name == "SIGKILL":
         return (
-            f"The run was killed{where}, most likely by the system, because memory ran out. What was "
-            "finished is kept, and the same command continues there; before, close other programs, or choose "
-            "a smaller size or fewer --threads."
+            f"The run was killed{where}, most likely by the system, because memory ran out. Close other "
+            f"programs, or take less. {less}What was finished is kept, and the same command continues there."
         )
     return (
-        f"Native code crashed{where} ({name}). What was finished is kept, and the same command continues "
-        "there; if there is room on the disk and in memory, this is a fault of unshade or of a library."
+        f"Native code ended the run{where} ({name}), as it does where memory or the disk is full. Make room, "
+        f"or take less. {less}What was finished is kept, and the same command continues there; if there was "
+        "room, this is a fault of unshade or of a library."
     )
 
 

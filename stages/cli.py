@@ -10,9 +10,10 @@ from pathlib import Path
 import tyro
 from tyro.conf import FlagCreatePairsOff
 
-from pipeline import UserError, verbs
+from pipeline import MachineError, UserError, verbs
 from pipeline.file_kinds import is_folder
 from pipeline.key import tool_version
+from pipeline.memory_limits import is_out_of_memory
 from pipeline.request import Request
 from pipeline.streams import prepare_process
 from pipeline.terminal import Terminal, output_stream
@@ -80,8 +81,16 @@ def exit_code_of(work: Callable[[], int | None], terminal: Terminal) -> int:
     except KeyboardInterrupt:
         terminal.fail("Interrupted. What was finished is kept; the same command continues there.")
         return INTERRUPTED
+    except MachineError as error:
+        terminal.fail(str(error))
+        return FAULT
     except Exception as error:
-        terminal.fault(error)
+        if is_out_of_memory(error):
+            terminal.fail(
+                "The memory is full; expected room for more. End other programs; earlier results are kept."
+            )
+        else:
+            terminal.fault(error)
         return FAULT
 
 

@@ -254,4 +254,5 @@ SFM = Stage(
     ),
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
+    saves_memory="lower sfm.max_size_px and sfm.max_features, or give --threads 1",
 )

@@ -256,4 +256,5 @@ UNDISTORT = Stage(
     ),
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
+    saves_memory="lower undistort.max_size_px, or give --threads 1",
 )

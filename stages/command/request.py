@@ -12,9 +12,9 @@ from pipeline.config import Config, check_settings, override, read_config
 from pipeline.errors import shortened
 from pipeline.file_kinds import FILE, FOLDER, is_folder, kind_of_file
 from pipeline.library_messages import library_messages_in
-from pipeline.request import Request, Selection, check_flow
-from stages.command.arguments import Given, Plan, Relight, Run
-from stages.scene.datasets import dataset_folder
+from pipeline.request import Absent, Request, Selection, check_flow
+from stages.command.arguments import Given, Relight, Run
+from stages.scene.datasets import Dataset, find_dataset
 from stages.scene.wording import listed
 
 SOURCE_OF_FLAG = {
@@ -102,6 +102,7 @@ def _request(
         workspace=workspace,
         threads=threads_of(command),
         selection=selection,
+        absent=absent_sources(command, config),
     )
 
 
@@ -142,9 +143,8 @@ def config_of(command: Given) -> Config:
 def sources_of(command: Given, config: Config) -> dict[str, Path]:
     """Collect the sources that were given, those on the command line before those of the configuration."""
     sources = {}
-    if "dataset" in config.sources and command.images is None:
-        fetch = isinstance(command, Run | Relight) and not isinstance(command, Plan)
-        sources["images"] = dataset_folder(config.sources["dataset"], fetch) / DATASET_PHOTOS
+    if dataset := dataset_of(command, config):
+        sources["images"] = dataset.folder / DATASET_PHOTOS
     for flag, name in SOURCE_OF_FLAG.items():
         given = getattr(command, flag)
         if given is None and flag in config.sources:
@@ -154,6 +154,20 @@ def sources_of(command: Given, config: Config) -> dict[str, Path]:
     if "colmap" in sources and "images" not in sources and is_folder(sources["colmap"] / "images"):
         sources["images"] = sources["colmap"] / "images"
     return sources
+
+
+def dataset_of(command: Given, config: Config) -> Dataset | None:
+    """Find the data set that the photos are of, if the configuration names one and no folder was given."""
+    named = "dataset" in config.sources and command.images is None
+    return find_dataset(config.sources["dataset"]) if named else None
+
+
+def absent_sources(command: Given, config: Config) -> dict[str, Absent]:
+    """Describe the photos of a data set that is not on this machine; a user's own folder has to be here."""
+    dataset = dataset_of(command, config)
+    if dataset is None or dataset.is_here():
+        return {}
+    return {"images": Absent(dataset.digests(DATASET_PHOTOS), dataset.fetch)}
 
 
 def beside(config: Config, path: str) -> Path:

@@ -51,7 +51,7 @@ def environment(changes: Mapping[str, str | None] | None = None) -> dict[str, st
 
 
 def do(
-    line: Iterable[str | bytes], changes: Mapping[str, str | None] | None = None, timeout: float = 120, **how
+    line: Iterable[str | bytes], changes: Mapping[str, str | None] | None = None, timeout: float = 600, **how
 ) -> subprocess.CompletedProcess[str]:
     """Execute a command line to its end."""
     return subprocess.run(
