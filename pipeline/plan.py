@@ -99,11 +99,22 @@ def _reuse_or_run(stage: AnyStage, made_from: Ingredients, request: Request, sto
         return Decision(stage, Action.RUN, "it was asked for with --force", made_from)
     record = store.record(stage.name, made_from.key)
     if record is None:
-        return Decision(stage, Action.RUN, why_run(made_from, store.current(stage.name)), made_from)
+        return Decision(stage, Action.RUN, _why_without_record(made_from, store), made_from)
     damage = store.damage(stage, record)
     if damage is not None:
         return Decision(stage, Action.RUN, f"its cached result is damaged: {damage}", made_from)
     return Decision(stage, Action.REUSE, "nothing that it depends on has changed", made_from, record)
+
+
+def _why_without_record(made_from: Ingredients, store: Store) -> str:
+    """Explain a run where no result of this key can be used."""
+    stage = made_from.stage
+    if harm := store.damaged_record(stage, made_from.key):
+        return f"its cached result is damaged: {harm}"
+    before = store.latest(stage)
+    if before is None and store.keys(stage):
+        return "the records of its earlier results are missing or damaged"
+    return why_run(made_from, before)
 
 
 def _givers(artefacts: list[str], request: Request) -> str:

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 from filelock import FileLock, Timeout
 
+from pipeline.boundary import check_workspace
 from pipeline.errors import UserError
 from pipeline.job import Job, Progress
 from pipeline.key import Ingredients
@@ -94,8 +95,9 @@ def run(request: Request, listener: Listener) -> list[Done]:
 
 def clear_up(request: Request) -> list[str]:
     """Delete what a killed run left; returns the stages that it was in. What another run holds stays."""
-    with suppress(UserError, OSError), locked(request.workspace):
-        return _clear_up(request, Store(request.workspace))
+    if (request.workspace / "cache").is_dir():
+        with suppress(UserError, OSError), locked(request.workspace, patience_s=0):
+            return _clear_up(request, Store(request.workspace))
     return []
 
 
@@ -155,8 +157,14 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
             measured() as reading,
         ):
             compare_with_free_memory(stage, job)
-            stage.run(job)
-        _check_sources(stage, made_from, request, store)
+            try:
+                stage.run(job)
+            except Exception:
+                _check_inputs(
+                    job, made_from, request, store
+                )  # what was taken away says more than the failure
+                raise
+        _check_inputs(job, made_from, request, store)
         shutil.rmtree(job.scratch)
         record = _record(stage, made_from, job, store)
         record = replace(
@@ -256,22 +264,33 @@ def _input_paths(stage: AnyStage, request: Request, store: Store) -> dict[str, P
     return {name: places[name] for name in (*stage.takes, *stage.may_take) if name in places}
 
 
-def _check_sources(stage: AnyStage, made_from: Ingredients, request: Request, store: Store) -> None:
-    """Refuse a result whose sources changed since the run began: its key has their earlier digests.
+def _check_inputs(job: Job[Settings], made_from: Ingredients, request: Request, store: Store) -> None:
+    """Refuse a result whose inputs changed since the run began: its key has their earlier digests.
 
     Raises
     ------
     UserError
-        Files of a source were added, removed or changed.
+        Files of a source or of a cached artefact were added, removed or changed, or the folder in which the
+        stage works is gone.
     """
-    for name, files in read_sources(replace(request, flow=(stage,), absent={}), store).items():
+    stage = next(stage for stage in request.flow if stage.name == made_from.stage)
+    found = read_sources(replace(request, flow=(stage,), absent={}), store)
+    cached = [name for name in made_from.inputs if name not in request.sources]
+    found |= {name: store.digests(job.inputs[name]) for name in cached}
+    for name, files in found.items():
         before = made_from.inputs[name]
         if files != before:
+            kind = "cached artefact" if name in cached else "source"
             raise UserError(
-                f"The source {name} changed during the run ({changed_files(files, before)}), so that what "
+                f"The {kind} {name} changed during the run ({changed_files(files, before)}), so that what "
                 f"{stage.name} made of it was dropped; expected files that stay as they are. Earlier results "
                 "are kept: run again."
             )
+    if not job.scratch.is_dir():
+        raise UserError(
+            f"{job.scratch}, where {stage.name} worked, was deleted during the run; expected a cache that is "
+            "left alone. Earlier results are kept as far as they are there: run again."
+        )
 
 
 def _record(stage: AnyStage, made_from: Ingredients, job: Job[Settings], store: Store) -> Record:
@@ -311,19 +330,20 @@ def _compare_with_twin(store: Store, record: Record, listener: Listener) -> None
 
 
 @contextmanager
-def locked(workspace: Path) -> Iterator[None]:
+def locked(workspace: Path, patience_s: float = AT_ONCE_S) -> Iterator[None]:
     """Hold the workspace for this run.
 
     Raises
     ------
     UserError
-        It cannot be written, now or later on, or another run holds it.
+        It cannot be written, now or later on, would be written elsewhere, or another run holds it.
     """
+    check_workspace(workspace)
     try:
         workspace.mkdir(parents=True, exist_ok=True)
         (workspace / "cache").mkdir(exist_ok=True)
         lock = FileLock(workspace / ".lock")
-        lock.acquire(timeout=AT_ONCE_S)
+        lock.acquire(timeout=patience_s)
     except Timeout:
         raise UserError(
             f"Another run is using the workspace {workspace}; wait for it to end, "
@@ -335,6 +355,22 @@ def locked(workspace: Path) -> Iterator[None]:
             "choose another folder with --workspace."
         ) from error
     try:
+        with refusals_explained(workspace):
+            yield
+    finally:
+        lock.release()
+
+
+@contextmanager
+def refusals_explained(workspace: Path) -> Iterator[None]:
+    """Turn what the file system refuses in the workspace into a sentence.
+
+    Raises
+    ------
+    UserError
+        There is no room, or a place within the workspace may not be used.
+    """
+    try:
         yield
     except OSError as error:
         if error.errno in NO_ROOM or (error.errno in IF_WITHIN and _is_below(error.filename, workspace)):
@@ -344,8 +380,6 @@ def locked(workspace: Path) -> Iterator[None]:
                 "results are kept."
             ) from error
         raise
-    finally:
-        lock.release()
 
 
 def _is_below(place: str | None, workspace: Path) -> bool:

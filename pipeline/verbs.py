@@ -13,7 +13,7 @@ from pipeline.memory_limits import advice
 from pipeline.plan import plan, read_sources
 from pipeline.record import Record
 from pipeline.request import Request
-from pipeline.run import clear_up, locked, run
+from pipeline.run import clear_up, locked, refusals_explained, run
 from pipeline.stage import AnyStage
 from pipeline.store import Store
 from pipeline.terminal import Terminal, megabytes, table_of
@@ -31,14 +31,17 @@ def run_verb(request: Request, terminal: Terminal) -> None:
     terminal.answer({"stages": [one.as_json() for one in done], "output": str(output)}, table)
 
 
-def run_verb_in_child(
-    request: Request, terminal: Terminal, code_of: Callable[[Callable[[], int | None]], int]
+def do_in_child(
+    work: Callable[[], None],
+    request: Request,
+    terminal: Terminal,
+    code_of: Callable[[Callable[[], None]], int],
 ) -> int:
-    """Do `run_verb` in a child process, clear up after one that was killed, and return the exit code.
+    """Do the work of a request in a child process; clear up after one that was killed; return the exit code.
 
     `code_of` calls a function, prints the error that it raises, and returns the exit code.
     """
-    ending = run_in_child(lambda: code_of(lambda: run_verb(request, terminal)))
+    ending = run_in_child(lambda: code_of(work))
     if ending.code == 0:
         return 0
     left = clear_up(request)  # nothing, where the child could tell its error itself
@@ -70,14 +73,16 @@ def _how_it_ended(ending: Ending, stages: Sequence[AnyStage]) -> str:
 
 def plan_verb(request: Request, terminal: Terminal) -> None:
     """Print what a run would do, and why."""
-    store = Store(request.workspace)
-    rows = [decision.as_json() for decision in plan(request, store, read_sources(request, store))]
+    with refusals_explained(request.workspace):
+        store = Store(request.workspace)
+        rows = [decision.as_json() for decision in plan(request, store, read_sources(request, store))]
     terminal.answer(rows, table_of(rows, {"stage": "stage", "": "action", "because": "reason"}))
 
 
 def status_verb(workspace: Path, order: Sequence[str], terminal: Terminal) -> None:
     """Print results and their cost, stage by stage in this order."""
-    rows = overview(Store(workspace), order)
+    with refusals_explained(workspace):
+        rows = overview(Store(workspace), order)
     for row in rows:
         row["peak"] = megabytes(row["peak_bytes"])
         row["size"] = megabytes(row["bytes"])
@@ -98,7 +103,8 @@ def status_verb(workspace: Path, order: Sequence[str], terminal: Terminal) -> No
 def show_verb(workspace: Path, stage: str, key: str | None, terminal: Terminal) -> None:
     """Print the record of a result."""
     store = Store(workspace)
-    record = find_record(store, stage, key)
+    with refusals_explained(workspace):
+        record = find_record(store, stage, key)
     folder = store.entry(record.stage, record.key)
     rows = [{"what": name, "value": value} for name, value in _sayings(record, folder)]
     terminal.answer(record.as_json() | {"folder": str(folder)}, table_of(rows, {"": "what", " ": "value"}))
@@ -120,10 +126,11 @@ def _sayings(record: Record, folder: Path) -> list[tuple[str, Any]]:
 def diff_verb(workspace: Path, stage: str, keys: tuple[str, ...], terminal: Terminal) -> None:
     """Print the differences between two results of a stage: those named, or the newest and the one before."""
     store = Store(workspace)
-    if len(keys) == 2:
-        before, now = (find_record(store, stage, key) for key in keys)
-    else:
-        before, now = two_newest(store, stage)
+    with refusals_explained(workspace):
+        if len(keys) == 2:
+            before, now = (find_record(store, stage, key) for key in keys)
+        else:
+            before, now = two_newest(store, stage)
     found = compare(before, now)
     rows = [
         {"where": where, "what": sentence} for where, sentences in found.items() for sentence in sentences

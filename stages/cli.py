@@ -5,21 +5,35 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import tyro
 from tyro.conf import FlagCreatePairsOff
 
 from pipeline import MachineError, UserError, verbs
+from pipeline.file_kinds import is_folder
 from pipeline.key import tool_version
 from pipeline.memory_limits import is_out_of_memory
 from pipeline.request import Request
 from pipeline.streams import prepare_process
 from pipeline.terminal import Terminal, output_stream
 from stages import IN_ORDER
-from stages.command.arguments import Clean, Command, Diff, Evaluate, Plan, Relight, Run, Show, Status
+from stages.command.arguments import (
+    Clean,
+    Command,
+    Diff,
+    Evaluate,
+    Plan,
+    Relight,
+    Run,
+    Show,
+    Status,
+    refuse_empty,
+)
 from stages.command.evaluation import evaluate_verb
-from stages.command.request import existing_workspace, relighting_of, request_of
+from stages.command.request import check_lights, existing_workspace, relighting_of, request_of
 
+COMMANDS = [kind.__name__.lower() for kind in (Run, Plan, Relight, Status, Show, Diff, Clean, Evaluate)]
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130
 ABOUT = (
     "Per-view albedo from photos or a COLMAP workspace: the light and the shading apart. "
@@ -49,6 +63,8 @@ def parse_and_obey(words: Sequence[str], terminal: Terminal, in_child: bool) -> 
         if words == ["--version"]:
             stream.write(f"unshade {tool_version('unshade')}\n")
         else:
+            refuse_empty(words)
+            refuse_path_for_a_command(words)
             command = tyro.cli(
                 Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,)
             )
@@ -78,11 +94,29 @@ def exit_code_of(work: Callable[[], int | None], terminal: Terminal) -> int:
         return FAULT
 
 
+def refuse_path_for_a_command(words: Sequence[str]) -> None:
+    """Say which command takes the path that was given in place of one.
+
+    Raises
+    ------
+    UserError
+        The first word is a folder or a configuration.
+    """
+    if not words or words[0].startswith("-") or words[0] in COMMANDS:
+        return
+    given = Path(words[0])
+    if is_folder(given):
+        raise UserError(f"{given} is a folder, and no command. For photos: `unshade run --images {given}`.")
+    if given.suffix.lower() in (".yaml", ".yml"):
+        raise UserError(f"{given} is a configuration, and no command. To run it: `unshade run {given}`.")
+
+
 def obey(command: Command, terminal: Terminal, in_child: bool) -> int:
     """Do what a parsed command says; returns the exit code of what was done in a child process."""
     match command:
         case Plan():
-            verbs.plan_verb(request_of(command), terminal)
+            check_lights((request := request_of(command)).sources)
+            verbs.plan_verb(request, terminal)
         case Run():
             return carry_out(request_of(command), terminal, in_child)
         case Relight():
@@ -102,9 +136,14 @@ def obey(command: Command, terminal: Terminal, in_child: bool) -> int:
 
 def carry_out(request: Request, terminal: Terminal, in_child: bool) -> int:
     """Run the stages of a request, in a child process or in this one."""
+
+    def work() -> None:
+        check_lights(request.sources)  # reads them with libraries: their threads would not survive a fork
+        verbs.run_verb(request, terminal)
+
     if in_child:
-        return verbs.run_verb_in_child(request, terminal, lambda work: exit_code_of(work, terminal))
-    verbs.run_verb(request, terminal)
+        return verbs.do_in_child(work, request, terminal, lambda work: exit_code_of(work, terminal))
+    work()
     return 0
 
 

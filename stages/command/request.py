@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import stages
 from pipeline import UserError, former_names
 from pipeline.config import Config, check_settings, override, read_config
+from pipeline.errors import shortened
+from pipeline.file_kinds import FILE, FOLDER, is_folder, kind_of_file
+from pipeline.library_messages import library_messages_in
 from pipeline.request import Absent, Request, Selection, check_flow
 from stages.command.arguments import Given, Relight, Run
 from stages.scene.datasets import Dataset, find_dataset
@@ -22,6 +26,7 @@ SOURCE_OF_FLAG = {
     "environment": "environment",
     "known_light": "known_light",
 }
+LIGHTS = {"light", "known_light", "environment"}
 FILES = {"mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
 MOST_THREADS = 1024
@@ -101,6 +106,21 @@ def _request(
     )
 
 
+def check_lights(sources: Mapping[str, Path]) -> None:
+    """Refuse a picture of light that cannot be one, before the stages that lead to its use are run.
+
+    Raises
+    ------
+    UserError
+        As `read_environment`.
+    """
+    for name in LIGHTS & sources.keys():
+        from stages.formats.images.photos import read_environment
+
+        with library_messages_in(Path(os.devnull)):
+            read_environment(sources[name])
+
+
 def config_of(command: Given) -> Config:
     """Read the configuration file; without one, return an empty configuration.
 
@@ -111,7 +131,7 @@ def config_of(command: Given) -> Config:
     """
     if command.config is None:
         return Config()
-    if command.config.is_dir():
+    if is_folder(command.config):
         raise UserError(
             f"The configuration {command.config} is a folder; expected a YAML file. A folder of photos is "
             f"given by `--images {command.config}`, one with a COLMAP model by `--colmap {command.config}`."
@@ -131,7 +151,7 @@ def sources_of(command: Given, config: Config) -> dict[str, Path]:
             given = beside(config, config.sources[flag])
         if given is not None:
             sources[name] = existing(flag, given)
-    if "colmap" in sources and "images" not in sources and (sources["colmap"] / "images").is_dir():
+    if "colmap" in sources and "images" not in sources and is_folder(sources["colmap"] / "images"):
         sources["images"] = sources["colmap"] / "images"
     return sources
 
@@ -152,16 +172,31 @@ def absent_sources(command: Given, config: Config) -> dict[str, Absent]:
 
 def beside(config: Config, path: str) -> Path:
     """Resolve a path in a configuration relative to its folder; ~ is the user's home."""
-    return Path(os.path.normpath(config.folder / Path(path).expanduser()))
+    try:
+        return Path(os.path.normpath(config.folder / Path(path).expanduser()))
+    except RuntimeError as error:
+        raise UserError(
+            f"The path {path} in the configuration begins with a home that is not known here ({error}); "
+            "write it in full."
+        ) from error
 
 
 def existing(flag: str, path: Path) -> Path:
     """Check that the path exists and is of the right kind, and return it."""
-    expected, flag = "file" if flag in FILES else "folder", flag.replace("_", "-")
-    if not path.exists():
-        raise UserError(f"--{flag} {path} does not exist; expected a {expected}. Check the path.")
-    if path.is_dir() != (expected == "folder"):
-        raise UserError(f"--{flag} {path} is not a {expected}; expected a {expected}.")
+    expected, flag = FILE if flag in FILES else FOLDER, flag.replace("_", "-")
+    try:
+        kind = kind_of_file(path)
+    except (FileNotFoundError, NotADirectoryError):
+        raise UserError(
+            f"--{flag} {shortened(str(path))} does not exist; expected {expected}. Check the path."
+        ) from None
+    except OSError as error:
+        raise UserError(
+            f"--{flag} {shortened(str(path))} cannot be looked up ({error.strerror}); expected {expected}. "
+            "Check the path."
+        ) from error
+    if kind != expected:
+        raise UserError(f"--{flag} {path} is {kind}; expected {expected}.")
     return path
 
 
@@ -227,7 +262,7 @@ def existing_workspace(command: Given) -> Path:
         workspace = workspace_of(command, config, sources)
     else:
         workspace = only_workspace()
-    if not (workspace / "cache").is_dir():
+    if not is_folder(workspace / "cache"):
         raise UserError(f"{workspace} holds no results yet; `unshade run` makes them, or check the path.")
     return workspace
 

@@ -1,4 +1,4 @@
-"""The recorder of what the suite of faults tried."""
+"""A record of the attacks that the tests of faults try, from which `docs/reliability.md` is written."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ import pytest
 
 @pytest.fixture(scope="session")
 def tried() -> Callable[..., None]:
-    """``tried(attack, outcome, times=1, lost=0)``: a line in the file that UNSHADE_FAULT_LOG names."""
-    log = os.environ.get("UNSHADE_FAULT_LOG")
+    """``tried(attack, outcome, times=1, lost=0)`` appends a line to the file that UNSHADE_FAULT_LOG names."""
 
     def record(attack: str, outcome: str, times: int = 1, lost: int = 0) -> None:
-        if log:
-            line = {"attack": attack, "outcome": outcome, "times": times, "lost": lost}
-            with Path(log).open("a", encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
+        if path := os.environ.get("UNSHADE_FAULT_LOG"):
+            row = {"attack": attack, "outcome": outcome, "times": times, "lost": lost}
+            with Path(path).open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
 
     return record

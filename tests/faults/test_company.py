@@ -18,20 +18,35 @@ SLOWLY = ("--set", "sfm.max_size_px=480", "--set", "sfm.max_features=20000", "--
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory) -> Path:
-    """A workspace with the results of two stages."""
+    """One of two workspaces, `a` and `b`, that got the results of two stages at once from the same photos."""
     folder = tmp_path_factory.mktemp("company")
     small_runs.link_photos(folder / "photos")
-    assert small_runs.do(words("run", folder / "workspace", "--to", "undistort")).returncode == 0
-    return folder / "workspace"
+    run_side_by_side(folder, ("a", "b"), "--to", "undistort")
+    return folder / "a"
+
+
+def run_side_by_side(folder: Path, names: tuple[str, ...], *more: str) -> list[dict[str, str]]:
+    """Run workspaces at the same time on one folder of photos; returns the digests of each."""
+    with ThreadPoolExecutor(len(names)) as executor:
+        for done in executor.map(lambda name: small_runs.do(words("run", folder / name, *more)), names):
+            assert done.returncode == 0, done.stderr
+    return [results(folder / name) for name in names]
+
+
+def test_two_workspaces_share_a_folder_of_photos(workspace, tried):
+    assert results(workspace) == results(workspace.parent / "b")
+    tried("two workspaces at once on one folder of photos", "same digests")
 
 
 def test_during_a_run_others_read_or_are_refused_with_a_sentence(workspace, tried):
     photos = small_runs.link_photos(workspace.parent / "dozen", 12)
     before = results(workspace)
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)  # which a job in the background ignores
     first = subprocess.Popen(
         words("run", workspace, "--to", "sfm", *SLOWLY, photos=photos),
         cwd=small_runs.ROOT, env=small_runs.environment(), stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
+    signal.signal(signal.SIGINT, former)
     while not list((workspace / "cache" / "sfm").glob(".partial-*")):
         assert first.poll() is None, first.communicate()
     at_once = {
@@ -55,19 +70,6 @@ def test_during_a_run_others_read_or_are_refused_with_a_sentence(workspace, trie
     first.send_signal(signal.SIGINT)
     assert "the same command continues there" in one_line(first.communicate()[1])
     assert results(workspace) == before and leftovers(workspace) == []
-
-
-def run_side_by_side(folder: Path, names: tuple[str, ...], *more: str) -> list[dict[str, str]]:
-    with ThreadPoolExecutor(len(names)) as executor:
-        for done in executor.map(lambda name: small_runs.do(words("run", folder / name, *more)), names):
-            assert done.returncode == 0, done.stderr
-    return [results(folder / name) for name in names]
-
-
-def test_two_workspaces_share_a_folder_of_photos(workspace, tried):
-    once, again = run_side_by_side(workspace.parent, ("a", "b"), "--to", "undistort")
-    assert once == again
-    tried("two workspaces at once on one folder of photos", "same digests")
 
 
 @pytest.mark.slow
