@@ -43,6 +43,7 @@ EXCEPTIONS = {
     "benchmarks/mit_berkeley/__main__.py": (2, "sends its own values to processes that it starts itself"),
     "tests/faults/test_supply_chain.py": (1, "springs the trap once, to show that it is one"),
 }
+UNSAFE_LOADERS = {f"yaml.{kind}Loader" for kind in ("", "C", "Full", "CFull", "Unsafe", "CUnsafe")}
 PROCESSES = {"multiprocessing", "ProcessPoolExecutor"}  # which would pickle what they send
 
 
@@ -58,6 +59,8 @@ def dangers_in(tree: ast.AST) -> Iterator[str]:
             for name in names:
                 if {name.split(".")[0], name} & (UNPICKLERS | PROCESSES):
                     yield f"line {node.lineno} imports {name}"
+        if isinstance(node, ast.Attribute) and ast.unparse(node) in UNSAFE_LOADERS:
+            yield f"line {node.lineno} takes {ast.unparse(node)}"
         if isinstance(node, ast.Call):
             yield from (f"line {node.lineno}: {danger}" for danger in dangers_of_call(node))
 
@@ -71,15 +74,9 @@ def dangers_of_call(call: ast.Call) -> Iterator[str]:
         yield f"{name} with shell={ast.unparse(options['shell'])}"
     if "allow_pickle" in options and ast.unparse(options["allow_pickle"]) != "False":
         yield f"{name} with allow_pickle={ast.unparse(options['allow_pickle'])}"
-    if name in {"yaml.load", "yaml.load_all"}:
-        loader = [*map(ast.unparse, call.args[1:]), *map(ast.unparse, options.values())]
-        if loader not in (["_Loader"], ["yaml.SafeLoader"]):
-            yield f"{name} with {loader or 'the default loader'}"
-    if (
-        name.startswith("yaml.")
-        and "unsafe" in name.lower()
-        or name in {"yaml.full_load", "yaml.UnsafeLoader"}
-    ):
+    if name in {"yaml.load", "yaml.load_all"} and len(call.args) + len(options) < 2:
+        yield f"{name} with the default loader"
+    if name in {"yaml.full_load", "yaml.full_load_all", "yaml.unsafe_load", "yaml.unsafe_load_all"}:
         yield f"calls {name}"
     if (
         name in {"np.load", "numpy.load"}
@@ -119,14 +116,6 @@ def test_no_file_unpickles_evaluates_or_calls_a_shell(tried):
 )
 def test_each_of_these_would_be_noticed(code):
     assert list(dangers_in(ast.parse(code)))
-
-
-def test_the_loader_of_configurations_is_a_safe_one():
-    import yaml
-
-    from pipeline.config import _Loader
-
-    assert issubclass(_Loader, yaml.SafeLoader)
 
 
 class Payload:
