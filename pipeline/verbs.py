@@ -31,6 +31,9 @@ def run_verb(request: Request, terminal: Terminal) -> None:
     terminal.answer({"stages": [one.as_json() for one in done], "output": str(output)}, table)
 
 
+CRASHED = 1  # whatever code a library left with
+
+
 def do_in_child(
     work: Callable[[], None],
     request: Request,
@@ -48,7 +51,7 @@ def do_in_child(
     if ending.signal is not None or left:
         terminal.restore()
         terminal.fail(_how_it_ended(ending, [stage for stage in request.flow if stage.name in left]))
-    return ending.code
+    return ending.code if ending.signal is not None or not left else CRASHED
 
 
 def _how_it_ended(ending: Ending, stages: Sequence[AnyStage]) -> str:

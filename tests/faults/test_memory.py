@@ -28,9 +28,9 @@ SHORT = (("undistort", 400), ("raycast", 400), ("correspondence", 120))  # stage
 LONG = [
     (stage, mib)
     for stage in ("adopt_model", "undistort", "adopt_mesh", "raycast", "correspondence")
-    for mib in range(100, 1000, 60)
+    for mib in range(100, 1000, 150)
 ]
-LONG_SFM = range(400, 1500, 50)  # its threads are COLMAP's own: some of its ends are native
+LONG_SFM = range(400, 1500, 100)  # its threads are COLMAP's own: some of its ends are native
 needs_limits = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits address space")
 
 
@@ -195,16 +195,3 @@ def test_every_stage_has_advice_and_it_names_settings_that_exist(stage):
     assert stage.saves_memory
     places = {f"{one.name}.{name}" for one in ALL_STAGES for name, _ in all_settings(one.settings)}
     assert set(re.findall(r"\b[a-z_]+\.[a-z_]+", stage.saves_memory)) <= places
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("stage", ["lighting", "decomposition"])
-def test_the_estimate_is_near_the_measured_peak(stage, tmp_path):
-    """Where pixels outweigh the libraries; a third more or less is what `FAR_BEYOND` allows for."""
-    line = [sys.executable, "-m", "stages.cli", "run", *GIVEN, "--workspace", str(tmp_path / "w")]
-    done = do([*line, "--set", "undistort.max_size_px=1024", "--to", stage], timeout=900)
-    assert done.returncode == 0, done.stderr
-    record = find_record(Store(tmp_path / "w"), stage)
-    (entry,) = (tmp_path / "w/cache" / stage).glob(f"{record.key}*")
-    estimate = int(re.search(r"estimated memory (\d+)", (entry / "log.txt").read_text())[1])
-    assert 0.6 < estimate / record.peak_bytes < 1.5
