@@ -2,21 +2,22 @@
 VENV    := .venv
 UNSHADE := $(VENV)/bin/unshade
 PYTEST  := $(VENV)/bin/python -m pytest
+LOCKS   := requirements.lock requirements-test.lock
 TWICE   := -n 2 --dist loadfile# two files of tests at a time
 
 .DEFAULT_GOAL := help
-.PHONY: help sample fountain paper paper-quick accuracy accuracy-quick test test-quick test-all check docs benchmarks clean
+.PHONY: help sample fountain paper paper-quick accuracy accuracy-quick test test-quick test-all check docs reliability lock sbom benchmarks clean
 
 help: ## show this
 	@echo "Unshade: per-view albedo from photos or a COLMAP workspace."
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 24
 	@echo "Each sets up what it needs in $(VENV) by itself. On your own photos: $(UNSHADE) run --images DIR"
 
-$(VENV)/.ready: pyproject.toml setup.sh
+$(VENV)/.ready: pyproject.toml setup.sh $(LOCKS)
 	sh setup.sh
 	@touch $@
 
-$(VENV)/.ready-test: pyproject.toml setup.sh
+$(VENV)/.ready-test: pyproject.toml setup.sh $(LOCKS)
 	sh setup.sh test
 	@touch $@ $(VENV)/.ready
 
@@ -28,7 +29,7 @@ fountain: $(VENV)/.ready ## the real thing: 11 photos of a fountain (fetched, or
 	$(UNSHADE) run configs/fountain.yaml
 	@echo "Look at workspaces/fountain/output/contact_sheet.png"
 
-$(VENV)/.ready-synthetic: pyproject.toml setup.sh
+$(VENV)/.ready-synthetic: pyproject.toml setup.sh $(LOCKS)
 	sh setup.sh synthetic
 	@touch $@ $(VENV)/.ready
 
@@ -58,17 +59,31 @@ test-quick: $(VENV)/.ready-test ## those of them that take a minute together, wh
 test-all: $(VENV)/.ready-test ## all tests (the long ones take most of an hour)
 	$(PYTEST) $(TWICE)
 
-check: $(VENV)/.ready-test ## format, lint, types, numbers outside settings, generated documentation up to date
+check: $(VENV)/.ready-test ## format, lint, types, numbers outside settings, generated documentation, vulnerabilities
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/python checks/numbers_outside_settings.py
 	$(VENV)/bin/python docs/generate.py --check
+	$(VENV)/bin/python checks/audit.py
 
 docs: $(VENV)/.ready ## write the generated documentation anew
 	$(VENV)/bin/python docs/generate.py
 
-$(VENV)/.ready-benchmarks: pyproject.toml setup.sh
+reliability: $(VENV)/.ready-test ## all attacks of tests/faults (an hour); writes docs/reliability.md
+	rm -f workspaces/attacks.jsonl; mkdir -p workspaces
+	UNSHADE_FAULT_LOG=$(CURDIR)/workspaces/attacks.jsonl $(PYTEST) tests/faults
+	$(VENV)/bin/python -m tests.faults.report workspaces/attacks.jsonl
+
+lock: $(VENV)/.ready-test ## write the lock files anew, with the versions that are installed
+	$(VENV)/bin/python -m pip install --quiet uv
+	$(VENV)/bin/python checks/lock.py
+
+sbom: $(VENV)/.ready-test ## the software bill of materials of a release (CycloneDX), in dist/
+	mkdir -p dist
+	$(VENV)/bin/python checks/sbom.py dist/unshade.cdx.json
+
+$(VENV)/.ready-benchmarks: pyproject.toml setup.sh $(LOCKS)
 	sh setup.sh benchmarks
 	@touch $@ $(VENV)/.ready
 

@@ -1,5 +1,7 @@
 #!/bin/sh
 # Makes .venv and installs unshade into it, with the extras named in $1 ("" or "test").
+# Versions are those of the lock file where Python and platform are those that it was made for, and LOCKED=no is
+# not set; elsewhere the newest that pyproject.toml allows.
 # System libraries that open3d and mitsuba link to are installed when this runs as root on Debian, otherwise named.
 set -eu
 extras="${1:-}"
@@ -30,4 +32,16 @@ fi
 
 [ -x .venv/bin/python ] || "$python" -m venv .venv
 echo "setup: installing unshade${extras:+[$extras]} and what it needs into .venv (about 1.5 GB; minutes the first time)"
-.venv/bin/python -m pip install --quiet --disable-pip-version-check --editable ".${extras:+[$extras]}"
+install() { .venv/bin/python -m pip install --quiet --disable-pip-version-check "$@"; }
+lock=requirements.lock
+[ "$extras" != test ] || lock=requirements-test.lock
+here="$(.venv/bin/python -c 'import platform as p, sys; print(p.python_implementation(), "%d.%d" % sys.version_info[:2], "on", sys.platform, p.machine())')"
+if [ "${LOCKED:-yes}" = yes ] && [ "$here" = "$(sed -n 's/^# Made for: //p' "$lock")" ]; then
+    install --require-hashes --requirement "$lock" || {
+        echo "setup: the versions in $lock could not be installed, or their files have other digests." >&2
+        echo "setup: expected the files that the package index had when the lock was written. Try again, or take" >&2
+        echo "setup: the newest versions that pyproject.toml allows, unchecked: LOCKED=no sh setup.sh $extras" >&2
+        exit 1
+    }
+fi
+install --editable ".${extras:+[$extras]}"

@@ -1,6 +1,6 @@
 """A small build tool that is independent of images: declares, plans, runs, caches and explains stages."""
 
-from pipeline.errors import UserError
+from pipeline.errors import MachineError, UserError
 from pipeline.job import Job, Progress, Silence
 from pipeline.json_text import finite_or_null, json_text
 from pipeline.settings import Settings, group, setting, settings_that_matter
@@ -11,6 +11,7 @@ __all__ = [
     "Artefact",
     "Flow",
     "Job",
+    "MachineError",
     "Progress",
     "Settings",
     "Silence",

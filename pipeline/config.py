@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -13,38 +12,13 @@ from typing import Any
 
 import yaml
 from pydantic import ValidationError
-from yaml.error import MarkedYAMLError
 
-from pipeline.errors import UserError
+from pipeline.errors import UserError, shortened, shown
 from pipeline.settings import Settings, is_group, near
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe YAML in which 1e-6 is a number, none is null, and duplicate names are refused.
-
-    PyYAML accepts only 1.0e-6 and null, reads the others as text, and drops the first of two equal names.
-    """
-
-    def compose_mapping_node(self, anchor: object) -> yaml.MappingNode:
-        """Compose a mapping as PyYAML does; refuse duplicate names."""
-        node = super().compose_mapping_node(anchor)  # type: ignore[arg-type]  # types-PyYAML has it a dict
-        names = [name.value for name, _ in node.value]
-        for place, (name, _) in enumerate(node.value):
-            if name.value in names[:place]:
-                raise MarkedYAMLError(
-                    problem=f"a second {name.value!r}, but each was expected once (join them or remove one)",
-                    problem_mark=name.start_mark,
-                )
-        return node
-
-
-_Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile("[nN]one$"), ["n", "N"])
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-)
-
+from pipeline.yaml_text import DEEPEST, parse_yaml, read_yaml_text
 
 NOTHING_RENAMED: Mapping[str, str] = MappingProxyType({})
+MOST_FAULTS = 5  # settings of one stage that are named in one message
 A_LIST = 'a list, as in [1.5, 2] or ["001", "b"]'
 AS_ONE_WRITES_IT = {  # by pydantic's type of fault, where YAML may have read another type than was meant
     "list_type": A_LIST,
@@ -97,7 +71,7 @@ def read_config(
             raise UserError(f"{path} has an unknown section {name!r}; {near(name, sections, renamed)}")
         if name != "workspace" and not isinstance(section, dict):
             raise UserError(
-                f"{path}: the section {name!r} is {section!r}; expected `name: value` lines below it."
+                f"{path}: the section {name!r} is {shown(section)}; expected `name: value` lines below it."
             )
     sources = values.pop("sources", {})
     for name in sources:
@@ -105,29 +79,29 @@ def read_config(
             raise UserError(f"{path}: there is no source {name!r}; {near(str(name), source_names)}")
     places = {"workspace": values.pop("workspace"), **sources} if "workspace" in values else sources
     for name, place in places.items():
-        if not isinstance(place, str) or not place:
+        if not isinstance(place, str) or not place or "\0" in place:
             raise UserError(
-                f"{path}: {name} is {place!r}; expected a path or a name, in quotes where it would pass for "
-                "something else. Write one, or leave out the line."
+                f"{path}: {name} is {shown(place)}; expected a path or a name, in quotes where it would pass "
+                "for something else. Write one, or leave out the line."
             )
     return Config(path.parent, places.get("workspace"), sources, values)
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
-        values = yaml.load(path.read_text(encoding="utf-8"), _Loader)
-    except OSError as error:
-        raise UserError(
-            f"The configuration {path} cannot be read ({error.strerror}); check its path."
-        ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise UserError(f"The configuration {path} is not YAML: {' '.join(str(error).split())}") from error
+        values = parse_yaml(read_yaml_text(path))
+    except yaml.YAMLError as error:
+        raise UserError(f"The configuration {path} is not YAML: {_reason(error)}") from error
     values = {} if values is None else values
     if not isinstance(values, dict):
         raise UserError(
             f"The configuration {path} holds {type(values).__name__}; expected sections with settings."
         )
     return {str(name): section for name, section in values.items()}
+
+
+def _reason(error: yaml.YAMLError) -> str:
+    return shortened(" ".join(str(error).split()))
 
 
 def override(settings: dict[str, dict[str, Any]], assignments: Iterable[str]) -> dict[str, dict[str, Any]]:
@@ -142,15 +116,16 @@ def override(settings: dict[str, dict[str, Any]], assignments: Iterable[str]) ->
     for assignment in assignments:
         name, equals, text = assignment.partition("=")
         *sections, setting_name = name.strip().split(".")
-        if not (equals and sections and all(sections) and setting_name):
+        if not (equals and sections and all(sections) and setting_name) or len(sections) > DEEPEST:
             raise UserError(
-                f"--set {assignment} was not understood; expected STAGE.SETTING=VALUE, as in mesh.depth=9."
+                f"--set {shortened(assignment)} was not understood; expected STAGE.SETTING=VALUE, as in "
+                "mesh.depth=9."
             )
         try:
-            value = yaml.load(text, _Loader)
+            value = parse_yaml(text)
         except yaml.YAMLError as error:
             raise UserError(
-                f"--set {assignment}: the value is not YAML ({' '.join(str(error).split())})."
+                f"--set {shortened(assignment)}: the value is not YAML ({_reason(error)})."
             ) from error
         section: dict[str, Any] = changed
         for one in sections:
@@ -183,9 +158,11 @@ def _validated(stage: str, kind: type[Settings], values: Mapping[str, Any]) -> S
     try:
         return kind.model_validate_json(json.dumps(dict(values)))
     except ValidationError as error:
-        faults = [_sentence(stage, kind, fault) for fault in error.errors(include_url=False)]
-        raise UserError(" ".join(faults)) from None
-    except TypeError as error:  # YAML dates and the like have no JSON
+        faults = error.errors(include_url=False)
+        sentences = [_sentence(stage, kind, fault) for fault in faults[:MOST_FAULTS]]
+        more = [f"And {len(faults) - MOST_FAULTS} more."] if len(faults) > MOST_FAULTS else []
+        raise UserError(" ".join(sentences + more)) from None
+    except (TypeError, ValueError) as error:  # sets and bytes have no JSON, nor have numbers of 5,000 digits
         raise UserError(f"{stage}: {error}; expected numbers, words, true, false, none or lists.") from None
 
 
@@ -203,7 +180,7 @@ def _sentence(stage: str, kind: type[Settings], fault: Mapping[str, Any]) -> str
     if fault["type"] == "model_type":
         said = f"settings of its own, as in {name}.{next(iter(_phase_at(kind, fault['loc']).model_fields))}"
     expected = AS_ONE_WRITES_IT.get(fault["type"], said)
-    return f"{name} is {fault['input']!r}; expected {expected}."
+    return f"{name} is {shown(fault['input'])}; expected {expected}."
 
 
 def _phase_at(kind: type[Settings], names: Iterable[str | int]) -> type[Settings]:

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any, NoReturn
 
 from blake3 import blake3
 
 from pipeline.errors import UserError
-from pipeline.json_text import json_text
+from pipeline.file_kinds import expect_file
+from pipeline.replacing import replace_text
+from pipeline.sealed_json import read_sealed, sealed
 
 DIGEST_HEX_DIGITS = 32  # 128 bits: accidental collisions are negligible
+COARSEST_CLOCK_NS = 2_000_000_000  # FAT counts times in two seconds; other file systems in less
+
+Stamp = tuple[int, int, int, int]  # size, modification and change time, inode
 
 
 def digest_value(value: Any) -> str:
@@ -49,7 +57,7 @@ def files_below(root: Path, suffixes: Iterable[str] = ()) -> dict[str, Path]:
     Raises
     ------
     UserError
-        A link leads nowhere.
+        A link leads nowhere; a name is not UTF-8, or that of a pipe, a socket or a device.
     """
     if root.is_file():
         return {root.name: root}
@@ -61,8 +69,20 @@ def files_below(root: Path, suffixes: Iterable[str] = ()) -> dict[str, Path]:
                 f"{path} is a link to {path.readlink()}, which is not there; mend it or remove it."
             )
         if not wanted or path.name.lower().endswith(wanted):
+            _expect_utf8(path)
+            expect_file(path)
             found[path.relative_to(root).as_posix()] = path
     return dict(sorted(found.items()))
+
+
+def _expect_utf8(path: Path) -> None:
+    """Refuse a name that no record could hold."""
+    try:
+        path.name.encode()
+    except UnicodeEncodeError as error:
+        raise UserError(
+            f"{os.fsencode(path)!r} is not called by a name in UTF-8; names must be. Rename it."
+        ) from error
 
 
 def _entries_below(root: Path) -> Iterator[Path]:
@@ -94,26 +114,37 @@ def digest_files(digests: Mapping[str, str]) -> str:
 class DigestMemo:
     """Cache of file digests by size, times and inode; a file that changed since is read again.
 
-    The change time is compared too, so that a change behind a restored modification time is detected. Keys
-    contain digests of content only.
+    The change time is compared too, so that a change behind a restored modification time is detected. Files
+    changed within the last ticks of the coarsest clock are read again next time, since another change would
+    not show in their times. What a disk corrupts without a
+    write keeps its times, and goes unnoticed. Keys contain digests of content only.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._known: dict[str, list[Any]] = _read_memo(path)
+        self._known: dict[str, tuple[Stamp, str]] = _read_memo(path)
         self._changed = False
 
     def file(self, path: Path) -> str:
-        """Compute the digest of a file, or take it from the memo if the file is unchanged."""
+        """Compute the digest of a file, or take it from the memo if the file is unchanged.
+
+        Raises
+        ------
+        OSError
+            It cannot be read, or is a pipe, a socket or a device.
+        """
         stat = path.stat()
-        stamp = [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
+        if not S_ISREG(stat.st_mode):
+            raise OSError(errno.EINVAL, "a pipe, a socket or a device, not a file", str(path))
+        stamp = stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino
         name = str(path.resolve())
         known = self._known.get(name)
-        if known is not None and known[:4] == stamp:
-            return known[4]
+        if known is not None and known[0] == stamp:
+            return known[1]
         digest = digest_file(path)
-        self._known[name] = [*stamp, digest]
-        self._changed = True
+        if time.time_ns() - max(stat.st_mtime_ns, stat.st_ctime_ns) > COARSEST_CLOCK_NS:
+            self._known[name] = stamp, digest
+            self._changed = True
         return digest
 
     def tree(
@@ -138,29 +169,27 @@ class DigestMemo:
         """Write the memo without files that no longer exist; failure to write it is ignored."""
         if not self._changed:
             return
-        kept = {name: entry for name, entry in self._known.items() if Path(name).exists()}
+        kept = {
+            name: [*stamp, digest] for name, (stamp, digest) in self._known.items() if Path(name).exists()
+        }
         try:
-            replace_text(self._path, json_text(kept))
+            replace_text(self._path, sealed(kept))
         except OSError:
             return
         self._changed = False
 
 
-def _read_memo(path: Path) -> dict[str, list[Any]]:
-    """Read the memo from disk; an empty one where it cannot be read, since it only saves time."""
+def _read_memo(path: Path) -> dict[str, tuple[Stamp, str]]:
+    """Read the memo from disk; an empty one where it is missing or damaged, since it only saves time."""
     try:
-        memo = json.loads(path.read_text(encoding="utf-8"))
+        return {name: _remembered(entry) for name, entry in read_sealed(path).items()}
     except (OSError, ValueError):
         return {}
-    return memo if isinstance(memo, dict) else {}
 
 
-def replace_text(path: Path, text: str) -> None:
-    """Write a small file atomically: readers see the old text or the new one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    fresh = path.with_name(f".{path.name}.{os.getpid()}")
-    with fresh.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    fresh.replace(path)
+def _remembered(entry: Any) -> tuple[Stamp, str]:
+    """Check one entry of the memo: four numbers and a digest."""
+    match entry:
+        case [int(size), int(modified), int(changed), int(inode), str(digest)]:
+            return (size, modified, changed, inode), digest
+    raise ValueError(f"{entry!r} is no entry of a memo")

@@ -21,11 +21,7 @@ def find_record(store: Store, stage: str, key: str | None = None) -> Record:
     UserError
         There is none, or several keys begin so.
     """
-    records = store.records(stage)
-    if not records:
-        stages = _stages(store)
-        hint = near(stage, stages) if stages and stage not in stages else "run it first."
-        raise UserError(f"{store.root.parent} holds no result of {stage!r}; {hint}")
+    records = _records_of(store, stage)
     if key is None:
         return store.current(stage) or records[-1]
     fitting = [record for record in records if record.key.startswith(key)]
@@ -36,19 +32,36 @@ def find_record(store: Store, stage: str, key: str | None = None) -> Record:
     return fitting[0]
 
 
+def _records_of(store: Store, stage: str) -> list[Record]:
+    """List a stage's records, oldest first; refuse where there are none."""
+    stages = _stages(store)
+    if records := store.records(stage) if stage in stages else []:
+        return records
+    if damaged := store.keys(stage) if stage in stages else []:
+        harm = store.damaged_record(stage, damaged[-1]) or "it is no folder"
+        raise UserError(
+            f"{store.root.parent} holds {len(damaged)} result(s) of {stage!r}, none with a sound record "
+            f"({damaged[-1][:12]}: {harm}); run the stage again."
+        )
+    hint = near(stage, stages) if stages and stage not in stages else "run it first."
+    raise UserError(f"{store.root.parent} holds no result of {stage!r}; {hint}")
+
+
 def two_newest(store: Store, stage: str) -> tuple[Record, Record]:
-    """Find the result before the newest, and the newest.
+    """Find the result before the newest, and the newest: the current one, even if the clock was set back.
 
     Raises
     ------
     UserError
         There are fewer than two.
     """
-    records = store.records(stage)
+    records = _records_of(store, stage)
     if len(records) < 2:
         raise UserError(
             f"{store.root.parent} holds {len(records)} result(s) of {stage!r}; comparing takes two."
         )
+    if (current := store.current(stage)) in records:
+        records = [*(record for record in records if record != current), current]
     return records[-2], records[-1]
 
 
@@ -68,15 +81,18 @@ def compare(before: Record, now: Record) -> dict[str, list[str]]:
 
 
 def prune(store: Store, everything: bool = False) -> dict[str, Any]:
-    """Delete every result but the current one of each stage, or all of them; returns what was freed."""
+    """Delete every result but the current one of each stage, or all of them; returns what was freed.
+
+    Where it is not known which is current, the newest is kept. What is no result stays.
+    """
     removed, freed = [], 0
     for stage in _stages(store):
         store.sweep(stage)
-        current = store.current(stage)
-        for entry in sorted((store.root / stage).iterdir()):
-            if everything or current is None or entry.name != current.key:
-                removed.append(f"{stage}/{entry.name}")
-                freed += store.remove(stage, entry.name)
+        kept = None if everything else store.latest(stage)
+        for key in store.keys(stage):
+            if kept is None or key != kept.key:
+                removed.append(f"{stage}/{key}")
+                freed += store.remove(stage, key)
     return {"removed": removed, "freed_bytes": freed}
 
 
@@ -89,7 +105,7 @@ def overview(store: Store, order: Sequence[str]) -> list[dict[str, Any]]:
 
 def _row(store: Store, stage: str) -> dict[str, Any]:
     records = store.records(stage)
-    current = store.current(stage) or (records[-1] if records else None)
+    current = store.latest(stage)
     return {
         "stage": stage,
         "results": len(records),

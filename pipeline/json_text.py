@@ -8,8 +8,12 @@ from typing import Any
 
 
 def json_text(value: Any, indent: int | None = None) -> str:
-    """Encode plain values as JSON, with null for NaN and infinities, which JSON lacks."""
-    return json.dumps(finite_or_null(value), indent=indent, ensure_ascii=False, allow_nan=False)
+    r"""Encode plain values as JSON, with null for NaN and infinities, which JSON lacks.
+
+    Bytes of a file's name that are not UTF-8 are lone surrogates in Python; they are written as ``\udcXX``.
+    """
+    text = json.dumps(finite_or_null(value), indent=indent, ensure_ascii=False, allow_nan=False)
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def finite_or_null(value: Any) -> Any:

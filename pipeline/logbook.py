@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import logging
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from pipeline.boundary import check_own_folder
+from pipeline.errors import UserError
 from pipeline.job import Job
+from pipeline.library_messages import library_messages_in
+from pipeline.replacing import FRESH, replace_copy
 from pipeline.settings import Settings, settings_that_matter
 from pipeline.stage import AnyStage
 
@@ -37,16 +40,18 @@ def logged(stage: AnyStage, job: Job[Settings], path: Path, failures: Path) -> I
     log = logging.getLogger(stage.name)
     try:
         log.info("version %s, settings %s", stage.version, settings_that_matter(job.settings, stage.ignores))
-        yield
+        with library_messages_in(path):
+            yield
         for sentence in job.warnings:
             log.warning(sentence)
         log.info("facts %s", job.facts)
     except BaseException:
         log.exception("failed")
-        with suppress(OSError):  # the stage's own error takes precedence
+        with suppress(OSError, UserError):  # the stage's own error takes precedence
             handler.flush()
+            check_own_folder(failures, failures.parent)
             failures.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(path, failures / f"{stage.name}.txt")
+            replace_copy(path, failures / f"{stage.name}.txt", failures / FRESH)
         raise
     finally:
         root.removeHandler(handler)

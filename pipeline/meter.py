@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import resource
 import sys
 import time
@@ -9,6 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+from pipeline.free_memory import give_back_free_memory
 
 _STATUS = Path("/proc/self/status")
 _CLEAR = Path("/proc/self/clear_refs")
@@ -25,8 +28,13 @@ class Reading:
 
 @contextmanager
 def measured() -> Iterator[Reading]:
-    """Measure a block. Where the system cannot reset its peak, the peak is that of the process so far."""
+    """Measure a block. Where the system cannot reset its peak, the peak is that of the process so far.
+
+    What the C library keeps of memory that an earlier block let go would count as this one's: it is returned.
+    """
     reading = Reading()
+    gc.collect()
+    give_back_free_memory()
     _reset_peak()
     clock, cpu = time.perf_counter(), _cpu_seconds()
     try:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
-from pathlib import Path
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
 from posixpath import commonpath
 from typing import Any
 
-from pipeline.digest import replace_text
-from pipeline.json_text import json_text
+from pipeline.boundary import check_own_folder
+from pipeline.errors import UserError
 from pipeline.record import Record
+from pipeline.replacing import FRESH, replace_copy, replace_text
+from pipeline.sealed_json import read_sealed, sealed
 from pipeline.stage import AnyStage, Artefact
 from pipeline.store import Store
 
@@ -30,9 +30,15 @@ class Output:
 
     def __init__(self, workspace: Path, store: Store, flow: Collection[str]) -> None:
         self.root = workspace / "output"
+        self._workspace = workspace
         self._store = store
         self._flow = flow
         self._ledger = store.root / "output.json"
+
+    def clear_up(self) -> None:
+        """Delete the copy that an interrupted run began. Only under the workspace's lock."""
+        check_own_folder(self.root, self._workspace)
+        (self.root / FRESH).unlink(missing_ok=True)
 
     def show(self, stage: AnyStage, record: Record) -> None:
         """Copy the stage's artefacts into `output/`, and remove those that it no longer gives.
@@ -49,7 +55,7 @@ class Output:
         for artefact in given.values():
             self._show_artefact(artefact, record, shown)
         if shown != self._shown():
-            replace_text(self._ledger, json_text(shown, indent=1) + "\n")
+            replace_text(self._ledger, sealed(shown))
 
     def outdated(self, later: Iterable[AnyStage], available: Digests) -> list[str]:
         """Describe files in `output/` that were made from other inputs than the present ones.
@@ -84,10 +90,10 @@ class Output:
             for name, digest in record.outputs[artefact.name].items()
         }
         before = shown.get(artefact.name, {"files": {}})["files"]
+        self._take_away(before.keys() - wanted.keys())  # first: a file may be in the place of a folder now
         for target, (file, digest) in wanted.items():
             if before.get(target) != [digest, _stamp(self.root / target)]:
-                _copy(file, self.root / target)
-        self._take_away(before.keys() - wanted.keys())
+                self._copy(file, self.root / target)
         files = {target: [digest, _stamp(self.root / target)] for target, (_, digest) in wanted.items()}
         shown[artefact.name] = {"stage": record.stage, "key": record.key, "files": files}
 
@@ -95,10 +101,22 @@ class Output:
         """Remove files, and folders that are empty then."""
         for target in targets:
             file = self.root / target
-            file.unlink(missing_ok=True)
+            check_own_folder(file.parent, self._workspace)
+            if file.is_symlink() or file.is_file():
+                with _explained(file):
+                    file.unlink()
             for folder in file.relative_to(self.root).parents[:-1]:
                 with suppress(OSError):  # not empty
                     (self.root / folder).rmdir()
+
+    def _copy(self, file: Path, target: Path) -> None:
+        """Copy a file of the cache to its place, by way of one whose name is short: its own may be long."""
+        if not file.is_file():
+            raise UserError(f"{file} is gone: it was deleted during the run. Run again, and it is made anew.")
+        check_own_folder(target.parent, self._workspace)
+        with _explained(target):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            replace_copy(file, target, self.root / FRESH)
 
     def _target(self, artefact: Artefact, name: str) -> str:
         """Compute the path below `output/`; for a single file it is the artefact's `output` itself."""
@@ -107,10 +125,9 @@ class Output:
     def _shown(self) -> dict[str, Any]:
         """Read the ledger: by artefact, stage, key, and files with their digests and stamps."""
         try:
-            ledger = json.loads(self._ledger.read_text(encoding="utf-8"))
+            return {name: _entry(one) for name, one in read_sealed(self._ledger).items()}
         except (OSError, ValueError):
             return {}
-        return {name: one if "key" in one else _of_unknown_origin(one) for name, one in ledger.items()}
 
 
 def _outgrown(record: Record, available: Digests, stale: Collection[str]) -> list[str]:
@@ -130,9 +147,42 @@ def _of_an_earlier_run(stage: str, places: Sequence[str], other: Sequence[str]) 
     return f"Of an earlier run, in output: {', '.join(places)} ({stage} made it from {reason})."
 
 
-def _of_unknown_origin(files: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert an entry of an old ledger, which did not record stage and key."""
-    return {"stage": UNKNOWN, "key": "", "files": files}
+def _entry(one: Any) -> dict[str, Any]:
+    """Check an entry of the ledger; old ledgers did not record stage and key.
+
+    Raises
+    ------
+    ValueError
+        It has other types, or paths that are not below `output/`: a damaged ledger is worth nothing, since
+        files are removed by it.
+    """
+    if not isinstance(one, dict):
+        raise ValueError(f"{one!r} is no entry of a ledger")
+    entry: dict[str, Any] = one if "key" in one else {"stage": UNKNOWN, "key": "", "files": one}
+    match entry:
+        case {"stage": str(), "key": str(), "files": dict()}:
+            pass
+        case _:
+            raise ValueError(f"{one!r} is no entry of a ledger")
+    for target, stamp in entry["files"].items():
+        path = PurePosixPath(target)
+        if not path.parts or path.is_absolute() or ".." in path.parts or "\0" in target:
+            raise ValueError(f"{target!r} is no path below output/")
+        if not isinstance(stamp, list):
+            raise ValueError(f"{target!r} has no digest and stamp")
+    return entry
+
+
+@contextmanager
+def _explained(target: Path) -> Iterator[None]:
+    """Turn what the file system says against a file in `output/` into a sentence."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(
+            f"{target} cannot be written ({error.strerror}); expected a place for a copy of the result. Make "
+            "room, or move away what is there, and run again: the result itself is kept."
+        ) from error
 
 
 def _place(targets: Collection[str]) -> str:
@@ -150,10 +200,3 @@ def _stamp(path: Path) -> list[int] | None:
     except OSError:
         return None
     return [stat.st_size, stat.st_mtime_ns]
-
-
-def _copy(file: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    fresh = target.with_name(f".{target.name}.part")
-    shutil.copyfile(file, fresh)
-    fresh.replace(target)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -86,15 +86,35 @@ def decide(stage: AnyStage, request: Request, store: Store, available: Mapping[s
         return Decision(stage, Action.WAIT, f"depends on {_givers(unknown, request)}, which will run first")
     inputs = {name: available[name] for name in (*stage.takes, *stage.may_take) if name in available}
     made_from = ingredients(stage, settings_of(stage, request.settings), inputs)
+    decision = _reuse_or_run(stage, made_from, request, store)
+    absent = request.absent_from(stage)
+    if not absent:
+        return decision
+    verb = "is known by its digests" if decision.action is Action.REUSE else "will be fetched"
+    return replace(decision, reason=f"{decision.reason}; {' and '.join(absent)}, not on this machine, {verb}")
+
+
+def _reuse_or_run(stage: AnyStage, made_from: Ingredients, request: Request, store: Store) -> Decision:
     if request.selection.force and stage.name in request.selected():
         return Decision(stage, Action.RUN, "it was asked for with --force", made_from)
     record = store.record(stage.name, made_from.key)
     if record is None:
-        return Decision(stage, Action.RUN, why_run(made_from, store.current(stage.name)), made_from)
+        return Decision(stage, Action.RUN, _why_without_record(made_from, store), made_from)
     damage = store.damage(stage, record)
     if damage is not None:
         return Decision(stage, Action.RUN, f"its cached result is damaged: {damage}", made_from)
     return Decision(stage, Action.REUSE, "nothing that it depends on has changed", made_from, record)
+
+
+def _why_without_record(made_from: Ingredients, store: Store) -> str:
+    """Explain a run where no result of this key can be used."""
+    stage = made_from.stage
+    if harm := store.damaged_record(stage, made_from.key):
+        return f"its cached result is damaged: {harm}"
+    before = store.latest(stage)
+    if before is None and store.keys(stage):
+        return "the records of its earlier results are missing or damaged"
+    return why_run(made_from, before)
 
 
 def _givers(artefacts: list[str], request: Request) -> str:
@@ -104,7 +124,7 @@ def _givers(artefacts: list[str], request: Request) -> str:
 
 
 def read_sources(request: Request, store: Store, seen: Any = None) -> Available:
-    """Compute digests of the files of every source that the dataflow takes.
+    """Compute digests of the files of every source that the dataflow takes; those of absent ones are known.
 
     Raises
     ------
@@ -113,7 +133,11 @@ def read_sources(request: Request, store: Store, seen: Any = None) -> Available:
     """
     wanted = {name for stage in request.flow for name in (*stage.takes, *stage.may_take)}
     return {
-        kind.name: _digests(kind, request.sources[kind.name], store, seen)
+        kind.name: (
+            request.absent[kind.name].digests
+            if kind.name in request.absent
+            else _digests(kind, request.sources[kind.name], store, seen)
+        )
         for kind in request.kinds
         if kind.name in wanted and kind.name in request.sources
     }

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipeline.json_text import json_text
+from pipeline.replacing import replace_text
+from pipeline.sealed_json import read_sealed, sealed
 
 RECORD = "record.json"
+TYPES: dict[str, type | tuple[type, ...]] = {  # in JSON; a field that is not named here holds an object
+    "stage": str,
+    "version": int,
+    "key": str,
+    "warnings": list,
+    "finished": str,
+    "seconds": (int, float),
+    "cpu_seconds": (int, float),
+    "peak_bytes": int,
+}
 
 
 @dataclass(frozen=True)
@@ -60,15 +70,39 @@ class Record:
 
 
 def write_record(folder: Path, record: Record) -> None:
-    """Write `record.json` into `folder`."""
-    text = json_text(record.as_json(), indent=1)
-    (folder / RECORD).write_text(text + "\n", encoding="utf-8")
+    """Write `record.json` into `folder`, with a digest of itself."""
+    replace_text(folder / RECORD, sealed(record.as_json()))
 
 
-def read_record(folder: Path) -> Record | None:
-    """Read the record in `folder`; None where there is no readable one, which makes the result invalid."""
+def read_record(folder: Path) -> Record:
+    """Read the record in `cache/STAGE/KEY`, which has to be of that stage and key.
+
+    Raises
+    ------
+    OSError
+        There is none, or it cannot be read.
+    ValueError
+        It was changed, has values of other types than a record's, or belongs elsewhere.
+    """
+    values = read_sealed(folder / RECORD)
+    if not _is_typed(values):
+        raise ValueError(f"{folder / RECORD} has a value of another type than a record's")
     try:
-        values = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        return Record(**{**values, "warnings": tuple(values["warnings"])})
-    except (OSError, ValueError, TypeError, KeyError):
-        return None
+        record = Record(**{**values, "warnings": tuple(values["warnings"])})
+    except (TypeError, KeyError) as error:
+        raise ValueError(f"{folder / RECORD} has other fields than a record: {error}") from error
+    if (record.stage, record.key) != (folder.parent.name, folder.name):
+        raise ValueError(f"{folder / RECORD} is that of {record.stage}/{record.key}")
+    return record
+
+
+def _is_typed(values: Mapping[str, Any]) -> bool:
+    """Whether every field, and the texts within, have the type that they have in a record."""
+    if not all(isinstance(value, TYPES.get(name, dict)) for name, value in values.items()):
+        return False
+    digests = [files for name in ("inputs", "outputs") for files in values.get(name, {}).values()]
+    if not all(isinstance(files, dict) for files in digests):
+        return False
+    named = [values.get("tools", {}), values.get("machine", {}), *digests]
+    texts = [*values.get("warnings", []), *(text for one in named for text in one.values())]
+    return all(isinstance(text, str) for text in texts)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.errors import UserError
 from pipeline.settings import Settings, near
-from pipeline.stage import Flow, Source, former_names
+from pipeline.stage import AnyStage, Flow, Source, former_names
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,24 @@ class Selection:
 
 
 @dataclass(frozen=True)
+class Absent:
+    """A source that is not on this machine though its content is known: a published data set.
+
+    Its digests still prove results that were made from it; only a stage that reads it needs the files.
+
+    Attributes
+    ----------
+    digests : mapping of str to str
+        Digest of each of its files by relative path.
+    fetch : callable
+        Bring verified files to the path of the source, or raise a `UserError`.
+    """
+
+    digests: Mapping[str, str]
+    fetch: Callable[[], None]
+
+
+@dataclass(frozen=True)
 class Request:
     """A dataflow with all that it needs to be planned and run.
 
@@ -51,6 +69,8 @@ class Request:
     workspace : Path
     threads : int
         Never changes a result.
+    absent : mapping of str to Absent
+        Those of the sources whose files are fetched only if a stage reads them.
     """
 
     flow: Flow
@@ -60,6 +80,11 @@ class Request:
     workspace: Path
     threads: int = 1
     selection: Selection = field(default_factory=Selection)
+    absent: Mapping[str, Absent] = field(default_factory=dict)
+
+    def absent_from(self, stage: AnyStage) -> list[str]:
+        """List the names of the absent sources that a stage takes."""
+        return [name for name in (*stage.takes, *stage.may_take) if name in self.absent]
 
     def selected(self) -> tuple[str, ...]:
         """List the names of the stages that may run.

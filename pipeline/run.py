@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -14,10 +16,12 @@ from typing import Any, Protocol
 
 from filelock import FileLock, Timeout
 
+from pipeline.boundary import check_workspace
 from pipeline.errors import UserError
 from pipeline.job import Job, Progress
 from pipeline.key import Ingredients
 from pipeline.logbook import logged
+from pipeline.memory_limits import compare_with_free_memory, memory_errors_told
 from pipeline.meter import measured
 from pipeline.output import Output
 from pipeline.plan import Decision, decide, read_sources
@@ -28,6 +32,7 @@ from pipeline.settings import Settings
 from pipeline.stage import AnyStage, S, Stage, settings_of
 from pipeline.store import Store
 
+AT_ONCE_S = 2.0  # a killed run holds the lock until the system has taken its memory back
 NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}  # errors of writing only
 IF_WITHIN = {errno.EACCES, errno.EPERM, errno.EIO}  # errors of reading as well
 
@@ -74,22 +79,40 @@ def run(request: Request, listener: Listener) -> list[Done]:
     ------
     UserError
         Another run holds the workspace; it cannot be written; a stage outside the selection is not up to
-        date; a source changed while a stage read it; or a stage found fault with its input. Results
-        published before stay.
+        date; a source changed while a stage read it, or cannot be fetched; or a stage found fault with its
+        input. Results published before stay.
+    MachineError
+        A stage ran out of memory, or needs far more than there is.
     """
     with locked(request.workspace):
         store = Store(request.workspace)
-        for stage in request.flow:
-            store.sweep(stage.name)
+        _clear_up(request, store)
         try:
             return _run_in_order(request, store, listener)
         finally:
             store.memo.save()
 
 
+def clear_up(request: Request) -> list[str]:
+    """Delete what a killed run left; returns the stages that it was in. What another run holds stays."""
+    if (request.workspace / "cache").is_dir():
+        with suppress(UserError, OSError), locked(request.workspace, patience_s=0):
+            return _clear_up(request, Store(request.workspace))
+    return []
+
+
+def _clear_up(request: Request, store: Store) -> list[str]:
+    _output(request, store).clear_up()
+    return store.clear_up()
+
+
+def _output(request: Request, store: Store) -> Output:
+    return Output(request.workspace, store, [stage.name for stage in request.flow])
+
+
 def _run_in_order(request: Request, store: Store, listener: Listener) -> list[Done]:
     available = _read_sources_aloud(request, store, listener)
-    output = Output(request.workspace, store, [stage.name for stage in request.flow])
+    output = _output(request, store)
     done = []
     for stage in request.flow[: request.last_index() + 1]:
         decision = decide(stage, request, store, available)
@@ -123,12 +146,25 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
         )
     if made_from is None:
         raise RuntimeError(f"{stage.name} was to run though {decision.reason}")
+    _fetch_absent_sources(stage, request, listener)
     partial = store.begin(stage.name)
     with _kept_only_if_finished(partial), _threads(request.threads) as executor:
         job = _job(stage, made_from, request, store, listener, executor, partial)
-        with logged(stage, job, partial / "log.txt", request.workspace / "logs"), measured() as reading:
-            stage.run(job)
-        _check_sources(stage, made_from, request, store)
+        with (
+            memory_errors_told(stage),
+            logged(stage, job, partial / "log.txt", request.workspace / "logs"),
+            _temporary_files_in(job.scratch),
+            measured() as reading,
+        ):
+            compare_with_free_memory(stage, job)
+            try:
+                stage.run(job)
+            except Exception:
+                _check_inputs(
+                    job, made_from, request, store
+                )  # what was taken away says more than the failure
+                raise
+        _check_inputs(job, made_from, request, store)
         shutil.rmtree(job.scratch)
         record = _record(stage, made_from, job, store)
         record = replace(
@@ -139,12 +175,43 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
     return record
 
 
+def _fetch_absent_sources(stage: AnyStage, request: Request, listener: Listener) -> None:
+    """Fetch the files of the sources that a stage is about to read.
+
+    Raises
+    ------
+    UserError
+        They cannot be had.
+    """
+    for name in request.absent_from(stage):
+        listener.begin(f"fetching {name}", None)
+        try:
+            request.absent[name].fetch()
+        finally:
+            listener.end()
+
+
 @contextmanager
 def _kept_only_if_finished(partial: Path) -> Iterator[None]:
     try:
         yield
     finally:
         shutil.rmtree(partial, ignore_errors=True)  # published means renamed: then there is nothing here
+
+
+@contextmanager
+def _temporary_files_in(folder: Path) -> Iterator[None]:
+    """Keep temporary files of a stage, its libraries' too, where a killed run's are swept with the rest."""
+    before, variable = tempfile.tempdir, os.environ.get("TMPDIR")
+    tempfile.tempdir = os.environ["TMPDIR"] = str(folder.resolve())
+    try:
+        yield
+    finally:
+        tempfile.tempdir = before
+        if variable is None:
+            del os.environ["TMPDIR"]
+        else:
+            os.environ["TMPDIR"] = variable
 
 
 @contextmanager
@@ -197,22 +264,33 @@ def _input_paths(stage: AnyStage, request: Request, store: Store) -> dict[str, P
     return {name: places[name] for name in (*stage.takes, *stage.may_take) if name in places}
 
 
-def _check_sources(stage: AnyStage, made_from: Ingredients, request: Request, store: Store) -> None:
-    """Refuse a result whose sources changed since the run began: its key has their earlier digests.
+def _check_inputs(job: Job[Settings], made_from: Ingredients, request: Request, store: Store) -> None:
+    """Refuse a result whose inputs changed since the run began: its key has their earlier digests.
 
     Raises
     ------
     UserError
-        Files of a source were added, removed or changed.
+        Files of a source or of a cached artefact were added, removed or changed, or the folder in which the
+        stage works is gone.
     """
-    for name, files in read_sources(replace(request, flow=(stage,)), store).items():
+    stage = next(stage for stage in request.flow if stage.name == made_from.stage)
+    found = read_sources(replace(request, flow=(stage,), absent={}), store)
+    cached = [name for name in made_from.inputs if name not in request.sources]
+    found |= {name: store.digests(job.inputs[name]) for name in cached}
+    for name, files in found.items():
         before = made_from.inputs[name]
         if files != before:
+            kind = "cached artefact" if name in cached else "source"
             raise UserError(
-                f"The source {name} changed during the run ({changed_files(files, before)}), so that what "
+                f"The {kind} {name} changed during the run ({changed_files(files, before)}), so that what "
                 f"{stage.name} made of it was dropped; expected files that stay as they are. Earlier results "
                 "are kept: run again."
             )
+    if not job.scratch.is_dir():
+        raise UserError(
+            f"{job.scratch}, where {stage.name} worked, was deleted during the run; expected a cache that is "
+            "left alone. Earlier results are kept as far as they are there: run again."
+        )
 
 
 def _record(stage: AnyStage, made_from: Ingredients, job: Job[Settings], store: Store) -> Record:
@@ -252,19 +330,20 @@ def _compare_with_twin(store: Store, record: Record, listener: Listener) -> None
 
 
 @contextmanager
-def locked(workspace: Path) -> Iterator[None]:
+def locked(workspace: Path, patience_s: float = AT_ONCE_S) -> Iterator[None]:
     """Hold the workspace for this run.
 
     Raises
     ------
     UserError
-        It cannot be written, now or later on, or another run holds it.
+        It cannot be written, now or later on, would be written elsewhere, or another run holds it.
     """
+    check_workspace(workspace)
     try:
         workspace.mkdir(parents=True, exist_ok=True)
         (workspace / "cache").mkdir(exist_ok=True)
         lock = FileLock(workspace / ".lock")
-        lock.acquire(timeout=0)
+        lock.acquire(timeout=patience_s)
     except Timeout:
         raise UserError(
             f"Another run is using the workspace {workspace}; wait for it to end, "
@@ -276,6 +355,22 @@ def locked(workspace: Path) -> Iterator[None]:
             "choose another folder with --workspace."
         ) from error
     try:
+        with refusals_explained(workspace):
+            yield
+    finally:
+        lock.release()
+
+
+@contextmanager
+def refusals_explained(workspace: Path) -> Iterator[None]:
+    """Turn what the file system refuses in the workspace into a sentence.
+
+    Raises
+    ------
+    UserError
+        There is no room, or a place within the workspace may not be used.
+    """
+    try:
         yield
     except OSError as error:
         if error.errno in NO_ROOM or (error.errno in IF_WITHIN and _is_below(error.filename, workspace)):
@@ -285,8 +380,6 @@ def locked(workspace: Path) -> Iterator[None]:
                 "results are kept."
             ) from error
         raise
-    finally:
-        lock.release()
 
 
 def _is_below(place: str | None, workspace: Path) -> bool:

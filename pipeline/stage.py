@@ -46,6 +46,11 @@ def no_facts(settings: Settings) -> Mapping[str, str]:
     return {}
 
 
+def no_estimate(job: Job[Any]) -> int | None:
+    """Return no estimate: the stage's memory is not known before it runs."""
+    return None
+
+
 @dataclass(frozen=True)
 class Stage(Generic[S]):
     """A step of the dataflow, declared.
@@ -73,6 +78,11 @@ class Stage(Generic[S]):
     machine : callable
         From the settings, the facts of this machine that change the result (say, which engine was chosen):
         part of the key. Must be quick.
+    memory : callable
+        From a job about to run, an estimate of the bytes that the stage will take; None where it is unknown.
+        Must be quick beside the stage itself.
+    saves_memory : str
+        Settings that lower it, as the end of "For less memory, ".
     """
 
     name: str
@@ -87,6 +97,8 @@ class Stage(Generic[S]):
     formerly: tuple[str, ...] = ()
     tools: tuple[str, ...] = ()
     machine: Callable[[S], Mapping[str, str]] = field(default=no_facts)
+    memory: Callable[[Job[S]], int | None] = field(default=no_estimate)
+    saves_memory: str = ""
 
 
 AnyStage = Stage[Any]  # a stage whose settings class is not stated: `settings_of` gives it

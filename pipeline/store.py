@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import os
+import re
 import shutil
 import uuid
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
-from pipeline.digest import DigestMemo, replace_text
-from pipeline.json_text import json_text
+from pipeline.boundary import check_own_folder
+from pipeline.digest import DigestMemo
+from pipeline.errors import UserError
 from pipeline.record import RECORD, Record, read_record, write_record
-from pipeline.stage import AnyStage
+from pipeline.replacing import FRESH, replace_text
+from pipeline.sealed_json import read_sealed, sealed
+from pipeline.stage import AnyStage, Artefact
 
 PARTIAL = ".partial-"
+KEY = re.compile(r"[0-9a-f]{32}")
 
 
 class Store:
@@ -28,6 +33,7 @@ class Store:
 
     def __init__(self, workspace: Path) -> None:
         self.root = workspace / "cache"
+        self._workspace = workspace
         self.memo = DigestMemo(self.root / "digests.json")
 
     def entry(self, stage: str, key: str) -> Path:
@@ -35,16 +41,48 @@ class Store:
         return self.root / stage / key
 
     def record(self, stage: str, key: str) -> Record | None:
-        """Read the record of a result; None if there is no such result."""
-        return read_record(self.entry(stage, key))
+        """Read the record of a result; None if there is no such result, or its record is damaged."""
+        try:
+            return read_record(self.entry(stage, key))
+        except (OSError, ValueError):
+            return None
+
+    def damaged_record(self, stage: str, key: str) -> str | None:
+        """Describe why a result whose folder is there has no record; None where it has, or there is none."""
+        entry = self.entry(stage, key)
+        if not entry.is_dir():
+            return None
+        try:
+            read_record(entry)
+        except FileNotFoundError:
+            return f"{RECORD} is missing"
+        except OSError as error:
+            return f"{RECORD} cannot be read ({error.strerror})"
+        except ValueError:
+            return f"{RECORD} was changed"
+        return None
+
+    def keys(self, stage: str) -> list[str]:
+        """List the keys of all results of a stage, those with a damaged record included, sorted."""
+        folder = self.root / stage
+        return (
+            sorted(entry.name for entry in folder.iterdir() if KEY.fullmatch(entry.name))
+            if folder.is_dir()
+            else []
+        )
 
     def records(self, stage: str) -> list[Record]:
         """List the records of all results of a stage, oldest first."""
-        folder = self.root / stage
-        if not folder.is_dir():
-            return []
-        found = [read_record(entry) for entry in folder.iterdir() if not entry.name.startswith(".")]
+        found = [self.record(stage, key) for key in self.keys(stage)]
         return sorted((record for record in found if record), key=lambda record: record.finished)
+
+    def latest(self, stage: str) -> Record | None:
+        """Read the record of the current result; of the newest, where it is not known which is current."""
+        current = self.current(stage)
+        if current is not None:
+            return current
+        records = self.records(stage)
+        return records[-1] if records else None
 
     def current(self, stage: str) -> Record | None:
         """Read the record of the result that the last run made or used."""
@@ -55,13 +93,15 @@ class Store:
         """Store which result the last run made or used."""
         keys = self._current_keys()
         if keys.get(stage) != key:
-            replace_text(self.root / "current.json", json_text({**keys, stage: key}, indent=1) + "\n")
+            replace_text(self.root / "current.json", sealed({**keys, stage: key}))
 
     def _current_keys(self) -> dict[str, str]:
+        """Read which results are current; of none where the file is missing or damaged."""
         try:
-            return json.loads((self.root / "current.json").read_text(encoding="utf-8"))
+            keys = read_sealed(self.root / "current.json")
         except (OSError, ValueError):
             return {}
+        return {stage: key for stage, key in keys.items() if isinstance(key, str) and KEY.fullmatch(key)}
 
     def damage(self, stage: AnyStage, record: Record) -> str | None:
         """Describe the damage of a cached result; None if every file is as it was published."""
@@ -70,10 +110,24 @@ class Store:
             published = record.outputs.get(artefact.name)
             if published is None:
                 return f"its record does not know {artefact.name}"
-            found = self.digests(entry / artefact.path)
-            for name in published.keys() | found.keys():
-                if found.get(name) != published.get(name):
-                    return f"{artefact.path}{_below(artefact.path, name)} {_harm(name, found, published)}"
+            harm = self._damage_of(entry / artefact.path, artefact, published)
+            if harm is not None:
+                return harm
+        return None
+
+    def _damage_of(self, place: Path, artefact: Artefact, published: Mapping[str, str]) -> str | None:
+        """Describe the damage of one artefact, by its first file in order of names."""
+        if not (place.is_dir() if artefact.file is None else place.is_file()):
+            return f"{artefact.path} is missing"
+        try:
+            found = self.digests(place)
+        except OSError as error:
+            return f"{artefact.path} cannot be read ({error.strerror})"
+        except UserError:
+            return f"{artefact.path} holds a link that leads nowhere"
+        for name in sorted(published.keys() | found.keys()):
+            if found.get(name) != published.get(name):
+                return f"{artefact.path}{_below(artefact.path, name)} {_harm(name, found, published)}"
         return None
 
     def digests(self, path: Path) -> dict[str, str]:
@@ -82,7 +136,7 @@ class Store:
 
     def begin(self, stage: str) -> Path:
         """Create a private folder in which a result is prepared, invisible until `publish`."""
-        folder = self.root / stage / f"{PARTIAL}{uuid.uuid4().hex[:12]}"
+        folder = self._checked_folder(stage) / f"{PARTIAL}{uuid.uuid4().hex[:12]}"
         folder.mkdir(parents=True)
         return folder
 
@@ -95,32 +149,66 @@ class Store:
         write_record(partial, record)
         _flush(partial)
         entry = self.entry(record.stage, record.key)
-        if entry.exists():
-            entry.rename(self.begin(record.stage) / "replaced")
+        if os.path.lexists(entry):
+            entry.rename(self.begin(record.stage) / record.key)
         partial.rename(entry)
         self.memo.renamed(partial, entry)
         _flush_folder(entry.parent)
         self.sweep(record.stage)
 
     def sweep(self, stage: str) -> None:
-        """Delete partial results of an interrupted run. Only under the workspace's lock."""
-        folder = self.root / stage
-        if folder.is_dir():
-            for left in folder.glob(f"{PARTIAL}*"):
+        """Delete partial results of an interrupted run. Only under the workspace's lock.
+
+        A result that was moved aside, and not yet replaced when the run died, returns to its place.
+        """
+        folder = self._checked_folder(stage)
+        for left in folder.glob(f"{PARTIAL}*"):
+            for aside in left.glob("*"):
+                if KEY.fullmatch(aside.name) and not os.path.lexists(folder / aside.name):
+                    aside.rename(folder / aside.name)
+            if left.is_symlink() or not left.is_dir():
+                left.unlink(missing_ok=True)
+            else:
                 shutil.rmtree(left, ignore_errors=True)
 
+    def clear_up(self) -> list[str]:
+        """Delete what an interrupted run left, of any stage; returns the names of the stages that it was in.
+
+        Only under the workspace's lock.
+        """
+        interrupted = sorted({left.parent.name for left in self.root.glob(f"*/{PARTIAL}*")})
+        for stage in interrupted:
+            self.sweep(stage)
+        for left in self.root.glob(f".*{FRESH}"):
+            left.unlink(missing_ok=True)
+        return interrupted
+
     def remove(self, stage: str, key: str) -> int:
-        """Delete a result; returns the bytes freed."""
-        entry = self.entry(stage, key)
+        """Delete a result; returns the bytes freed. Of a link, only the link is deleted."""
+        entry = self._checked_folder(stage) / key
+        if entry.is_symlink() or not entry.is_dir():
+            entry.unlink()
+            return 0
         freed = size_of(entry)
         (entry / RECORD).unlink(missing_ok=True)  # first: a record never remains without its files
         shutil.rmtree(entry)
         return freed
 
+    def _checked_folder(self, stage: str) -> Path:
+        """Compute the folder of a stage's results, for writing."""
+        folder = self.root / stage
+        check_own_folder(folder, self._workspace)
+        return folder
+
 
 def size_of(folder: Path) -> int:
-    """Sum the bytes of all files below `folder`."""
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    """Sum the bytes of all files below `folder`; those that vanish meanwhile count nothing."""
+    total = 0
+    for place, _, names in os.walk(folder):
+        for name in names:
+            with suppress(OSError):
+                total += Path(place, name).stat().st_size
+    return total
 
 
 def _below(artefact_path: str, name: str) -> str:

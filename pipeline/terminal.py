@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from typing import Any
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from io import StringIO
+from typing import Any, TextIO
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from pipeline.errors import UserError
 from pipeline.json_text import json_text
 from pipeline.plan import Action, Decision
 from pipeline.record import Record
+from pipeline.streams import Messages
 
 COLOURS = {Action.REUSE: "green", Action.RUN: "yellow", Action.WAIT: "yellow", Action.LEAVE: "dim"}
 PIPE_WIDTH = 200  # columns of a table where there is no terminal
@@ -22,7 +29,7 @@ class Terminal:
     """A listener that writes to the error stream; the output stream is reserved for answers and `--json`."""
 
     def __init__(self, json_wanted: bool = False) -> None:
-        self._console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self._console = Console(file=Messages(), highlight=False, soft_wrap=True)  # type: ignore[arg-type]
         self._json_wanted = json_wanted
         self._bars = Progress(
             TextColumn("  {task.description}"),
@@ -80,13 +87,64 @@ class Terminal:
             f"[red]unshade:[/red] {escape(sentence)}" if not self._json_wanted else escape(sentence)
         )
 
+    def fault(self, error: Exception) -> None:
+        """Print an error that nobody foresaw, with its traceback."""
+        self._console.file.write(traceback.format_exc())
+        self.fail(f"{type(error).__name__}: {error}. This is a fault of unshade; earlier results are kept.")
+
+    def restore(self) -> None:
+        """Leave the bars of a process that was killed while it drew them."""
+        if self._console.is_terminal:
+            self._console.show_cursor(True)
+            self._console.print()
+
     def answer(self, value: Any, table: Table | None = None) -> None:
         """Write the result of a command to the output stream: as JSON if wanted, else as the table."""
-        if self._json_wanted:
-            sys.stdout.write(json_text(value, indent=1) + "\n")
-        elif table is not None:
-            width = None if sys.stdout.isatty() else PIPE_WIDTH
-            Console(highlight=False, width=width).print(table)
+        with output_stream() as stream:
+            if self._json_wanted:
+                stream.write(json_text(value, indent=1) + "\n")
+            elif table is not None:
+                stream.write(_text_of(table, stream))
+
+
+def _text_of(table: Table, stream: TextIO) -> str:
+    """Render a table as text for a stream: with colours and the width of the terminal if it is one."""
+    terminal = stream.isatty()
+    text = StringIO()
+    width = None if terminal else PIPE_WIDTH
+    Console(file=text, force_terminal=terminal, highlight=False, width=width).print(table)
+    return text.getvalue()
+
+
+@contextmanager
+def output_stream() -> Iterator[TextIO]:
+    """Give the output stream to write to; a reader that has had enough, such as `head`, is no error.
+
+    Raises
+    ------
+    UserError
+        It takes no more.
+    """
+    try:
+        try:
+            yield sys.stdout
+        finally:
+            sys.stdout.flush()
+    except OSError as error:
+        _drop_output_stream()
+        if not isinstance(error, BrokenPipeError):
+            raise UserError(
+                f"The answer cannot be written to the output stream ({error.strerror}); expected one that "
+                "takes it. All results are kept: give the output another place, and ask again."
+            ) from error
+
+
+def _drop_output_stream() -> None:
+    """Lead the output stream to the null device, or the rest in its buffer would fail again at the end."""
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
 
 
 def megabytes(size: int | None) -> str:

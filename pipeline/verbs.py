@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from pipeline.child import Ending, run_in_child
 from pipeline.inspect import compare, find_record, overview, prune, two_newest
+from pipeline.memory_limits import advice
 from pipeline.plan import plan, read_sources
 from pipeline.record import Record
 from pipeline.request import Request
-from pipeline.run import locked, run
+from pipeline.run import clear_up, locked, refusals_explained, run
+from pipeline.stage import AnyStage
 from pipeline.store import Store
 from pipeline.terminal import Terminal, megabytes, table_of
 
@@ -28,16 +31,61 @@ def run_verb(request: Request, terminal: Terminal) -> None:
     terminal.answer({"stages": [one.as_json() for one in done], "output": str(output)}, table)
 
 
+CRASHED = 1  # whatever code a library left with
+
+
+def do_in_child(
+    work: Callable[[], None],
+    request: Request,
+    terminal: Terminal,
+    code_of: Callable[[Callable[[], None]], int],
+) -> int:
+    """Do the work of a request in a child process; clear up after one that was killed; return the exit code.
+
+    `code_of` calls a function, prints the error that it raises, and returns the exit code.
+    """
+    ending = run_in_child(lambda: code_of(work))
+    if ending.code == 0:
+        return 0
+    left = clear_up(request)  # nothing, where the child could tell its error itself
+    if ending.signal is not None or left:
+        terminal.restore()
+        terminal.fail(_how_it_ended(ending, [stage for stage in request.flow if stage.name in left]))
+    return ending.code if ending.signal is not None or not left else CRASHED
+
+
+def _how_it_ended(ending: Ending, stages: Sequence[AnyStage]) -> str:
+    """Describe the end of a killed run in sentences, the last of which says how to go on."""
+    name = ending.signal.name if ending.signal else f"exit code {ending.code}"
+    where = f" during {stages[0].name}" if stages else ""
+    less = "".join(map(advice, stages)) or "Choose a smaller size or fewer --threads. "
+    if ending.requested:
+        how = "Interrupted" if name == "SIGINT" else f"Ended by {name}"
+        return f"{how}{where}. What was finished is kept; the same command continues there."
+    if name == "SIGKILL":
+        return (
+            f"The run was killed{where}, most likely by the system, because memory ran out. Close other "
+            f"programs, or take less. {less}What was finished is kept, and the same command continues there."
+        )
+    return (
+        f"Native code ended the run{where} ({name}), as it does where memory or the disk is full. Make room, "
+        f"or take less. {less}What was finished is kept, and the same command continues there; if there was "
+        "room, this is a fault of unshade or of a library."
+    )
+
+
 def plan_verb(request: Request, terminal: Terminal) -> None:
     """Print what a run would do, and why."""
-    store = Store(request.workspace)
-    rows = [decision.as_json() for decision in plan(request, store, read_sources(request, store))]
+    with refusals_explained(request.workspace):
+        store = Store(request.workspace)
+        rows = [decision.as_json() for decision in plan(request, store, read_sources(request, store))]
     terminal.answer(rows, table_of(rows, {"stage": "stage", "": "action", "because": "reason"}))
 
 
 def status_verb(workspace: Path, order: Sequence[str], terminal: Terminal) -> None:
     """Print results and their cost, stage by stage in this order."""
-    rows = overview(Store(workspace), order)
+    with refusals_explained(workspace):
+        rows = overview(Store(workspace), order)
     for row in rows:
         row["peak"] = megabytes(row["peak_bytes"])
         row["size"] = megabytes(row["bytes"])
@@ -58,7 +106,8 @@ def status_verb(workspace: Path, order: Sequence[str], terminal: Terminal) -> No
 def show_verb(workspace: Path, stage: str, key: str | None, terminal: Terminal) -> None:
     """Print the record of a result."""
     store = Store(workspace)
-    record = find_record(store, stage, key)
+    with refusals_explained(workspace):
+        record = find_record(store, stage, key)
     folder = store.entry(record.stage, record.key)
     rows = [{"what": name, "value": value} for name, value in _sayings(record, folder)]
     terminal.answer(record.as_json() | {"folder": str(folder)}, table_of(rows, {"": "what", " ": "value"}))
@@ -80,10 +129,11 @@ def _sayings(record: Record, folder: Path) -> list[tuple[str, Any]]:
 def diff_verb(workspace: Path, stage: str, keys: tuple[str, ...], terminal: Terminal) -> None:
     """Print the differences between two results of a stage: those named, or the newest and the one before."""
     store = Store(workspace)
-    if len(keys) == 2:
-        before, now = (find_record(store, stage, key) for key in keys)
-    else:
-        before, now = two_newest(store, stage)
+    with refusals_explained(workspace):
+        if len(keys) == 2:
+            before, now = (find_record(store, stage, key) for key in keys)
+        else:
+            before, now = two_newest(store, stage)
     found = compare(before, now)
     rows = [
         {"where": where, "what": sentence} for where, sentences in found.items() for sentence in sentences

@@ -37,10 +37,13 @@ name_loop_cache(
 )  # before any stage imports numba, which is late, so that a plan answers at once
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".hdr")
-MODEL_FILES = tuple(  # not *.bin: a dense workspace holds gigabytes of depth maps
-    f"{part}.{form}"
-    for part in ("cameras", "images", "points3D", "rigs", "frames")
-    for form in ("bin", "txt")
+MODEL_FILES = (  # not *.bin: a dense workspace holds gigabytes of depth maps
+    *(
+        f"{part}.{form}"
+        for part in ("cameras", "images", "points3D", "rigs", "frames")
+        for form in ("bin", "txt")
+    ),
+    "as_stored.json",  # in models of our own, which photos they mean as stored
 )
 
 SOURCES = (

@@ -48,4 +48,5 @@ ADOPT_MESH = Stage(
     gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
     run=run,
     tools=("numpy", "scipy", "trimesh", *OPEN3D),
+    saves_memory="give a mesh of fewer faces",
 )

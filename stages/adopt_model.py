@@ -160,4 +160,5 @@ ADOPT_MODEL = Stage(
     gives=(Artefact("model", "COLMAP sparse model at the photos' own size"),),
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
+    saves_memory="give a model of fewer points",
 )

@@ -4,20 +4,36 @@ from __future__ import annotations
 
 import os
 import sys
-import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import tyro
 from tyro.conf import FlagCreatePairsOff
 
-from pipeline import UserError, verbs
+from pipeline import MachineError, UserError, verbs
+from pipeline.file_kinds import is_folder
 from pipeline.key import tool_version
-from pipeline.terminal import Terminal
+from pipeline.memory_limits import is_out_of_memory
+from pipeline.request import Request
+from pipeline.streams import prepare_process
+from pipeline.terminal import Terminal, output_stream
 from stages import IN_ORDER
-from stages.command.arguments import Clean, Command, Diff, Evaluate, Plan, Relight, Run, Show, Status
+from stages.command.arguments import (
+    Clean,
+    Command,
+    Diff,
+    Evaluate,
+    Plan,
+    Relight,
+    Run,
+    Show,
+    Status,
+    refuse_empty,
+)
 from stages.command.evaluation import evaluate_verb
-from stages.command.request import existing_workspace, relighting_of, request_of
+from stages.command.request import check_lights, existing_workspace, relighting_of, request_of
 
+COMMANDS = [kind.__name__.lower() for kind in (Run, Plan, Relight, Status, Show, Diff, Clean, Evaluate)]
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130
 ABOUT = (
     "Per-view albedo from photos or a COLMAP workspace: the light and the shading apart. "
@@ -26,42 +42,85 @@ ABOUT = (
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Parse, do, and answer with an exit code: 0 done, 2 something the user can put right, 1 our fault."""
+    """Parse, do, and answer with an exit code: 0 done, 2 something the user can put right, 1 our fault.
+
+    As a program (without `argv`) it also sets up its process, and computes in a child of it.
+    """
     # BLAS splits its sums by the number of cores: on one thread the bits are the same on every machine, and
     # the stages are parallel over views, rows or channels anyway. Read when numpy is first imported.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    if argv is None:
+        prepare_process()
     words = list(sys.argv[1:] if argv is None else argv)
-    if words == ["--version"]:
-        sys.stdout.write(f"unshade {tool_version('unshade')}\n")
-        return 0
-    command = tyro.cli(Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,))
-    terminal = Terminal(command.json)
+    terminal = Terminal("--json" in words)
+    return exit_code_of(lambda: parse_and_obey(words, terminal, in_child=argv is None), terminal)
+
+
+def parse_and_obey(words: Sequence[str], terminal: Terminal, in_child: bool) -> int:
+    """Parse a command line and do what it says; returns the exit code."""
+    command = None
+    with output_stream() as stream:
+        if words == ["--version"]:
+            stream.write(f"unshade {tool_version('unshade')}\n")
+        else:
+            refuse_empty(words)
+            refuse_path_for_a_command(words)
+            command = tyro.cli(
+                Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,)
+            )
+    return obey(command, terminal, in_child) if command else 0
+
+
+def exit_code_of(work: Callable[[], int | None], terminal: Terminal) -> int:
+    """Do some work, print the error that it raises, and return the exit code: its own, if it returns one."""
     try:
-        obey(command, terminal)
+        return work() or 0
     except UserError as error:
         terminal.fail(str(error))
         return USER_MISTAKE
     except KeyboardInterrupt:
-        terminal.fail("Interrupted. What was finished is kept; the next run continues there.")
+        terminal.fail("Interrupted. What was finished is kept; the same command continues there.")
         return INTERRUPTED
-    except Exception as error:
-        traceback.print_exc()
-        terminal.fail(
-            f"{type(error).__name__}: {error}. This is a fault of unshade; earlier results are kept."
-        )
+    except MachineError as error:
+        terminal.fail(str(error))
         return FAULT
-    return 0
+    except Exception as error:
+        if is_out_of_memory(error):
+            terminal.fail(
+                "The memory is full; expected room for more. End other programs; earlier results are kept."
+            )
+        else:
+            terminal.fault(error)
+        return FAULT
 
 
-def obey(command: Command, terminal: Terminal) -> None:
-    """Do what a parsed command says."""
+def refuse_path_for_a_command(words: Sequence[str]) -> None:
+    """Say which command takes the path that was given in place of one.
+
+    Raises
+    ------
+    UserError
+        The first word is a folder or a configuration.
+    """
+    if not words or words[0].startswith("-") or words[0] in COMMANDS:
+        return
+    given = Path(words[0])
+    if is_folder(given):
+        raise UserError(f"{given} is a folder, and no command. For photos: `unshade run --images {given}`.")
+    if given.suffix.lower() in (".yaml", ".yml"):
+        raise UserError(f"{given} is a configuration, and no command. To run it: `unshade run {given}`.")
+
+
+def obey(command: Command, terminal: Terminal, in_child: bool) -> int:
+    """Do what a parsed command says; returns the exit code of what was done in a child process."""
     match command:
         case Plan():
-            verbs.plan_verb(request_of(command), terminal)
+            check_lights((request := request_of(command)).sources)
+            verbs.plan_verb(request, terminal)
         case Run():
-            verbs.run_verb(request_of(command), terminal)
+            return carry_out(request_of(command), terminal, in_child)
         case Relight():
-            verbs.run_verb(relighting_of(command), terminal)
+            return carry_out(relighting_of(command), terminal, in_child)
         case Status():
             verbs.status_verb(existing_workspace(command), [stage.name for stage in IN_ORDER], terminal)
         case Show():
@@ -72,6 +131,20 @@ def obey(command: Command, terminal: Terminal) -> None:
             verbs.clean_verb(existing_workspace(command), command.everything, terminal)
         case Evaluate():
             evaluate_verb(command, terminal)
+    return 0
+
+
+def carry_out(request: Request, terminal: Terminal, in_child: bool) -> int:
+    """Run the stages of a request, in a child process or in this one."""
+
+    def work() -> None:
+        check_lights(request.sources)  # reads them with libraries: their threads would not survive a fork
+        verbs.run_verb(request, terminal)
+
+    if in_child:
+        return verbs.do_in_child(work, request, terminal, lambda work: exit_code_of(work, terminal))
+    work()
+    return 0
 
 
 if __name__ == "__main__":

@@ -87,4 +87,5 @@ CORRESPONDENCE = Stage(
     gives=(Artefact("correspondences", "one scipy sparse matrix per pair i < j, npz, and index.json"),),
     run=run,
     tools=("numpy", "scipy", "numba", *PICTURES),
+    saves_memory="set raycast.reduce=2, or choose fewer views (raycast.views)",
 )

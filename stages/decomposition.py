@@ -24,19 +24,34 @@ if TYPE_CHECKING:
     from stages.scene.cameras import Camera
 
 CHANNELS = ("red", "green", "blue")
+BYTES_OF_LIBRARIES = 250_000_000
+BYTES_PER_LINK = 40
+BYTES_PER_PIXEL = {"paper": 550, "harmonics": 1350, "directions": 600}  # masked, all channels together
+OF_PAPERS_SOLVER = 500  # bytes per pixel that the channels share, and as many for each at work
 
 
 def run(job: Job[DecompositionSettings]) -> None:
-    """Decompose under a given light, or estimate it with the albedo; save maps and history.
-
-    Memory, per masked pixel and all channels together: `solver: fast` some 550 B in `mode: paper`, 600 B in
-    `mode: transfer`, 1350 B there with `light: harmonics`; `solver: paper` about 500 B for what the channels
-    share, 500 B more for each at work.
-    """
+    """Decompose under a given light, or estimate it with the albedo; save maps and history."""
     if job.settings.kind_of_light == "directions":
         _under_light(job)
     else:
         _with_its_light(job)
+
+
+def estimated_memory(job: Job[DecompositionSettings]) -> int:
+    """Estimate the memory from masked pixels and links; measured values are up to a third off it."""
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.artefacts.correspondence_files import link_count
+    from stages.formats.artefacts.view_files import masked_pixels
+
+    settings = job.settings
+    per_pixel = BYTES_PER_PIXEL[settings.kind_of_light]
+    if settings.kind_of_light == "paper" and settings.solver == "paper":
+        per_pixel = OF_PAPERS_SOLVER * (1 + min(job.threads, len(CHANNELS)))
+    pixels = masked_pixels(job.inputs["mask"], read_cameras(job.inputs["cameras"]))
+    return (
+        BYTES_OF_LIBRARIES + per_pixel * pixels + BYTES_PER_LINK * link_count(job.inputs["correspondences"])
+    )
 
 
 def _under_light(job: Job[DecompositionSettings]) -> None:
@@ -297,6 +312,8 @@ DECOMPOSITION = Stage(
     ),
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
+    memory=estimated_memory,
+    saves_memory="set raycast.reduce=2, choose fewer views (raycast.views), or lower undistort.max_size_px",
 )
 
 # The same stage in `mode: transfer`. With `light: harmonics` it takes the inputs of that light.

@@ -200,4 +200,5 @@ EXPORT = Stage(
     ),
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
+    saves_memory="set raycast.reduce=2, or choose fewer views (raycast.views)",
 )

@@ -104,4 +104,5 @@ FULL_RESOLUTION = Stage(
     ),
     run=run,
     tools=("numpy", "scipy", *PYCOLMAP, *PICTURES),
+    saves_memory="give --threads 1: one photo at a time",
 )

@@ -47,4 +47,5 @@ KNOWN_GEOMETRY = Stage(
     gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
     run=run,
     tools=("numpy", *OPEN3D),
+    saves_memory="render fewer views (render.views)",
 )

@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from stages.scene.cameras import Camera
 
 
+BYTES_OF_LIBRARIES = 250_000_000
+BYTES_AT_ANY_SIZE = 400_000_000  # of specular reflection and of the picture of the light
+BYTES_PER_PIXEL = 400  # masked
+
+
 @dataclass(frozen=True, eq=False)
 class Opened:
     """Views read from disk: cameras, stacked pixels, images divided by a common scale.
@@ -45,11 +50,7 @@ class Opened:
 
 
 def run(job: Job[LightingSettings]) -> None:
-    """Read the views, estimate their light, and save it, the shading, and the pixels' data for the albedo.
-
-    Memory: some 400 B per masked pixel. Specular reflection adds 0.4 GB at any size, and the picture of the
-    light 0.2 GB for 256 directions, in proportion to their number.
-    """
+    """Read the views, estimate their light, and save it, the shading, and the pixels' data for the albedo."""
     import numpy as np
 
     from stages.formats.artefacts.transfer_file import read_transfer
@@ -79,6 +80,15 @@ def run(job: Job[LightingSettings]) -> None:
     _note(job, stored, found, viewing.trusted)
     _report(job, stored, found)
     _write(job, opened, stored, found, bool(viewing.trusted.any()))
+
+
+def estimated_memory(job: Job[LightingSettings]) -> int:
+    """Estimate the memory from masked pixels; measured values are up to a third off it."""
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.artefacts.view_files import masked_pixels
+
+    pixels = masked_pixels(job.inputs["mask"], read_cameras(job.inputs["cameras"]))
+    return BYTES_OF_LIBRARIES + BYTES_AT_ANY_SIZE + BYTES_PER_PIXEL * pixels
 
 
 def _steps(how: LightingSettings, scenes: int) -> int:
@@ -271,4 +281,6 @@ LIGHTING = Stage(
     ),
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
+    memory=estimated_memory,
+    saves_memory="set raycast.reduce=2, choose fewer views (raycast.views), or lower undistort.max_size_px",
 )

@@ -74,5 +74,6 @@ MVS = Stage(
     ),
     run=run,
     tools=("numpy", "scipy", "numba", "opencv-python-headless", *PYCOLMAP),
+    saves_memory="lower undistort.max_size_px",
     machine=engine_of,
 )

@@ -160,4 +160,5 @@ RAYCAST = Stage(
     ),
     run=run,
     tools=("numpy", *PYCOLMAP, *OPEN3D, *PICTURES),
+    saves_memory="set raycast.reduce=2, or give a mesh of fewer faces",
 )

@@ -93,6 +93,7 @@ RELIGHT = Stage(
     gives=(Artefact("relit", "the views under another light, EXR (linear) and PNG", output="relit"),),
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
+    saves_memory="set raycast.reduce=2, or choose fewer views (raycast.views)",
 )
 
 # The same after a stage that has estimated the light.

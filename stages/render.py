@@ -190,4 +190,5 @@ RENDER = Stage(
     ),
     run=run,
     tools=("mitsuba", "drjit", "scikit-image", "numpy", "scipy", "trimesh", *PYCOLMAP, *OPEN3D, *PICTURES),
+    saves_memory="lower render.width_px and render.height_px",
 )

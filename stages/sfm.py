@@ -28,7 +28,7 @@ def run(job: Job[SfmSettings]) -> None:
     with quiet_colmap():
         photos = _survey(job)
         colours = _find_features(job, photos, database)
-        _match(job, database, len(photos))
+        _match(job, database, [len(own) for own in colours])
         model = _adjust(job, _map(job, database, photos))
         colour_points(model, colours)
         _publish(job, model, database, photos)
@@ -80,6 +80,7 @@ def _find_features(job: Job[SfmSettings], photos: Sequence[Photo], database: Pat
     from stages.motion.database import write_features
     from stages.motion.features import detect, read_features
     from stages.motion.photo_set import camera_groups, initial_cameras
+    from stages.motion.room import check_room, room_for_copy, room_for_features
 
     settings = job.settings
     groups = camera_groups(photos, settings.cameras)
@@ -91,17 +92,21 @@ def _find_features(job: Job[SfmSettings], photos: Sequence[Photo], database: Pat
     with job.progress("finding features", len(photos)) as step:
         for start in range(0, len(photos), batch):
             copies = [photo.copy for photo in photos[start : start + batch]]
+            check_room(found_in, room_for_features([settings.max_features] * len(copies)))
             detect(copies, found_in, settings.max_features, job.threads)
             step(len(copies))
+    check_room(database, room_for_copy(found_in))
     with pycolmap.Database.open(found_in) as found:
         features = (read_features(found, photo.copy, photo.width, photo.height) for photo in photos)
         return write_features(database, cameras, groups, features)
 
 
-def _match(job: Job[SfmSettings], database: Path, count: int) -> None:
+def _match(job: Job[SfmSettings], database: Path, features: Sequence[int]) -> None:
+    """Match the photos, given how many features each has."""
     from stages.motion import matching
+    from stages.motion.room import check_room, room_for_matches
 
-    settings = job.settings
+    settings, count = job.settings, len(features)
     mode = settings.matching
     if mode == "auto":
         mode = "exhaustive" if count <= settings.exhaustive_up_to else "sequential"
@@ -114,6 +119,7 @@ def _match(job: Job[SfmSettings], database: Path, count: int) -> None:
     pairs = matching.all_pairs(count) if exhaustive else matching.sequential_pairs(count, settings.overlap)
     with job.progress("comparing pairs", len(pairs)) as step:
         for batch in matching.in_batches(pairs):
+            check_room(database, room_for_matches(batch, features))
             matching.match_pairs(database, batch, settings.seed, job.threads)
             step(len(batch))
 
@@ -121,7 +127,9 @@ def _match(job: Job[SfmSettings], database: Path, count: int) -> None:
 def _map(job: Job[SfmSettings], database: Path, photos: Sequence[Photo]) -> pycolmap.Reconstruction:
     """The largest model of the best attempt; what it lacks is said."""
     from stages.formats.colmap.model import registered
+    from stages.motion.room import check_room, room_for_features
 
+    check_room(database, room_for_features([]))
     models = _map_globally(job, database) if job.settings.mapper == "global" else []
     if not models:
         models = _map_incrementally(job, database, len(photos))
@@ -246,4 +254,5 @@ SFM = Stage(
     ),
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
+    saves_memory="lower sfm.max_size_px and sfm.max_features, or give --threads 1",
 )

@@ -189,4 +189,5 @@ TRANSFER = Stage(
     gives=(Artefact("transfer", "transfer vectors and form factors", file="transfer.npz"),),
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", "fast-simplification", *OPEN3D),
+    saves_memory="lower transfer.max_vertices and transfer.sky_directions",
 )

@@ -94,6 +94,7 @@ def run(job: Job[UndistortSettings]) -> None:
             f"No photo in {job.inputs['images']} holds a value that can be light: all are not numbers, or "
             "beyond 1e30; expected linear light. Export the photos again."
         )
+    _tell_black_photos(job, [name for name, one in zip(names, found, strict=True) if one.unlit], len(views))
     _tell_impossible(job, {name: one.impossible for name, one in zip(names, found, strict=True)})
     _tell_remarks(job, {name: one.remarks for name, one in zip(names, found, strict=True)})
     write_model(pinhole_model(cameras, points_from=model), workspace / "sparse")
@@ -118,6 +119,8 @@ class Undistorted:
         Its mask keeps nothing.
     impossible : int
         Pixels that were not numbers, or too bright to be light from a surface.
+    unlit : bool
+        None of its values is above zero.
     nothing_left : bool
         And without them, there is no other.
     remarks : list of str
@@ -127,6 +130,7 @@ class Undistorted:
     resampled: bool
     black: bool
     impossible: int
+    unlit: bool
     nothing_left: bool
     remarks: list[str]
 
@@ -143,6 +147,7 @@ def undistort_view(view: View) -> Undistorted:
     linear, kept, impossible = read_masked_photo(
         view.photo, view.mask, size, view.as_stored, view.most_times_bright, view.fireflies
     )
+    unlit = not (linear > 0).any()
     linear, kept, touched = through_pinhole(linear, kept, view.lens, view.camera)
     write_exr(view.linear, linear)
     write_png_srgb8(view.image, linear)
@@ -150,7 +155,8 @@ def undistort_view(view: View) -> Undistorted:
         write_mask(view.kept, kept)
     black = view.mask is not None and not kept.any()
     nothing_left = bool(impossible) and not kept.any()
-    return Undistorted(touched, black, impossible, nothing_left, remarks_on(view.photo, view.as_stored))
+    remarks = remarks_on(view.photo, view.as_stored)
+    return Undistorted(touched, black, impossible, unlit, nothing_left, remarks)
 
 
 def _pinhole_cameras(model: pycolmap.Reconstruction, settings: UndistortSettings) -> list[Camera]:
@@ -201,6 +207,17 @@ def _tell_black_masks(job: Job[UndistortSettings], black: list[str], views: int)
         job.warn(f"{len(black)} of {views} masks keep no pixel of their photos: {listed(black)}.")
 
 
+def _tell_black_photos(job: Job[UndistortSettings], unlit: list[str], views: int) -> None:
+    """Raise where no photo has light: what follows, stereo first, would be for nothing."""
+    if len(unlit) == views:
+        raise UserError(
+            f"The photos in {job.inputs['images']} are black: no value is above zero; expected some light. "
+            "Export them again."
+        )
+    if unlit:
+        job.warn(f"{len(unlit)} of {views} photos are black, no value above zero: {listed(unlit)}.")
+
+
 def _tell_impossible(job: Job[UndistortSettings], counts: dict[str, int]) -> None:
     """What of the photos can be no light from a surface, photo by photo."""
     counts = {name: count for name, count in counts.items() if count}
@@ -239,4 +256,5 @@ UNDISTORT = Stage(
     ),
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
+    saves_memory="lower undistort.max_size_px, or give --threads 1",
 )

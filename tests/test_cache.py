@@ -142,7 +142,7 @@ def test_a_source_that_may_not_be_read_is_named(root, name):
 
 def test_a_source_that_is_nothing_to_read_is_named(root):
     os.mknod(root / "words/c.txt", stat.S_IFSOCK | 0o600)
-    with pytest.raises(UserError, match="words/c.txt, of the source words, cannot be read .No such device"):
+    with pytest.raises(UserError, match="words/c.txt is a socket; expected a file"):
         run_toy(root)
 
 
@@ -447,7 +447,7 @@ def test_an_output_of_a_program_that_kept_no_origins_is_brought_up_to_date(root)
     run_toy(root)
     ledger = root / "workspace/cache/output.json"
     entries = json.loads(ledger.read_text())
-    ledger.write_text(json.dumps({name: one["files"] for name, one in entries.items()}))
+    ledger.write_text(json.dumps({name: one["files"] for name, one in entries.items() if name != "digest"}))
     witness = run_toy(root, settings={"count": {"times": 2}})
     assert witness.said == []
     assert page(root) == "<22>"

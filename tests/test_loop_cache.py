@@ -48,6 +48,23 @@ def test_the_folder_is_beside_the_sources_or_the_users_and_what_is_set_holds(tmp
     assert Path(os.environ[VARIABLE]).parent == tmp_path / "home" / "unshade"
 
 
+def test_without_a_home_the_folder_is_the_users_own_among_the_temporary_files(tmp_path, monkeypatch):
+    monkeypatch.delenv(VARIABLE)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    blocked = tree(tmp_path / "blocked")
+    (blocked / "__pycache__").write_bytes(b"")
+    private = tmp_path / f"unshade-{os.geteuid()}"
+    private.mkdir(mode=0o777)
+    private.chmod(0o777)  # others could put their code there
+    name_loop_cache(blocked)
+    assert VARIABLE not in os.environ
+    private.rmdir()
+    name_loop_cache(blocked)
+    assert Path(os.environ[VARIABLE]).parent == private
+    assert private.stat().st_mode & 0o777 == 0o700
+
+
 def test_the_program_names_it_before_numba_is_imported():
     said = "import sys, stages, os; print('numba' in sys.modules, os.environ['NUMBA_CACHE_DIR'])"
     clean = {name: value for name, value in os.environ.items() if name != VARIABLE}

@@ -66,7 +66,7 @@ def test_none_is_written_as_the_documentation_writes_it(nothing):
         ("times=3", "--set times=3 was not understood; expected STAGE.SETTING=VALUE"),
         ("count.times", "--set count.times was not understood"),
         ("count.times={", "the value is not YAML"),
-        ("count.times=2020-01-01", "not JSON serializable"),
+        ("count.times=2020-01-01", "count.times is '2020-01-01'; expected a valid integer."),
     ],
 )
 def test_a_refusal_names_setting_value_and_expectation(assignment, sentence):

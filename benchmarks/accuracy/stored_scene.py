@@ -41,7 +41,7 @@ class StoredScene:
     @classmethod
     def unpacked(cls, name: str, folder: Path) -> StoredScene:
         """Unpack the scene of this name into a folder."""
-        with np.load(SCENES / f"{name}.npz") as stored:
+        with np.load(SCENES / f"{name}.npz", allow_pickle=False) as stored:
             scene = cls(dict(stored), folder)
         for kind in ("images", "masks"):
             (folder / kind).mkdir(parents=True, exist_ok=True)

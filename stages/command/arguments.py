@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from tyro.conf import Positional, UseAppendAction, arg
+
+from pipeline import UserError
 
 
 def optional(metavar: str, name: str | None = None) -> Any:
@@ -204,3 +207,20 @@ class Evaluate:
 
 
 Command = Run | Plan | Relight | Status | Show | Diff | Clean | Evaluate
+
+
+def refuse_empty(words: Sequence[str]) -> None:
+    """Refuse empty words, and options with nothing after their equals sign.
+
+    Raises
+    ------
+    UserError
+        There is one: as a path, it would be the current folder.
+    """
+    for place, word in enumerate(words):
+        if not word or (word.startswith("--") and word.endswith("=")):
+            where = f" after {words[place - 1]}" if not word and place else f" after {word}" if word else ""
+            raise UserError(
+                f"An empty word was given{where}; expected a path, a name or a value. Perhaps a shell "
+                "variable is not set."
+            )

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.table import Table
 
 from pipeline import UserError
+from pipeline.library_messages import library_messages_in
 from pipeline.terminal import Terminal, table_of
 from stages.command.arguments import Evaluate
 
@@ -30,7 +33,8 @@ def evaluate_verb(command: Evaluate, terminal: Terminal) -> None:
     check_words(command)
     terminal.begin("views", None)
     try:
-        parts = list(judged_parts(command, terminal.advance))
+        with library_messages_in(Path(os.devnull)):
+            parts = list(judged_parts(command, terminal.advance))
     finally:
         terminal.end()
     page, answer = Table.grid(), dict[str, Any]()

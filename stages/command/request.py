@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import stages
 from pipeline import UserError, former_names
 from pipeline.config import Config, check_settings, override, read_config
-from pipeline.request import Request, Selection, check_flow
-from stages.command.arguments import Given, Plan, Relight, Run
-from stages.scene.datasets import dataset_folder
+from pipeline.errors import shortened
+from pipeline.file_kinds import FILE, FOLDER, is_folder, kind_of_file
+from pipeline.library_messages import library_messages_in
+from pipeline.request import Absent, Request, Selection, check_flow
+from stages.command.arguments import Given, Relight, Run
+from stages.scene.datasets import Dataset, find_dataset
 from stages.scene.wording import listed
 
 SOURCE_OF_FLAG = {
@@ -22,8 +26,10 @@ SOURCE_OF_FLAG = {
     "environment": "environment",
     "known_light": "known_light",
 }
+LIGHTS = {"light", "known_light", "environment"}
 FILES = {"mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
+MOST_THREADS = 1024
 WORKSPACES = Path("workspaces")  # below the current folder
 # Generic names of folders of photos: projects named by them would share a workspace.
 SAY_NOTHING = {"images", "img", "photos", "photo", "pictures", "input", "jpg", "jpeg", "png", "tif", "tiff"}
@@ -85,6 +91,8 @@ def _request(
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     workspace = workspace_of(command, config, sources)
+    for path in (workspace, *sources.values()):
+        check_text(path)
     check_apart(workspace, sources)
     return Request(
         flow=flow,
@@ -94,7 +102,23 @@ def _request(
         workspace=workspace,
         threads=threads_of(command),
         selection=selection,
+        absent=absent_sources(command, config),
     )
+
+
+def check_lights(sources: Mapping[str, Path]) -> None:
+    """Refuse a picture of light that cannot be one, before the stages that lead to its use are run.
+
+    Raises
+    ------
+    UserError
+        As `read_environment`.
+    """
+    for name in LIGHTS & sources.keys():
+        from stages.formats.images.photos import read_environment
+
+        with library_messages_in(Path(os.devnull)):
+            read_environment(sources[name])
 
 
 def config_of(command: Given) -> Config:
@@ -107,7 +131,7 @@ def config_of(command: Given) -> Config:
     """
     if command.config is None:
         return Config()
-    if command.config.is_dir():
+    if is_folder(command.config):
         raise UserError(
             f"The configuration {command.config} is a folder; expected a YAML file. A folder of photos is "
             f"given by `--images {command.config}`, one with a COLMAP model by `--colmap {command.config}`."
@@ -119,32 +143,60 @@ def config_of(command: Given) -> Config:
 def sources_of(command: Given, config: Config) -> dict[str, Path]:
     """Collect the sources that were given, those on the command line before those of the configuration."""
     sources = {}
-    if "dataset" in config.sources and command.images is None:
-        fetch = isinstance(command, Run | Relight) and not isinstance(command, Plan)
-        sources["images"] = dataset_folder(config.sources["dataset"], fetch) / DATASET_PHOTOS
+    if dataset := dataset_of(command, config):
+        sources["images"] = dataset.folder / DATASET_PHOTOS
     for flag, name in SOURCE_OF_FLAG.items():
         given = getattr(command, flag)
         if given is None and flag in config.sources:
             given = beside(config, config.sources[flag])
         if given is not None:
             sources[name] = existing(flag, given)
-    if "colmap" in sources and "images" not in sources and (sources["colmap"] / "images").is_dir():
+    if "colmap" in sources and "images" not in sources and is_folder(sources["colmap"] / "images"):
         sources["images"] = sources["colmap"] / "images"
     return sources
 
 
+def dataset_of(command: Given, config: Config) -> Dataset | None:
+    """Find the data set that the photos are of, if the configuration names one and no folder was given."""
+    named = "dataset" in config.sources and command.images is None
+    return find_dataset(config.sources["dataset"]) if named else None
+
+
+def absent_sources(command: Given, config: Config) -> dict[str, Absent]:
+    """Describe the photos of a data set that is not on this machine; a user's own folder has to be here."""
+    dataset = dataset_of(command, config)
+    if dataset is None or dataset.is_here():
+        return {}
+    return {"images": Absent(dataset.digests(DATASET_PHOTOS), dataset.fetch)}
+
+
 def beside(config: Config, path: str) -> Path:
     """Resolve a path in a configuration relative to its folder; ~ is the user's home."""
-    return Path(os.path.normpath(config.folder / Path(path).expanduser()))
+    try:
+        return Path(os.path.normpath(config.folder / Path(path).expanduser()))
+    except RuntimeError as error:
+        raise UserError(
+            f"The path {path} in the configuration begins with a home that is not known here ({error}); "
+            "write it in full."
+        ) from error
 
 
 def existing(flag: str, path: Path) -> Path:
     """Check that the path exists and is of the right kind, and return it."""
-    expected, flag = "file" if flag in FILES else "folder", flag.replace("_", "-")
-    if not path.exists():
-        raise UserError(f"--{flag} {path} does not exist; expected a {expected}. Check the path.")
-    if path.is_dir() != (expected == "folder"):
-        raise UserError(f"--{flag} {path} is not a {expected}; expected a {expected}.")
+    expected, flag = FILE if flag in FILES else FOLDER, flag.replace("_", "-")
+    try:
+        kind = kind_of_file(path)
+    except (FileNotFoundError, NotADirectoryError):
+        raise UserError(
+            f"--{flag} {shortened(str(path))} does not exist; expected {expected}. Check the path."
+        ) from None
+    except OSError as error:
+        raise UserError(
+            f"--{flag} {shortened(str(path))} cannot be looked up ({error.strerror}); expected {expected}. "
+            "Check the path."
+        ) from error
+    if kind != expected:
+        raise UserError(f"--{flag} {path} is {kind}; expected {expected}.")
     return path
 
 
@@ -159,6 +211,24 @@ def workspace_of(command: Given, config: Config, sources: dict[str, Path]) -> Pa
     photos = sources["images"].resolve()
     names = [folder.name for folder in (photos, *photos.parents) if folder.name]
     return WORKSPACES / next((name for name in names if name.lower() not in SAY_NOTHING), photos.name)
+
+
+def check_text(path: Path) -> None:
+    """Refuse a path that is not text: libraries take names as UTF-8, and would not find it.
+
+    Raises
+    ------
+    UserError
+        Some bytes of its name, or of the name of a folder above it, are not UTF-8.
+    """
+    name = os.fsencode(path.absolute())
+    try:
+        name.decode("utf-8")
+    except UnicodeDecodeError:
+        raise UserError(
+            f"The path {name!r} is not UTF-8; expected names in UTF-8. Rename what it names, or choose "
+            "another place."
+        ) from None
 
 
 def check_apart(workspace: Path, sources: dict[str, Path]) -> None:
@@ -192,7 +262,7 @@ def existing_workspace(command: Given) -> Path:
         workspace = workspace_of(command, config, sources)
     else:
         workspace = only_workspace()
-    if not (workspace / "cache").is_dir():
+    if not is_folder(workspace / "cache"):
         raise UserError(f"{workspace} holds no results yet; `unshade run` makes them, or check the path.")
     return workspace
 
@@ -221,10 +291,12 @@ def threads_of(command: Given) -> int:
     Raises
     ------
     UserError
-        The given number is below one.
+        The given number is below one, or more than libraries can start.
     """
     if command.threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if command.threads < 1:
-        raise UserError(f"--threads is {command.threads}; expected 1 or more.")
+    if not 1 <= command.threads <= MOST_THREADS:
+        raise UserError(
+            f"--threads is {command.threads}; expected 1 to {MOST_THREADS}, or none for all processors."
+        )
     return command.threads

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import UserError
+from pipeline.file_kinds import expect_file
 from stages.formats.artefacts.part_maps import read_part_map, read_part_names
 from stages.formats.images.photo_folder import ENCODED, LINEAR, find_mask
 from stages.formats.images.photos import read_mask, read_photo
@@ -121,7 +122,7 @@ def find_maps(folder: Path) -> dict[str, str]:
     Raises
     ------
     UserError
-        Two files of one name are both linear or both encoded.
+        Two files of one name are both linear or both encoded; one is a pipe, a socket or a device.
     """
     found: dict[str, str] = {}
     for parent, folders, files in os.walk(folder):
@@ -129,6 +130,7 @@ def find_maps(folder: Path) -> dict[str, str]:
         for file in sorted(files):
             if file.startswith(".") or not file.lower().endswith(ENCODED + LINEAR):
                 continue
+            expect_file(Path(parent) / file)
             path = (Path(parent) / file).relative_to(folder).as_posix()
             other = found.get(view_name(path))
             if other is not None and _is_linear(other) == _is_linear(path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sqlite3
 from collections.abc import Iterable, Sequence
 from contextlib import closing
@@ -70,9 +71,17 @@ def publish(working: Path, published: Path, names: Sequence[str]) -> None:
     Rows reach the working file in the order in which threads finish; ``VACUUM INTO`` lays the tables out by
     key, without free pages or a journal. Python's SQLite may touch the file only now that COLMAP's own copy
     of the library has closed it: two copies on one open file corrupt it.
+
+    Raises
+    ------
+    OSError
+        The disk takes no more.
     """
-    with closing(sqlite3.connect(working)) as database:
-        for index, name in enumerate(names):
-            database.execute("UPDATE images SET name = ? WHERE image_id = ?", (name, index + 1))
-        database.commit()
-        database.execute("VACUUM INTO ?", (str(published),))
+    try:
+        with closing(sqlite3.connect(working)) as database:
+            for index, name in enumerate(names):
+                database.execute("UPDATE images SET name = ? WHERE image_id = ?", (name, index + 1))
+            database.commit()
+            database.execute("VACUUM INTO ?", (str(published),))
+    except sqlite3.OperationalError as error:  # all that SQLite says of a full disk
+        raise OSError(errno.EIO, f"it was cut short: {error}", str(published)) from error

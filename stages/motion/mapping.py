@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -21,7 +23,13 @@ FEWEST_PHOTOS = 2  # of a model: with one there is no depth
 
 @contextmanager
 def quiet_colmap() -> Iterator[None]:
-    """Keep COLMAP's log off the terminal; what matters of it is checked and reported here."""
+    """Keep COLMAP's log off the terminal; what matters of it is checked and reported here.
+
+    Its handler of crashes prints a page of addresses: the system's own takes its place, for good.
+    """
+    if threading.current_thread() is threading.main_thread():
+        for crash in (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL):
+            signal.signal(crash, signal.SIG_DFL)
     level = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     try:

@@ -31,6 +31,12 @@ def read_correspondences(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
         ) from error
 
 
+def link_count(folder: Path) -> int:
+    """Sum the links of all pairs, without opening the matrices."""
+    rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))
+    return sum(int(row["links"]) for row in rows)
+
+
 def numbered_correspondences(folder: Path, cameras: Sequence[Camera]) -> dict[tuple[int, int], sp.csr_array]:
     """Read them by the indices of the two cameras: C_ij of Eq. 18; only those that hold links.
 

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from pipeline import UserError
-from stages.formats.images.photos import DECODING_FAILED
+from stages.formats.images.photos import DECODED, DECODING_FAILED
 
 
 def read_part_names(path: Path) -> tuple[str, ...]:
@@ -43,7 +43,7 @@ def read_part_map(path: Path, part_count: int) -> np.ndarray:
         The file is not an 8-bit image of one channel, or a number in it has no name.
     """
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=DECODED) as image:
             mode, numbers = image.mode, np.asarray(image)
     except DECODING_FAILED as error:
         raise UserError(f"{path} cannot be read as an image ({error}); expected a map of parts.") from error

@@ -66,6 +66,11 @@ def read_views(
     yield from each(read_view, cameras)
 
 
+def masked_pixels(folder: Path, cameras: Sequence[Camera]) -> int:
+    """Count the pixels in the masks of all views."""
+    return sum(int(np.count_nonzero(read_mask(folder / f"{camera.name}.png"))) for camera in cameras)
+
+
 def read_maps(
     folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray], each: Each = map
 ) -> np.ndarray:

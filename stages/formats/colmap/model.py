@@ -9,16 +9,18 @@ import struct
 import tempfile
 from collections.abc import Mapping
 from itertools import islice
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 import pycolmap
 
 from pipeline import UserError
+from pipeline.errors import shown
 from stages.formats.colmap.assembly import PosedImage, assemble, points2d_of
 from stages.formats.colmap.binary_files import check_binary_files
 from stages.formats.colmap.plausible_cameras import check_cameras
 from stages.scene.cameras import Camera, view_name
+from stages.scene.image_names import fault_of_name
 
 PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 COUNTED = ("cameras", "images", "points3D")  # in the comments of text models
@@ -101,19 +103,17 @@ def write_model(model: pycolmap.Reconstruction, folder: Path) -> None:
 
 
 def check_image_name(name: str, source: Path | str) -> None:
-    """Refuse an image name that would leave the folder it is joined to.
+    """Refuse an image name that would leave the folder it is joined to, or be no name of a result.
 
     Raises
     ------
     UserError
-        The name is empty, absolute, climbs with ``..``, or holds a backslash, a drive or a NUL.
+        `fault_of_name` finds fault with it.
     """
-    path = PurePosixPath(name)
-    bad = not path.parts or path.is_absolute() or ".." in path.parts or any(c in name for c in "\\\0")
-    if bad or (len(name) > 1 and name[1] == ":"):
+    if fault := fault_of_name(name):
         raise UserError(
-            f"The COLMAP model in {source} has an image named {name!r}, which leads out of the image folder; "
-            "names must be relative paths without '..'. Rename it in the model."
+            f"The COLMAP model in {source} has an image named {shown(name)}, which {fault}; names "
+            "must be relative paths without '..'. Rename it in the model, and its photo."
         )
 
 
@@ -265,7 +265,7 @@ def _check_counts(model: pycolmap.Reconstruction, promised: Mapping[str, int], s
 def _read_without_points(folder: Path, form: str) -> pycolmap.Reconstruction:
     """COLMAP insists on a points3D file: read beside an empty one."""
     with tempfile.TemporaryDirectory() as beside:
-        for file in folder.glob(f"*{form}"):
+        for file in (one for one in folder.glob(f"*{form}") if one.is_file()):
             shutil.copy(file, beside)
         (Path(beside) / f"points3D{form}").write_bytes(struct.pack("<Q", 0) if form == ".bin" else b"")
         return pycolmap.Reconstruction(beside)

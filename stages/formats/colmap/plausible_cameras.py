@@ -18,6 +18,8 @@ MOST_STRETCHED = 4.0  # what a lens with a rim makes of a distance from its cent
 FAR_OUT = 0.25  # diagonals from the centre, where the drawing out of the image is measured
 UNDONE_PX = 1  # a pixel that comes back so near has been undone
 LEAST_INVERTIBLE = 0.2  # share of the image; fitted lenses fold in corners that no point was seen in
+UNROUND = 1e-3  # how far quaternions may be from unit length: as those that are written with four digits
+FARTHEST = 1e15  # model units, as of vertices: rays are cast in single precision
 WIDE = ("FISHEYE", "FOV", "EUCM")  # in their names: a pinhole is no measure of them
 
 
@@ -29,7 +31,8 @@ def check_cameras(model: pycolmap.Reconstruction, source: Path | str) -> None:
     UserError
         A size or focal length is not positive, a parameter not finite, the field of view or the way from
         the principal point to the image is beyond any lens, the lens cannot be undone over most of the image
-        or draws it out by more than `MOST_STRETCHED`, or a pose is not finite or has no rotation.
+        or draws it out by more than `MOST_STRETCHED`, or a pose is not finite, beyond `FARTHEST`, or no
+        rotation.
     """
     try:
         images = [model.images[image_id] for image_id in sorted(model.reg_image_ids())]
@@ -48,12 +51,21 @@ def check_cameras(model: pycolmap.Reconstruction, source: Path | str) -> None:
             )
     for image in images:
         pose = image.cam_from_world()
-        if not np.isfinite(pose.matrix()).all() or not np.linalg.norm(pose.rotation.quat) > 0:
+        if not _is_pose(pose):
             raise UserError(
                 f"{image.name} in the COLMAP model in {source} has a pose that is not one (rotation "
-                f"{pose.rotation.quat.tolist()}, translation {pose.translation.tolist()}); expected finite "
-                "numbers and a rotation. Export the model again."
+                f"{pose.rotation.quat.tolist()}, translation {pose.translation.tolist()}); expected numbers "
+                f"below {FARTHEST:g} and a rotation. Export the model again."
             )
+
+
+def _is_pose(cam_from_world: pycolmap.Rigid3d) -> bool:
+    """Test for a unit quaternion and a translation that single precision can hold.
+
+    COLMAP takes quaternions of any length, whose matrices would scale the scene.
+    """
+    off = abs(float(np.linalg.norm(cam_from_world.rotation.quat)) - 1)
+    return bool(off < UNROUND and np.abs(cam_from_world.translation).max() < FARTHEST)  # NaN is neither
 
 
 def _fault_of(camera: pycolmap.Camera) -> str:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import errno
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
 
 from pipeline import UserError
+
+MOST_VALUES = 1 << 30  # of all parts and channels: four channels of the largest photo
 
 
 def write_exr(path: Path, image: np.ndarray, *, half: bool = False) -> None:
@@ -34,14 +37,48 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = False) -> None:
         raise OSError(errno.EIO, f"it was cut short: {error}", str(path)) from error
 
 
+def check_exr_header(path: Path) -> tuple[int, int]:
+    """Read width and height, px, from the header; refuse one that promises too much.
+
+    Raises
+    ------
+    UserError
+        The file is not an EXR, or all its parts and channels have more than `MOST_VALUES` values.
+    """
+    try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            headers = [part.header for part in file.parts]
+            sizes = [_window_size(header) for header in headers]
+            values = sum(
+                width * height * len(header["channels"])
+                for (width, height), header in zip(sizes, headers, strict=True)
+            )
+    except Exception as error:  # the binding raises bare RuntimeErrors of many texts
+        raise UserError(
+            f"{path} cannot be read as OpenEXR ({error}); export it again or remove it."
+        ) from error
+    if values > MOST_VALUES or min(min(size) for size in sizes) < 1:
+        raise UserError(
+            f"{path} claims to be {sizes[0][0]} × {sizes[0][1]} pixels, and {values} values in all its parts "
+            f"and channels; expected at most {MOST_VALUES}. Scale it down, or remove channels."
+        )
+    return sizes[0]
+
+
+def _window_size(header: dict[str, Any]) -> tuple[int, int]:
+    low, high = header["dataWindow"]
+    return int(high[0]) - int(low[0]) + 1, int(high[1]) - int(low[1]) + 1
+
+
 def read_exr(path: Path) -> np.ndarray:
     """Read an EXR as float32: (h, w, 3) from R, G, B channels, else (h, w) from its single channel.
 
     Raises
     ------
     UserError
-        The file is not an EXR, or has neither RGB nor exactly one channel.
+        The file is not an EXR, has neither RGB nor exactly one channel, or more than `MOST_VALUES` values.
     """
+    check_exr_header(path)
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {

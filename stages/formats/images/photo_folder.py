@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from pipeline import UserError
 from pipeline.digest import files_below
+from pipeline.errors import shown
 from stages.scene.cameras import view_name
+from stages.scene.image_names import fault_of_name
 from stages.scene.wording import listed
 
 ENCODED = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
@@ -27,8 +29,8 @@ def find_photos(folder: Path) -> list[str]:
     Raises
     ------
     UserError
-        There is no such folder, a photo's name is not UTF-8, a link leads nowhere, or two photos would share
-        a view name (``a.jpg`` and ``a.png``).
+        There is no such folder, a photo's name is not UTF-8 or has a fault (`fault_of_name`), a link leads
+        nowhere or to no file, or two photos would share a view name (``a.jpg`` and ``a.png``).
     """
     if not folder.is_dir():
         raise UserError(f"There is no folder of photos at {folder}; give the folder that holds them.")
@@ -66,11 +68,22 @@ def _check_name(name: str, folder: Path) -> None:
         raise UserError(
             f"A photo in {folder} is called {os.fsencode(name)!r}; names must be UTF-8. Rename it."
         ) from error
+    if fault := fault_of_name(name):
+        raise UserError(f"A photo in {folder} is called {shown(name)}, which {fault}. Rename it.")
 
 
 def find_mask(folder: Path, image_name: str) -> Path | None:
-    """Find a photo's mask: its name, its stem with ``.png``, or COLMAP's ``name.ext.png``; else None."""
-    for name in (image_name, view_name(image_name) + ".png", image_name + ".png"):
-        if (folder / name).is_file():
-            return folder / name
-    return None
+    """Find a photo's mask: its name, its stem with ``.png``, or COLMAP's ``name.ext.png``; else None.
+
+    Extensions in capitals are the same.
+    """
+    stem = view_name(image_name)
+    suffix = PurePosixPath(image_name).suffix
+    endings = [*_written(suffix), *_written(".png"), *(suffix + one for one in _written(".png"))]
+    names = [stem + ending for ending in endings]
+    return next((folder / name for name in (image_name, *names) if (folder / name).is_file()), None)
+
+
+def _written(ending: str) -> tuple[str, ...]:
+    """Ways to write an extension."""
+    return ending, ending.lower(), ending.upper()

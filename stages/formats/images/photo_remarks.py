@@ -10,7 +10,7 @@ import numpy as np
 import OpenEXR
 from PIL import Image, ImageCms
 
-from stages.formats.images.photos import DECODING_FAILED, orientation_of
+from stages.formats.images.photos import DECODED, DECODING_FAILED, orientation_of
 
 SRGB_GAMMA = 1 / 2.2  # as PNG writes it
 SRGB_CODING = bytes([1, 13])  # primaries and transfer of PNG's cICP
@@ -47,7 +47,7 @@ def remarks_on(path: Path, as_stored: bool) -> list[str]:
         return _on_hdr(path)
     turned = orientation_of(path) if as_stored else 1
     remarks = [f"{TURNS[turned]} by its tag: taken as stored, as COLMAP does"] if turned != 1 else []
-    with Image.open(path) as image:
+    with Image.open(path, formats=DECODED) as image:
         remarks += _on_colour(image, _chunks_before_pixels(path))
         if image.has_transparency_data:
             remarks.append("an alpha channel: left out")

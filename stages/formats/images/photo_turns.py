@@ -6,7 +6,8 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from pipeline import json_text
+from pipeline import UserError, json_text
+from pipeline.errors import shown
 
 AS_STORED = "as_stored.json"  # beside the model's own files
 
@@ -22,6 +23,24 @@ def says_which(model: Path) -> bool:
 
 
 def read_as_stored(model: Path) -> frozenset[str]:
-    """Read these names; none where there is no list: then all photos are meant upright."""
+    """Read these names; none where there is no list: then all photos are meant upright.
+
+    Raises
+    ------
+    UserError
+        The file is no list of names.
+    """
     file = model / AS_STORED
-    return frozenset(json.loads(file.read_text(encoding="utf-8")) if file.is_file() else ())
+    if not file.is_file():
+        return frozenset()
+    try:
+        names = json.loads(file.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise UserError(
+            f"{file} is not JSON ({error}); expected a list of photos. Copy it again, or remove it."
+        ) from error
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise UserError(
+            f"{file} holds {shown(names)}; expected a list of photos. Copy it again, or remove it."
+        )
+    return frozenset(names)

@@ -12,13 +12,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import OpenEXR
 from PIL import Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import TiffImageFile
 
 from pipeline import UserError
 from stages.formats.images.colour import linear_from_srgb, srgb_from_linear
-from stages.formats.images.exr import read_exr
+from stages.formats.images.exr import check_exr_header, read_exr
 
 # Three floats per pixel: 3 GB at this size. Checked from the header, before anything is allocated; Pillow's
 # own guard is switched off because it warns at a third of this.
@@ -27,6 +26,9 @@ Image.MAX_IMAGE_PIXELS = None
 
 # What Pillow raises on damaged files; it warns about damaged EXIF, which strict callers turn into an error.
 DECODING_FAILED = (OSError, SyntaxError, ValueError, EOFError, struct.error, UserWarning)
+
+# Pillow knows some fifty kinds by their first bytes, whatever the name says; one runs Ghostscript.
+DECODED = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "GIF")
 
 EXIF_ORIENTATION = 0x0112
 TIFF_BITS_PER_SAMPLE = 258
@@ -46,7 +48,7 @@ def photo_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
         The file is unreadable, or larger than `LARGEST_PHOTO_PX`.
     """
     if path.suffix.lower() == ".exr":
-        width, height = _exr_size(path)
+        width, height = check_exr_header(path)
     elif path.suffix.lower() == ".hdr":
         width, height = _hdr_size(path)
     else:
@@ -55,6 +57,8 @@ def photo_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
             upright_already = image.format == "TIFF"  # Pillow reports its size so
             if _orientation(image, path) >= 5 and upright_already == as_stored:
                 width, height = height, width
+    if min(width, height) < 1:
+        raise _unreadable(path, f"it claims to be {width} × {height} pixels")
     if width * height > LARGEST_PHOTO_PX:
         raise UserError(
             f"{path} claims to be {width} × {height} pixels, more than the {LARGEST_PHOTO_PX // 10**6} "
@@ -204,7 +208,7 @@ def upright(image: np.ndarray, orientation: int) -> np.ndarray:
 
 def _opened(path: Path) -> Image.Image:
     try:
-        return Image.open(path)
+        return Image.open(path, formats=DECODED)
     except UnidentifiedImageError as error:
         raise _unreadable(path, "not an image, or cut off in its header") from error
     except DECODING_FAILED as error:
@@ -266,23 +270,14 @@ def _decoded_by_opencv(path: Path, data: bytes) -> np.ndarray:
     return decoded if decoded.ndim == 2 else decoded[..., 2::-1]
 
 
-def _exr_size(path: Path) -> tuple[int, int]:
-    try:
-        with OpenEXR.File(str(path), header_only=True) as file:
-            low, high = file.header()["dataWindow"]
-    except Exception as error:  # the binding raises bare RuntimeErrors of many texts
-        raise _unreadable(path, error) from error
-    return int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1
-
-
 def _hdr_size(path: Path) -> tuple[int, int]:
-    """Size from the resolution line of a Radiance file (``-Y height +X width``)."""
+    """Size from the line of a Radiance file behind the first blank one (``-Y height +X width``)."""
     try:
         with path.open("rb") as file:
-            for line in file.read(65536).split(b"\n"):
-                words = line.split()
-                if len(words) == 4 and words[0] in (b"-Y", b"+Y"):
-                    return int(words[3]), int(words[1])
+            _, _, rest = file.read(65536).partition(b"\n\n")
+        words = rest.partition(b"\n")[0].split()
+        if len(words) == 4 and words[0] in (b"-Y", b"+Y"):
+            return int(words[3]), int(words[1])
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from error
     raise _unreadable(path, "no size in its header")

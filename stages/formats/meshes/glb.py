@@ -15,6 +15,9 @@ from pipeline import UserError
 from stages.formats.meshes.polygons import Polygons
 
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of primitives; points and lines below
+COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+MOST_NODES = 10_000  # seconds, and the time grows faster than they do
+MOST_PER_BYTE, FEWEST_ALLOWED = 64, 1 << 22  # morphs and instances are laid out longer than they are stored
 HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_")  # say nothing of the shape
 INSTANCING, DRACO = "EXT_mesh_gpu_instancing", "KHR_draco_mesh_compression"
 
@@ -32,9 +35,10 @@ def read_glb(path: Path) -> Polygons:
     data = path.read_bytes()
     try:
         content = _content(data)
+        _check_sizes(content, len(data))
         promised = sum(_triangles(content, primitive) for primitive in _placed(content))
         unread = _unread(content)
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, struct.error) as error:
+    except (LookupError, ValueError, TypeError, AttributeError, RecursionError, struct.error) as error:
         raise UserError(
             f"{path} does not hold what it promises ({' '.join(str(error).split())[:200]}); it was cut off "
             "or damaged. Copy or export it again."
@@ -74,6 +78,28 @@ def _content(data: bytes) -> dict[str, Any]:
         raise ValueError(f"it says that it has {length} bytes and has {len(data)}")
     (size,) = struct.unpack_from("<I", data, 12)
     return json.loads(data[20 : 20 + size])
+
+
+def _check_sizes(content: dict[str, Any], length: int) -> None:
+    """Refuse tables that a library would lay out far beyond what the file holds.
+
+    An accessor without data is zeros, and views may share their bytes: a few bytes can promise terabytes.
+    """
+    widths = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}  # bytes of componentType
+    laid_out = sum(
+        one["count"] * widths[one["componentType"]] * COMPONENTS[one["type"]]
+        for one in content.get("accessors", [])
+    )
+    sliced = sum(one["byteLength"] for one in content.get("bufferViews", []))
+    if len(nodes := _nodes(content)) > MOST_NODES:
+        raise ValueError(
+            f"its scene has {len(nodes)} nodes, of which at most {MOST_NODES} are read: join them"
+        )
+    placed = sum(_triangles(content, primitive) for primitive in _placed(content))
+    for size, what in ((laid_out, "bytes of numbers"), (sliced, "bytes of views"), (placed, "triangles")):
+        most = FEWEST_ALLOWED + MOST_PER_BYTE * length
+        if not 0 <= size <= most:
+            raise ValueError(f"it promises {size} {what} and has {length} bytes")
 
 
 def _nodes(content: dict[str, Any]) -> list[dict[str, Any]]:

@@ -28,6 +28,7 @@ ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 INDICES = ("vertex_indices", "vertex_index")
 LONGEST_HEADER = 1 << 20  # bytes
 END_OF_HEADER = re.compile(rb"ply[ \t]*(\r\n|\n|\r)((?:.*?(?:\r\n|\n|\r))??)end_header[ \t]*\1", re.DOTALL)
+MOST_PROPERTIES = 256  # of an element; scans with all their attributes have some thirty
 PADDING = 16  # bytes at most after a binary body
 Columns = Mapping[str, np.ndarray]
 
@@ -183,6 +184,8 @@ def _read_header(path: Path, data: bytes) -> tuple[str, list[Element], int]:
                 elements.append(Element(words[1], _count(words[2]), ()))
             elif words[0] == "property":
                 last = elements.pop()
+                if len(last.properties) == MOST_PROPERTIES:
+                    raise ValueError(f"more than {MOST_PROPERTIES} properties of {last.name}")
                 one = _property(words, {other.name for other in last.properties})
                 elements.append(Element(last.name, last.count, (*last.properties, one)))
     except (KeyError, IndexError, ValueError) as error:
@@ -304,6 +307,7 @@ class _TextRows:
                 width += 1
             places.append((one.name, one.type, slice(width, width + length)))
             width += length
+        exact = _in_lists(element)
         if min(length for length in (width, *(place[2].stop - place[2].start for place in places))) < 0:
             raise ValueError("a list is shorter than nothing")
         if self._at + element.count * width > len(self._numbers):
@@ -312,7 +316,10 @@ class _TextRows:
         if any((rows[:, column] != rows[0, column]).any() for column in lists):
             return None
         self._at += element.count * width
-        return {name: rows[:, place].reshape(-1).astype(kind) for name, kind, place in places}
+        return {
+            name: _typed(rows[:, place].reshape(-1), np.dtype(kind), name in exact)
+            for name, kind, place in places
+        }
 
     def end(self) -> None:
         """Refuse lines beyond the header's rows."""
@@ -321,6 +328,7 @@ class _TextRows:
 
     def _one_by_one(self, element: Element) -> dict[str, np.ndarray]:
         values: dict[str, list[float]] = {name: [] for name in _no_rows(element)}
+        exact = _in_lists(element)
         for _ in range(element.count):
             for one in element.properties:
                 length = 1
@@ -329,7 +337,7 @@ class _TextRows:
                     values[f"{one.name} sizes"].append(length)
                 values[one.name].extend(self._next(length))
         return {
-            name: np.array(column).astype(empty.dtype)
+            name: _typed(np.array(column, np.float64), empty.dtype, name in exact)
             for (name, column), empty in zip(values.items(), _no_rows(element).values(), strict=True)
         }
 
@@ -338,6 +346,24 @@ class _TextRows:
             raise ValueError(f"only {len(self._numbers)} numbers are there")
         self._at += count
         return self._numbers[self._at - count : self._at]
+
+
+def _in_lists(element: Element) -> set[str]:
+    """List the columns that are lists or their lengths."""
+    return {name for one in element.properties if one.counted for name in (one.name, f"{one.name} sizes")}
+
+
+def _typed(numbers: np.ndarray, kind: np.dtype[Any], exact: bool) -> np.ndarray:
+    """Convert a text's numbers to the type that the header declares; `exact`: refuse those beyond it.
+
+    Corners and lengths would name something else, a colour is cut to its range.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        typed = numbers.astype(kind)
+    if exact and np.issubdtype(kind, np.integer) and (typed != numbers).any():
+        wrong = numbers[typed != numbers][0]
+        raise ValueError(f"{wrong:.17g} is not of the type that the header declares, {kind.name}")
+    return typed
 
 
 def _no_rows(element: Element) -> dict[str, np.ndarray]:

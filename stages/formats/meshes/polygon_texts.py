@@ -11,6 +11,7 @@ import numpy as np
 from pipeline import UserError
 from stages.formats.meshes.polygons import FEWEST_CORNERS, Polygons
 
+LARGEST_INDEX = 2**62
 BOM = b"\xef\xbb\xbf"
 FACES = (b"f", b"fo")  # the second is the first's older name
 CURVES = (b"surf", b"curv", b"curv2")
@@ -83,7 +84,7 @@ def read_off(path: Path) -> Polygons:
             raise ValueError("a face has fewer corners than it says, or than three")
         corners = np.array([corner for face in faces for corner in face], np.int64)
         return Polygons(vertices.reshape(-1, 3), sizes, corners)
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, OverflowError) as error:
         raise UserError(
             f"{path} cannot be read as OFF ({error}); it was cut off or damaged. Export the mesh again."
         ) from error
@@ -131,6 +132,8 @@ def _corner(word: bytes, seen: tuple[int, ...]) -> tuple[int, ...]:
 def _index(word: bytes, there: int) -> int:
     """From 0, of a number that counts from 1, or backwards from what is there so far."""
     number = int(word)
+    if number > LARGEST_INDEX:
+        raise ValueError(f"{number} names nothing")
     if number == 0 or number < -there:
         raise ValueError(f"{number} names nothing")
     return number - 1 if number > 0 else there + number

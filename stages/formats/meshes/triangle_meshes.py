@@ -13,6 +13,7 @@ from stages.formats.images.colour import linear_from_srgb, srgb_from_linear
 from stages.formats.meshes.ply import read_ply, write_ply
 from stages.formats.meshes.polygons import Polygons, triangulate
 
+FARTHEST = 1e15  # model units: squares and their sums stay far within single precision
 COLOURS = ("red", "green", "blue")
 
 
@@ -47,12 +48,17 @@ def from_polygons(path: Path, polygons: Polygons) -> Surface:
     Raises
     ------
     UserError
-        There are none, a vertex is not finite, or a face names one that is not there.
+        There are none, a vertex is not finite or beyond `FARTHEST`, or a face names one that is not there.
     """
     if not len(polygons.sizes):
         raise UserError(f"{path} gave no faces; expected a mesh as PLY, OBJ, STL, OFF or GLB.")
     if not np.isfinite(polygons.vertices).all():
         raise UserError(f"{path} has vertices that are not finite numbers; export the mesh again.")
+    if (farthest := float(np.abs(polygons.vertices).max(initial=0))) > FARTHEST:
+        raise UserError(
+            f"{path} has a vertex with a coordinate of {farthest:g}; expected at most {FARTHEST:g}, for rays "
+            "are cast in single precision. Scale the mesh and its cameras down."
+        )
     first, last = polygons.corners.min(), polygons.corners.max()
     if first < 0 or last >= len(polygons.vertices):
         raise UserError(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.free_memory import give_back_free_memory, keep_large_blocks_apart
 from stages.photometry.joint.problem_assembly import finest_level, problem_of
 from stages.photometry.joint.pyramid import Level, pyramid
 from stages.photometry.joint.settings import FastSettings, Stopping
@@ -14,7 +15,6 @@ from stages.photometry.joint.stopping_rule import Round, verdict
 from stages.photometry.paper.alternation import Outcome
 from stages.photometry.paper.energy import EnergyTerms, EnergyWeights, channel_terms
 from stages.photometry.stack import StackedViews
-from stages.solvers.kernels.free_memory import give_back_free_memory, keep_large_blocks_apart
 from stages.solvers.kernels.threading_layer import use_threads
 from stages.solvers.primal_dual.graph import PrimalDual
 from stages.solvers.primal_dual.problem import Steps

@@ -1,0 +1,130 @@
+"""Memory of a stage: compared with what is free before it begins; a sentence with advice where it ran out."""
+
+from __future__ import annotations
+
+import logging
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pipeline.errors import MachineError, UserError
+from pipeline.job import Job
+from pipeline.settings import Settings
+from pipeline.stage import AnyStage
+
+FAR_BEYOND = 4  # times the free memory, from which a stage is not begun: estimates are right within a half
+NATIVE = (  # how libraries in other languages say it, in exceptions of other types
+    "bad_alloc",
+    "insufficient memory",
+    "out of memory",
+    "cannot allocate memory",
+    "can't start new thread",
+    "resource temporarily unavailable",  # as a RuntimeError: of a thread
+    "failed to map segment",  # of a library's code
+)
+_PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
+
+
+def compare_with_free_memory(stage: AnyStage, job: Job[Settings]) -> None:
+    """Warn where the estimate of a stage's memory exceeds what is free.
+
+    Raises
+    ------
+    MachineError
+        It exceeds it by far.
+    """
+    needed, free = stage.memory(job), free_bytes()
+    logging.getLogger(stage.name).info("estimated memory %s, free %s", needed, free)
+    if needed is None or free is None or needed <= free:
+        return
+    said = f"{stage.name} needs about {_gigabytes(needed)} of memory, and {_gigabytes(free)} are free"
+    if needed > FAR_BEYOND * free:
+        raise MachineError(f"{said}: it was not begun. {advice(stage)}Earlier results are kept.")
+    job.say(f"{said}: it may not come to its end. {advice(stage)}".rstrip())
+
+
+@contextmanager
+def memory_errors_told(stage: AnyStage) -> Iterator[None]:
+    """Turn a lack of memory within a block into a sentence.
+
+    Raises
+    ------
+    MachineError
+        The stage ran out of memory.
+    """
+    try:
+        yield
+        return
+    except Exception as error:
+        if not is_out_of_memory(error):
+            raise
+    # Outside the handler: the error holds the frames of the stage, and with them all its arrays.
+    raise MachineError(
+        f"{stage.name} ran out of memory; expected room for more, or less to do. "
+        f"{advice(stage)}Earlier results are kept."
+    )
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Check whether an error, or one that it came from, says that memory for data, code or threads lacks."""
+    if isinstance(error, UserError | MachineError | BlockingIOError):
+        return False  # they know what they say, whatever they came from
+    said = str(error).lower()
+    if isinstance(error, MemoryError) or any(words in said for words in NATIVE):
+        return True
+    origin = error.__cause__ or error.__context__
+    return origin is not None and is_out_of_memory(origin)
+
+
+def free_bytes() -> int | None:
+    """Measure the memory that this process can still take; None where the system does not say.
+
+    The least of what the machine has, and what limits of the process and its control group leave.
+    """
+    known = [value for value in (_of_machine(), _of_limit(), _of_control_group()) if value is not None]
+    return min(known, default=None)
+
+
+def _of_machine() -> int | None:
+    """Sum available memory and swap space of the machine."""
+    found = _kilobytes(_PROC / "meminfo", "MemAvailable", "SwapFree")
+    return None if found is None else 1024 * found
+
+
+def _of_limit() -> int | None:
+    """Subtract the address space in use from the limit on it (`ulimit -v`), if there is one."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    used = _kilobytes(_PROC / "self/status", "VmSize")
+    return None if limit == resource.RLIM_INFINITY or used is None else max(0, limit - 1024 * used)
+
+
+def _of_control_group() -> int | None:
+    """Subtract the memory in use from the limit of a container (cgroup v2), if there is one."""
+    try:
+        limit = int((_CGROUPS / "memory.max").read_text())  # "max" without one
+        used = int((_CGROUPS / "memory.current").read_text())
+        lines = (_CGROUPS / "memory.stat").read_text().splitlines()
+        reclaimable = sum(int(line.split()[1]) for line in lines if line.startswith("inactive_file "))
+    except (OSError, ValueError):
+        return None
+    return max(0, limit - used + reclaimable)
+
+
+def _kilobytes(file: Path, *names: str) -> int | None:
+    """Sum values of a file of `name: value kB` lines; None where one is missing."""
+    try:
+        lines = [line.partition(":") for line in file.read_text().splitlines()]
+    except OSError:
+        return None
+    found = {name: int(value.split()[0]) for name, _, value in lines if name in names}
+    return sum(found.values()) if len(found) == len(names) else None
+
+
+def advice(stage: AnyStage) -> str:
+    """Say which settings lower the memory of a stage: a sentence with a space after it, or nothing."""
+    return f"For less memory, {stage.saves_memory}. " if stage.saves_memory else ""
+
+
+def _gigabytes(size: int) -> str:
+    return f"{size / 1e9:.1f} GB"

@@ -1,0 +1,31 @@
+"""Names of photos and of a model's images: each becomes a path below the folders of results."""
+
+from __future__ import annotations
+
+import unicodedata
+from pathlib import PurePosixPath
+
+LONGEST_PART = 220  # bytes; a system takes 255, and results add up to 30 of their own
+LONGEST_NAME = 1024  # bytes, folders included; a system takes 4096 with all that is above them
+UNSHOWN = ("Cc", "Zl", "Zp")  # Unicode's control characters and line breaks: lists of names have a line each
+
+
+def fault_of_name(name: str) -> str:
+    """Describe why a name cannot be one of a result; empty where it can.
+
+    Parameters
+    ----------
+    name : str
+        Relative to the folder of the photos, with ``/``.
+    """
+    path = PurePosixPath(name)
+    if not path.parts or path.is_absolute() or ".." in path.parts:
+        return "leads out of the image folder"
+    if "\\" in name or (len(name) > 1 and name[1] == ":"):
+        return "leads out of the image folder on some systems (a drive, a backslash)"
+    if any(unicodedata.category(one) in UNSHOWN for one in name):
+        return "holds characters that cannot be shown, such as a line break"
+    longest = max(len(part.encode()) for part in path.parts)
+    if longest > LONGEST_PART or len(name.encode()) > LONGEST_NAME:
+        return f"is longer than results have room for ({LONGEST_PART} bytes a part, {LONGEST_NAME} in all)"
+    return ""
