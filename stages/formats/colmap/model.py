@@ -18,6 +18,7 @@ from pipeline import UserError
 from stages.formats.colmap.assembly import PosedImage, assemble, points2d_of
 from stages.formats.colmap.binary_files import check_binary_files
 from stages.formats.colmap.plausible_cameras import check_cameras
+from stages.formats.images.photo_folder import check_view_names
 from stages.scene.cameras import Camera, view_name
 
 PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
@@ -291,3 +292,4 @@ def _check_names(names: list[str], source: Path) -> None:
                 "same name; rename one of them in the model. (Text models cut names at a space.)"
             )
         seen[view] = name
+    check_view_names(seen, source)
