@@ -90,12 +90,24 @@ class Output:
             for name, digest in record.outputs[artefact.name].items()
         }
         before = shown.get(artefact.name, {"files": {}})["files"]
-        self._take_away(before.keys() - wanted.keys())  # first: a file may be in the place of a folder now
+        self._take_away(before.keys() - wanted.keys())
+        self._make_way(wanted.keys(), shown)
         for target, (file, digest) in wanted.items():
             if before.get(target) != [digest, _stamp(self.root / target)]:
                 self._copy(file, self.root / target)
         files = {target: [digest, _stamp(self.root / target)] for target, (_, digest) in wanted.items()}
         shown[artefact.name] = {"stage": record.stage, "key": record.key, "files": files}
+
+    def _make_way(self, targets: Collection[str], shown: dict[str, Any]) -> None:
+        """Remove copies of other results where folders have to be, or in folders where files have to be."""
+        folders = set().union(*map(_folders_of, targets))
+        for one in shown.values():
+            files = one["files"]
+            obstacles = [
+                name for name in files if name in folders or not _folders_of(name).isdisjoint(targets)
+            ]
+            self._take_away(obstacles)
+            one["files"] = {name: stamp for name, stamp in files.items() if name not in obstacles}
 
     def _take_away(self, targets: Iterable[str]) -> None:
         """Remove files, and folders that are empty then."""
@@ -114,6 +126,8 @@ class Output:
         if not file.is_file():
             raise UserError(f"{file} is gone: it was deleted during the run. Run again, and it is made anew.")
         check_own_folder(target.parent, self._workspace)
+        if (self.root / FRESH).is_dir():
+            raise UserError(f"{self.root / FRESH} is in the way: expected nothing there. Move it elsewhere.")
         with _explained(target):
             target.parent.mkdir(parents=True, exist_ok=True)
             replace_copy(file, target, self.root / FRESH)
@@ -191,6 +205,10 @@ def _place(targets: Collection[str]) -> str:
         return next(iter(targets))
     kinds = {Path(target).suffix for target in targets}
     return f"{commonpath(targets)}/*{kinds.pop() if len(kinds) == 1 else ''}"
+
+
+def _folders_of(target: str) -> set[str]:
+    return {str(folder) for folder in PurePosixPath(target).parents}
 
 
 def _stamp(path: Path) -> list[int] | None:

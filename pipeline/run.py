@@ -233,7 +233,19 @@ def _job(
     executor: Executor,
     partial: Path,
 ) -> Job[S]:
-    """Build the job of a stage: locate its inputs, create its output folders."""
+    """Build the job of a stage: locate its inputs, create its output folders.
+
+    Raises
+    ------
+    UserError
+        An input that was there when the stage was decided on is gone.
+    """
+    inputs = _input_paths(stage, request, store)
+    if gone := sorted(made_from.inputs.keys() - inputs.keys()):
+        raise UserError(
+            f"The result with {', '.join(gone)}, which {stage.name} takes, was deleted from the cache during "
+            "the run; expected a cache that is left alone. Run again, and it is made anew."
+        )
     outputs = {artefact.name: partial / artefact.path for artefact in stage.gives}
     for artefact in stage.gives:
         if artefact.file is None:
@@ -242,7 +254,7 @@ def _job(
     scratch.mkdir()
     return Job(
         settings=settings_of(stage, request.settings),
-        inputs=_input_paths(stage, request, store),
+        inputs=inputs,
         outputs=outputs,
         scratch=scratch,
         threads=request.threads,

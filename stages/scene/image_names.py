@@ -5,7 +5,10 @@ from __future__ import annotations
 import unicodedata
 from pathlib import PurePosixPath
 
-LONGEST_PART = 220  # bytes; a system takes 255, and results add up to 30 of their own
+from stages.scene.cameras import view_name
+
+ENDINGS = (".exr", ".png", ".npz", ".png.geometric.bin")  # of files of results that are called by a view
+LONGEST_PART = 255 - max(map(len, ENDINGS))  # bytes, without the photo's extension; nearly all disks take 255
 LONGEST_NAME = 1024  # bytes, folders included; a system takes 4096 with all that is above them
 UNSHOWN = ("Cc", "Zl", "Zp")  # Unicode's control characters and line breaks: lists of names have a line each
 
@@ -25,7 +28,7 @@ def fault_of_name(name: str) -> str:
         return "leads out of the image folder on some systems (a drive, a backslash)"
     if any(unicodedata.category(one) in UNSHOWN for one in name):
         return "holds characters that cannot be shown, such as a line break"
-    longest = max(len(part.encode()) for part in path.parts)
+    longest = max(len(part.encode()) for part in PurePosixPath(view_name(name)).parts)
     if longest > LONGEST_PART or len(name.encode()) > LONGEST_NAME:
         return f"is longer than results have room for ({LONGEST_PART} bytes a part, {LONGEST_NAME} in all)"
     return ""

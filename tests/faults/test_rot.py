@@ -280,7 +280,7 @@ def test_a_memo_that_lies_is_not_believed(finished, tmp_path, tried):
     tried("a memo of digests that vouches for a damaged file", "not believed")
 
 
-def test_clean_keeps_what_is_no_result_and_a_result_that_can_be_used(finished, tmp_path, tried):
+def test_clean_keeps_what_is_no_result_and_a_result_that_can_be_used(finished, tmp_path, capsys, tried):
     workspace = copy_of(finished, tmp_path)
     cache = workspace / "cache"
     (cache / "raycast/note.txt").write_text("mine")
@@ -289,12 +289,10 @@ def test_clean_keeps_what_is_no_result_and_a_result_that_can_be_used(finished, t
     (cache / "notes").mkdir()
     (cache / "notes/note.txt").write_text("mine")
     write(cache / "current.json", "[]")
-    done = unshade(["clean", "--workspace", str(workspace)])
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "0 result(s) removed" in done.stdout
+    assert main(["clean", "--workspace", str(workspace)]) == 0
+    assert "0 result(s) removed" in capsys.readouterr().out
     assert outputs_of_one(workspace, "raycast")
-    done = unshade(["clean", "--everything", "--workspace", str(workspace)])
-    assert done.returncode == 0
+    assert main(["clean", "--everything", "--workspace", str(workspace)]) == 0
     notes = [cache / "raycast/note.txt", cache / "raycast/mine/note.txt", cache / "notes/note.txt"]
     assert [note.read_text() for note in notes] == ["mine"] * 3
     assert not [path for stage in STAGES if stage != "raycast" for path in (cache / stage).iterdir()]

@@ -19,6 +19,7 @@ from pipeline.errors import shown
 from stages.formats.colmap.assembly import PosedImage, assemble, points2d_of
 from stages.formats.colmap.binary_files import check_binary_files
 from stages.formats.colmap.plausible_cameras import check_cameras
+from stages.formats.images.photo_folder import check_view_names
 from stages.scene.cameras import Camera, view_name
 from stages.scene.image_names import fault_of_name
 
@@ -291,3 +292,4 @@ def _check_names(names: list[str], source: Path) -> None:
                 "same name; rename one of them in the model. (Text models cut names at a space.)"
             )
         seen[view] = name
+    check_view_names(seen, source)

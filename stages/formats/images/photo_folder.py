@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
 
 from pipeline import UserError
 from pipeline.digest import files_below
 from pipeline.errors import shown
 from stages.scene.cameras import view_name
-from stages.scene.image_names import fault_of_name
+from stages.scene.image_names import ENDINGS, fault_of_name
 from stages.scene.wording import listed
 
 ENCODED = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
@@ -29,8 +29,9 @@ def find_photos(folder: Path) -> list[str]:
     Raises
     ------
     UserError
-        There is no such folder, a photo's name is not UTF-8 or has a fault (`fault_of_name`), a link leads
-        nowhere or to no file, or two photos would share a view name (``a.jpg`` and ``a.png``).
+        There is no such folder; a photo's name is not UTF-8 or has a fault (`fault_of_name`); a link leads
+        nowhere or to no file; or results of two photos would have one name: ``a.jpg`` and ``a.png``, or
+        those of `check_view_names`.
     """
     if not folder.is_dir():
         raise UserError(f"There is no folder of photos at {folder}; give the folder that holds them.")
@@ -43,7 +44,26 @@ def find_photos(folder: Path) -> list[str]:
                 f"{other} and {name} in {folder} differ only in their extension, so their results would have "
                 "the same name; rename or remove one of them."
             )
+    check_view_names(seen, folder)
     return list(seen.values())
+
+
+def check_view_names(views: Collection[str], source: Path) -> None:
+    """Refuse a view whose result would have the name of a folder of other views.
+
+    Raises
+    ------
+    UserError
+        A view, with one of `ENDINGS`, is such a folder.
+    """
+    folders = {str(folder) for view in views for folder in PurePosixPath(view).parents}
+    for view in views:
+        for ending in ENDINGS:
+            if view + ending in folders:
+                raise UserError(
+                    f"{source} holds a photo {view!r} and a folder {view + ending!r}, the name of a result "
+                    "of that photo; expected names that differ. Rename one of them."
+                )
 
 
 def unread_photos(folder: Path, read: Sequence[str]) -> str:
