@@ -19,15 +19,14 @@ def library_messages_in(path: Path) -> Iterator[None]:
     Where `sys.stderr` is not the process's error stream, as in a test that captures it, only native code's
     messages are redirected. This program writes nothing to the output stream meanwhile.
     """
-    kept = {stream: os.dup(stream) for stream in (OUTPUT, ERRORS)}
+    kept = _duplicates()
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
     errors, own = sys.stderr, None
-    with suppress(OSError):
-        sys.stdout.flush()
+    for own_stream in (sys.stdout, errors):
+        with suppress(AttributeError, OSError, ValueError):  # none, full or closed
+            own_stream.flush()
     try:
-        if _writes_to(errors, ERRORS):
-            with suppress(OSError):
-                errors.flush()
+        if ERRORS in kept and _writes_to(errors, ERRORS):
             own = os.fdopen(
                 os.dup(kept[ERRORS]), "w", encoding=errors.encoding, errors=errors.errors, buffering=1
             )
@@ -46,6 +45,15 @@ def library_messages_in(path: Path) -> Iterator[None]:
         if own is not None:
             with suppress(OSError):  # a stream that is full or broken is no fault of the stage
                 own.close()
+
+
+def _duplicates() -> dict[int, int]:
+    """Duplicate the descriptors of the streams that are open."""
+    found = {}
+    for stream in (OUTPUT, ERRORS):
+        with suppress(OSError):
+            found[stream] = os.dup(stream)
+    return found
 
 
 def _writes_to(stream: object, descriptor: int) -> bool:

@@ -51,12 +51,20 @@ def remarks_on(path: Path, as_stored: bool) -> list[str]:
         remarks += _on_colour(image, _chunks_before_pixels(path))
         if image.has_transparency_data:
             remarks.append("an alpha channel: left out")
-        frames = getattr(image, "n_frames", 1)
+        frames = _frames_in(image)
         if frames > 1 and image.format != "MPO":  # a telephone's: its first picture is the photo
             remarks.append(f"{frames} pictures in one file: the first is taken")
         if image.mode == "CMYK":
             remarks.append("CMYK: converted without a profile")
     return remarks
+
+
+def _frames_in(image: Image.Image) -> int:
+    """Count the pictures of a file; one where the directory of the others cannot be read."""
+    try:
+        return getattr(image, "n_frames", 1)
+    except DECODING_FAILED:
+        return 1
 
 
 def _on_colour(image: Image.Image, chunks: Mapping[bytes, bytes]) -> list[str]:

@@ -25,7 +25,10 @@ LARGEST_PHOTO_PX = 256_000_000
 Image.MAX_IMAGE_PIXELS = None
 
 # What Pillow raises on damaged files; it warns about damaged EXIF, which strict callers turn into an error.
-DECODING_FAILED = (OSError, SyntaxError, ValueError, EOFError, struct.error, UserWarning)
+DECODING_FAILED = (
+    *(OSError, SyntaxError, ValueError, EOFError, LookupError, TypeError, ArithmeticError, MemoryError),
+    *(struct.error, UserWarning),
+)
 
 # Pillow knows some fifty kinds by their first bytes, whatever the name says; one runs Ghostscript.
 DECODED = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "GIF")
