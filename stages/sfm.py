@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
     import pycolmap
 
+    from stages.motion.pairs import Pair
     from stages.motion.photo_set import Photo
 
 T = TypeVar("T")
@@ -29,7 +30,11 @@ def run(job: Job[SfmSettings]) -> None:
         photos = _survey(job)
         colours = _find_features(job, photos, database)
         _match(job, database, [len(own) for own in colours])
-        model = _adjust(job, _map(job, database, photos))
+        pairs = _check_pairs(job, database, photos)
+        models, database = _map(job, database, photos, pairs)
+        _tell_left_out(job, models, photos, pairs)
+        model = _adjust(job, models[0])
+        _check_focal_lengths(job, model, photos)
         colour_points(model, colours)
         _publish(job, model, database, photos)
 
@@ -61,16 +66,33 @@ def _survey(job: Job[SfmSettings]) -> list[Photo]:
             else:
                 photos.append(found)
             step()
-    if len(photos) < 2:
-        raise UserError(
-            f"{folder} holds {'one readable photo' if photos else 'no readable photo'}, but structure from "
-            "motion needs at least two that overlap, better twenty. Add photos."
-        )
     exposure = exposure_for_matching(photos, settings.linear_white_percentile)
     linear = [photo for photo in photos if photo.linear_sample is not None]
     paths = [folder / photo.name for photo in linear]
     list(_each(job, write_linear_copy, paths, [p.copy for p in linear], settings.max_size_px, exposure))
+    readable = len(photos)
+    photos = _without_copies(job, photos)
+    if len(photos) < 2:
+        raise UserError(
+            f"{folder} holds {'one readable photo' if photos else 'no readable photo'}"
+            f"{' (and copies of it)' if readable > 1 else ''}, but structure from motion needs at least two "
+            "that overlap, taken from different places, better twenty. Add photos."
+        )
     return photos
+
+
+def _without_copies(job: Job[SfmSettings], photos: list[Photo]) -> list[Photo]:
+    """The photos of which no other, before, is the same pixel by pixel; copies are named."""
+    from stages.motion.photo_set import copies_among
+
+    copies = copies_among(photos)
+    if copies:
+        job.warn(
+            f"{len(copies)} of {len(photos)} photos are copies of another, pixel by pixel, and left out: "
+            f"{listed(list(copies))} (the first of {next(iter(copies.values()))})."
+        )
+        job.note(copies=copies)
+    return [photo for photo in photos if photo.name not in copies]
 
 
 def _find_features(job: Job[SfmSettings], photos: Sequence[Photo], database: Path) -> list[np.ndarray]:
@@ -124,9 +146,24 @@ def _match(job: Job[SfmSettings], database: Path, features: Sequence[int]) -> No
             step(len(batch))
 
 
-def _map(job: Job[SfmSettings], database: Path, photos: Sequence[Photo]) -> pycolmap.Reconstruction:
-    """The largest model of the best attempt; what it lacks is said."""
-    from stages.formats.colmap.model import registered
+def _check_pairs(job: Job[SfmSettings], database: Path, photos: Sequence[Photo]) -> list[Pair]:
+    """The verified pairs, after a refusal of photos that cannot be placed."""
+    from stages.motion.pairs import verified_pairs
+    from stages.motion.placeable import check_placeable
+
+    settings = job.settings
+    pairs = verified_pairs(database)
+    fewest = min(settings.mapping.init_inliers)
+    names = [photo.name for photo in photos]
+    check_placeable(pairs, names, fewest, settings.pairs, str(job.inputs["images"]))
+    return pairs
+
+
+def _map(
+    job: Job[SfmSettings], database: Path, photos: Sequence[Photo], pairs: Sequence[Pair]
+) -> tuple[list[pycolmap.Reconstruction], Path]:
+    """The models of the best attempt, the largest first, and the database with their cameras."""
+    from stages.motion.placeable import no_model
     from stages.motion.room import check_room, room_for_features
 
     check_room(database, room_for_features([]))
@@ -134,25 +171,64 @@ def _map(job: Job[SfmSettings], database: Path, photos: Sequence[Photo]) -> pyco
     if not models:
         models = _map_incrementally(job, database, len(photos))
     if not models:
-        raise UserError(
-            f"The {len(photos)} photos of {job.inputs['images']} could not be placed: they share too few "
-            "features. They need to show the same textured, unmoving surface, about two thirds of it again "
-            "from one to the next; add photos in between."
-        )
-    best = models[0]
-    placed = {image.image_id for image in registered(best)}
-    left_out = [photo.name for index, photo in enumerate(photos) if index + 1 not in placed]
-    if left_out:
-        share = f"{len(left_out)} of {len(photos)} photos"
-        job.warn(f"{share} could not be placed and are left out: {listed(left_out)}.")
-    if len(models) > 1:
-        sizes = ", ".join(str(model.num_reg_images()) for model in models[1:])
-        job.warn(
-            f"The photos fell into {len(models)} parts that do not connect; the largest is kept, "
-            f"parts of {sizes} photos are not. Photos in between would join them."
-        )
+        raise UserError(no_model(pairs, [photo.name for photo in photos], str(job.inputs["images"])))
+    own = _map_with_own_cameras(job, database, models[0], photos)
+    return own or (models, database)
+
+
+def _map_with_own_cameras(
+    job: Job[SfmSettings], database: Path, shared: pycolmap.Reconstruction, photos: Sequence[Photo]
+) -> tuple[list[pycolmap.Reconstruction], Path] | None:
+    """Models with a camera for each photo, where the photos ask for it and it explains them much better."""
+    from stages.motion.focal_lengths import several_focal_lengths, spread, write_own_cameras
+
+    settings = job.settings
+    if settings.cameras == "per_image" or settings.camera_params is not None:
+        return None
+    apart = spread(shared)
+    job.note(focal_spread=round(apart, 4))
+    if apart <= settings.focal.spread:
+        return None
+    own_database = job.scratch / "own_cameras.db"
+    write_own_cameras(database, own_database)
+    models = _map_incrementally(job, own_database, len(photos), "a camera each")
+    if not models or models[0].num_reg_images() < shared.num_reg_images():
+        return None
+    before, after = (m.compute_mean_reprojection_error() for m in (shared, models[0]))
+    job.note(error_with_shared_and_own_cameras_px=[round(before, 4), round(after, 4)])
+    if not after < settings.focal.gain * before:
+        return None
+    job.warn(several_focal_lengths(models[0], before, after))
+    return models, own_database
+
+
+def _tell_left_out(
+    job: Job[SfmSettings],
+    models: Sequence[pycolmap.Reconstruction],
+    photos: Sequence[Photo],
+    pairs: Sequence[Pair],
+) -> None:
+    """Name the photos that the largest model lacks, and say what is missing."""
+    from stages.formats.colmap.model import registered
+    from stages.motion.placeable import left_out_advice
+
     job.note(models=[model.num_reg_images() for model in models])
-    return best
+    names = [photo.name for photo in photos]
+    placed = {image.image_id - 1 for image in registered(models[0])}
+    left_out = [name for index, name in enumerate(names) if index not in placed]
+    if not left_out:
+        return
+    share = f"{len(left_out)} of {len(photos)} photos"
+    job.warn(f"{share} could not be placed and are left out: {listed(left_out)}.")
+    parts = [[names[image.image_id - 1] for image in registered(model)] for model in models[1:]]
+    parts = [part for part in parts if set(part) & set(left_out)]
+    if parts:
+        among = "; ".join(f"{len(part)} ({listed(part, 3)})" for part in parts)
+        job.warn(
+            f"The photos fell into {len(parts) + 1} parts that do not connect. The largest is kept, of "
+            f"{len(placed)} photos; not kept: {among}. Photos in between would join them."
+        )
+    job.warn(left_out_advice(pairs, names, placed, min(job.settings.mapping.pose_inliers)))
 
 
 def _map_globally(job: Job[SfmSettings], database: Path) -> list[pycolmap.Reconstruction]:
@@ -167,7 +243,9 @@ def _map_globally(job: Job[SfmSettings], database: Path) -> list[pycolmap.Recons
     return models
 
 
-def _map_incrementally(job: Job[SfmSettings], database: Path, count: int) -> list[pycolmap.Reconstruction]:
+def _map_incrementally(
+    job: Job[SfmSettings], database: Path, count: int, how: str = ""
+) -> list[pycolmap.Reconstruction]:
     """Attempt after attempt until enough photos are placed; the models of the best one."""
     from stages.motion.mapping import attempts, map_incrementally
 
@@ -176,8 +254,10 @@ def _map_incrementally(job: Job[SfmSettings], database: Path, count: int) -> lis
     best: list[pycolmap.Reconstruction] = []
     placed = 0
     for number, attempt in enumerate(tries, 1):
-        label = "placing photos" if number == 1 else f"placing photos, attempt {number}"
-        folder = job.scratch / f"attempt_{number}"
+        label = ", ".join(
+            ["placing photos", *([how] if how else []), *([f"attempt {number}"] if number > 1 else [])]
+        )
+        folder = job.scratch / f"{database.stem}_{number}"
         folder.mkdir()
         with job.progress(label, count) as step:
             models = map_incrementally(
@@ -209,6 +289,27 @@ def _adjust(job: Job[SfmSettings], model: pycolmap.Reconstruction) -> pycolmap.R
             job.warn(f"The principal point was left at the image's centre: {outcome.refused}.")
     job.note(principal_point_shift_px=round(outcome.shift_px, 3))
     return outcome.model
+
+
+def _check_focal_lengths(
+    job: Job[SfmSettings], model: pycolmap.Reconstruction, photos: Sequence[Photo]
+) -> None:
+    """Note how certain the focal lengths are, and warn of those that the photos hardly determine."""
+    import numpy as np
+
+    from stages.formats.colmap.model import registered
+    from stages.motion.focal_lengths import deviations, uncertain
+
+    settings = job.settings
+    if settings.holds_cameras:
+        return
+    found = deviations(model)
+    job.note(focal_deviation={i: round(d, 4) if np.isfinite(d) else None for i, d in found.items()})
+    unsure = {i: share for i, share in found.items() if not share <= settings.focal.largest_deviation}
+    if unsure:
+        seen = [photos[i.image_id - 1].name for i in registered(model) if i.camera_id in unsure]
+        worst = max(unsure, key=lambda i: unsure[i])
+        job.warn(uncertain(model.cameras[worst], unsure[worst], seen, settings.focal.largest_deviation))
 
 
 def _publish(
@@ -244,7 +345,7 @@ def _each(job: Job[SfmSettings], work: Callable[..., T], *columns: Any) -> Itera
 
 SFM = Stage(
     name="sfm",
-    version=3,
+    version=4,
     about="Camera poses, lens and sparse points from photos alone (COLMAP).",
     settings=SfmSettings,
     takes=("images",),
@@ -253,6 +354,6 @@ SFM = Stage(
         Artefact("database", "COLMAP database of features and matches", file="database.db"),
     ),
     run=run,
-    tools=("numpy", *PYCOLMAP, *PICTURES),
+    tools=("numpy", "scipy", *PYCOLMAP, *PICTURES),
     saves_memory="lower sfm.max_size_px and sfm.max_features, or give --threads 1",
 )

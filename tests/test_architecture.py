@@ -91,10 +91,12 @@ LENT = {  # who may import a library whose objects are its own world; everyone e
         "formats/colmap/model.py",
         "formats/colmap/plausible_cameras.py",
         # The steps of `sfm`, each of which hands COLMAP a database or a model.
+        "motion/focal_lengths.py",
         "motion/database.py",
         "motion/features.py",
         "motion/mapping.py",
         "motion/matching.py",
+        "motion/pairs.py",
         "motion/photo_set.py",
         "stereo/colmap_stereo.py",  # the engine `cuda` of `mvs`
         "geometry/lenses.py",  # lenses are COLMAP's models; a second implementation of them would differ

@@ -198,9 +198,11 @@ def test_photos_without_overlap_are_a_sentence(make_job, tmp_path):
     for seed in range(3):
         linear = painted_corner.render(camera, painted_corner.paint(100 + seed))
         write_png_srgb8(tmp_path / "strangers" / f"{seed}.png", linear)
-        write_png_srgb8(tmp_path / "blank" / f"{seed}.png", np.full((240, 320, 3), 0.3))
+        write_png_srgb8(tmp_path / "blank" / f"{seed}.png", np.full((240, 320, 3), 0.3 + 0.1 * seed))
     for kind in ("strangers", "blank"):
-        with pytest.raises(UserError, match="3 photos of .* could not be placed: .* add photos in between"):
+        with pytest.raises(
+            UserError, match="3 photos of .* could not be placed: no two .* 20 .* add photos in between"
+        ):
             run(make_job, tmp_path / f"out_{kind}", tmp_path / kind)
 
 

@@ -17,7 +17,7 @@ import pycolmap
 from stages.formats.colmap.model import registered
 from stages.motion.sfm_settings import MappingSettings
 
-N = TypeVar("N", int, float)
+N = TypeVar("N", int, float, bool)
 FEWEST_PHOTOS = 2  # of a model: with one there is no depth
 
 
@@ -51,12 +51,15 @@ class Attempt:
         Median angle between the first pair's rays.
     pose_inliers : int
         Points that a further photo must see.
+    two_view_points : bool
+        Whether points that only two photos see take part.
     """
 
     seed: int
     init_inliers: int
     init_angle_deg: float
     pose_inliers: int
+    two_view_points: bool
 
 
 def attempts(count: int, seed: int, settings: MappingSettings) -> list[Attempt]:
@@ -67,6 +70,7 @@ def attempts(count: int, seed: int, settings: MappingSettings) -> list[Attempt]:
             init_inliers=_of_attempt(settings.init_inliers, number),
             init_angle_deg=_of_attempt(settings.init_angle_deg, number),
             pose_inliers=_of_attempt(settings.pose_inliers, number),
+            two_view_points=_of_attempt(settings.two_view_points, number),
         )
         for number in range(count)
     ]
@@ -108,6 +112,7 @@ def map_incrementally(
     options.mapper.abs_pose_refine_focal_length = not hold_cameras
     options.mapper.abs_pose_refine_extra_params = not hold_cameras
     options.triangulation.random_seed = attempt.seed
+    options.triangulation.ignore_two_view_tracks = not attempt.two_view_points
     pycolmap.set_random_seed(attempt.seed)
 
     def step_for_both() -> None:
@@ -159,6 +164,14 @@ def adjust(
 
     Intrinsics of the cameras in `held_cameras` (ids) stay as they are. One thread, for the same bits again.
     """
+    adjuster(model, held_cameras, free_principal_point=free_principal_point).solve()
+    model.update_point_3d_errors()
+
+
+def adjuster(
+    model: pycolmap.Reconstruction, held_cameras: Iterable[int], *, free_principal_point: bool = False
+) -> pycolmap.CeresBundleAdjuster:
+    """Set up the bundle adjustment of `adjust`."""
     options = pycolmap.BundleAdjustmentOptions(
         refine_principal_point=free_principal_point, print_summary=False
     )
@@ -170,8 +183,7 @@ def adjust(
     for camera_id in held_cameras:
         problem.set_constant_cam_intrinsics(camera_id)
     problem.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    pycolmap.create_default_bundle_adjuster(options, problem, model).solve()
-    model.update_point_3d_errors()
+    return pycolmap.create_default_ceres_bundle_adjuster(options, problem, model)
 
 
 @dataclass(frozen=True)

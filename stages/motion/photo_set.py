@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -87,6 +88,22 @@ def exposure_for_matching(photos: Sequence[Photo], percentile: float) -> float:
     values = values[np.isfinite(values)]
     white = float(np.percentile(values, percentile)) if len(values) else 0.0
     return 1 / white if white > 0 else 1.0
+
+
+def copies_among(photos: Sequence[Photo]) -> dict[str, str]:
+    """Find photos whose size and reduced copy are those of one before: its name, by the copy's name.
+
+    A copy adds nothing, and costs as many comparisons as a photo.
+    """
+    first: dict[tuple[int, int, str], str] = {}
+    copies = {}
+    for photo in photos:
+        content = photo.width, photo.height, hashlib.sha256(photo.copy.read_bytes()).hexdigest()
+        if content in first:
+            copies[photo.name] = first[content]
+        else:
+            first[content] = photo.name
+    return copies
 
 
 def camera_groups(photos: Sequence[Photo], sharing: str) -> list[int]:

@@ -41,6 +41,11 @@ class MappingSettings(Settings):
         unit="points",
         min_length=1,
     )
+    two_view_points: tuple[bool, ...] = setting(
+        (False, False, True),
+        "Whether points that only two photos see take part, attempt by attempt: none others may be there.",
+        min_length=1,
+    )
     local_tolerance: float = setting(
         1e-5,
         "Bundle adjustments around a new photo end where the cost falls by a smaller share. COLMAP's 0 runs "
@@ -49,6 +54,82 @@ class MappingSettings(Settings):
         lt=1,
     )
     global_tolerance: float = setting(1e-6, "And those of all photos.", ge=0, lt=1)
+
+
+class PairSettings(Settings):
+    """Settings of the tests of whether photos can be placed: `stages.motion.placeable`."""
+
+    tried: int = setting(60, "Matching pairs that are tried, spread evenly over all.", unit="pairs", ge=1)
+    still: float = setting(
+        1e-3,
+        "A match that moved less stands still: two pixels of 1600, above the noise of features.",
+        unit="longest sides",
+        ge=0,
+    )
+    still_part: float = setting(
+        0.2,
+        "A pair with this share of its matches still has a part that stands still. Where the camera moves, "
+        "only points around the one that it moves to or turns about do.",
+        gt=0,
+        le=1,
+    )
+    still_pairs: float = setting(
+        0.5, "More such pairs than this share of those tried, and the photos are refused.", ge=0, le=1
+    )
+    parallax: float = setting(
+        1e-3,
+        "A turn of the camera that leaves more of a pair's median match does not explain it.",
+        unit="longest sides",
+        ge=0,
+    )
+    plane_ratio: float = setting(
+        1.5,
+        "Neither does one that leaves this many times what a plane leaves: a wall photographed square on. A "
+        "panorama has 0.9 to 1.1.",
+        ge=1,
+    )
+    parallax_pairs: float = setting(
+        0.1,
+        "With a smaller share of pairs that show depth, the photos are refused: the mapper makes models of "
+        "panoramas, without a word.",
+        ge=0,
+        le=1,
+    )
+    matches: int = setting(300, "Matches of a pair that are compared, about.", unit="matches", ge=8)
+    shortest_focal: float = setting(
+        0.4,
+        "Bound of the focal length of a turning camera, where EXIF has none.",
+        unit="longest sides",
+        gt=0,
+    )
+    longest_focal: float = setting(4.0, "And from above.", unit="longest sides", gt=0)
+    focal_guesses: int = setting(2, "Focal lengths to start from, between them.", ge=1)
+
+
+class FocalSettings(Settings):
+    """Settings of the checks of the focal length: `stages.motion.focal_lengths`."""
+
+    largest_deviation: float = setting(
+        0.05,
+        "A focal length with a larger standard deviation is warned of. Poses and relief follow its error: on "
+        "rendered sets, it was off by 0.1 to 6 % where this is 0.4 to 8 %.",
+        unit="focal lengths",
+        gt=0,
+    )
+    spread: float = setting(
+        0.02,
+        "If a photo, by itself, would move the focal length that it shares by more, all are also "
+        "placed with a camera each, for comparison: a zoom may have been turned. Two zooms: 0.04, 0.05.",
+        unit="focal lengths",
+        gt=0,
+    )
+    gain: float = setting(
+        0.7,
+        "A camera for each photo is kept if it lowers the mean reprojection error to less than this share of "
+        "the shared one's: 0.2 to 0.5 where one to half of the photos are zoomed, 1.0 with one focal length.",
+        gt=0,
+        lt=1,
+    )
 
 
 class SfmSettings(Settings):
@@ -117,6 +198,8 @@ class SfmSettings(Settings):
     principal_point_views: int = setting(
         6, "Cameras with fewer photos keep their principal point: it would trade against the poses.", ge=3
     )
+    pairs: PairSettings = group(PairSettings, "Tests of whether photos can be placed at all.")
+    focal: FocalSettings = group(FocalSettings, "Checks of the focal lengths that were found.")
     seed: int = setting(0, "Start of every random generator.", ge=0, le=2**31 - 100)
     mapping: MappingSettings = group(
         MappingSettings, "What the incremental mapper asks of photos, and how exactly it adjusts on its way."
