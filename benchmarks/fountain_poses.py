@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.similarity import similarity
 from pipeline import UserError
-from pipeline.store import Store
+from pipeline.cache.store import Store
 from stages.formats.colmap.model import find_model, read_model, registered
 from stages.scene.datasets import dataset_folder
 

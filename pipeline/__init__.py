@@ -1,8 +1,8 @@
 """A small build tool that is independent of images: declares, plans, runs, caches and explains stages."""
 
 from pipeline.errors import MachineError, UserError
+from pipeline.files.json_text import finite_or_null, json_text
 from pipeline.job import Job, Progress, Silence
-from pipeline.json_text import finite_or_null, json_text
 from pipeline.settings import Settings, group, setting, settings_that_matter
 from pipeline.stage import AnyStage, Artefact, Flow, Source, Stage, former_names, settings_of
 

@@ -14,8 +14,8 @@ import yaml
 from pydantic import ValidationError
 
 from pipeline.errors import UserError, shortened, shown
+from pipeline.files.yaml_text import DEEPEST, parse_yaml, read_yaml_text
 from pipeline.settings import Settings, is_group, near
-from pipeline.yaml_text import DEEPEST, parse_yaml, read_yaml_text
 
 NOTHING_RENAMED: Mapping[str, str] = MappingProxyType({})
 MOST_FAULTS = 5  # settings of one stage that are named in one message

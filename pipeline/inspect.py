@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from pipeline.cache.record import Record
+from pipeline.cache.store import Store, size_of
 from pipeline.errors import UserError
 from pipeline.reasons import changed_files, differences
-from pipeline.record import Record
 from pipeline.settings import near
-from pipeline.store import Store, size_of
 
 
 def find_record(store: Store, stage: str, key: str | None = None) -> Record:

@@ -8,13 +8,13 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from pipeline.cache.key import FileDigests, Ingredients, ingredients
+from pipeline.cache.record import Record
+from pipeline.cache.store import Store
 from pipeline.errors import UserError
-from pipeline.key import FileDigests, Ingredients, ingredients
 from pipeline.reasons import why_run
-from pipeline.record import Record
 from pipeline.request import Request
 from pipeline.stage import AnyStage, Source, settings_of
-from pipeline.store import Store
 
 Available = dict[str, FileDigests]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from pipeline.key import Ingredients
-from pipeline.record import Record
+from pipeline.cache.key import Ingredients
+from pipeline.cache.record import Record
 
 NAMED_FILES = 3  # more than this and the rest is counted
 

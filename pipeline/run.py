@@ -16,21 +16,21 @@ from typing import Any, Protocol
 
 from filelock import FileLock, Timeout
 
-from pipeline.boundary import check_workspace
+from pipeline.cache.key import Ingredients
+from pipeline.cache.output import Output
+from pipeline.cache.record import Record
+from pipeline.cache.store import Store
 from pipeline.errors import UserError
+from pipeline.files.boundary import check_workspace
 from pipeline.job import Job, Progress
-from pipeline.key import Ingredients
-from pipeline.logbook import logged
-from pipeline.memory_limits import compare_with_free_memory, memory_errors_told
-from pipeline.meter import measured
-from pipeline.output import Output
 from pipeline.plan import Decision, decide, read_sources
+from pipeline.process.logbook import logged
+from pipeline.process.memory_limits import compare_with_free_memory, memory_errors_told
+from pipeline.process.meter import measured
 from pipeline.reasons import changed_files
-from pipeline.record import Record
 from pipeline.request import Request
 from pipeline.settings import Settings
 from pipeline.stage import AnyStage, S, Stage, settings_of
-from pipeline.store import Store
 
 AT_ONCE_S = 2.0  # a killed run holds the lock until the system has taken its memory back
 NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}  # errors of writing only

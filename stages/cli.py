@@ -10,13 +10,14 @@ from pathlib import Path
 import tyro
 from tyro.conf import FlagCreatePairsOff
 
-from pipeline import MachineError, UserError, verbs
-from pipeline.file_kinds import is_folder
-from pipeline.key import tool_version
-from pipeline.memory_limits import is_out_of_memory
+from pipeline import MachineError, UserError
+from pipeline.cache.key import tool_version
+from pipeline.command import verbs
+from pipeline.command.streams import prepare_process
+from pipeline.command.terminal import Terminal, output_stream
+from pipeline.files.file_kinds import is_folder
+from pipeline.process.memory_limits import is_out_of_memory
 from pipeline.request import Request
-from pipeline.streams import prepare_process
-from pipeline.terminal import Terminal, output_stream
 from stages import IN_ORDER
 from stages.command.arguments import (
     Clean,

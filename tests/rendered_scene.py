@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import Job
-from pipeline.store import Store
+from pipeline.cache.store import Store
 from stages.cli import main
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask

@@ -108,6 +108,11 @@ LENT = {  # who may import a library whose objects are its own world; everyone e
         "formats/meshes/triangle_meshes.py",  # the crossing between our meshes and open3d's
     },
 }
+PIPELINE_ROOMS_BELOW = {  # what each room of pipeline/ may import, itself besides
+    "files": {"errors"},
+    "cache": {"files", "errors", "settings", "stage"},
+    "process": {"files", "errors", "settings", "stage", "job"},
+}  # its files beside them lead the rooms, and `command` leads all
 CROWDED = 12  # files that a room holds at most; steps and tests are lists, not rooms
 DISTRIBUTIONS = {  # of what is imported by another name than it is installed by
     "cv2": {"opencv-python-headless"},
@@ -179,6 +184,21 @@ def test_the_pipeline_has_never_heard_of_a_pixel(path):
     assert not {name.split(".")[0] for name in imported(parsed(path))} & PIXEL_LIBRARIES
 
 
+@pytest.mark.parametrize("room", PIPELINE_ROOMS_BELOW)
+def test_arrows_point_one_way_between_rooms_of_the_pipeline(room):
+    for path in sources(f"pipeline/{room}"):
+        for name in imported(parsed(path)):
+            parts = name.split(".")
+            if parts[0] == "pipeline" and len(parts) > 1:
+                assert parts[1] in PIPELINE_ROOMS_BELOW[room] | {room}, f"{path} imports {name}"
+
+
+def test_only_the_command_line_imports_the_verbs():
+    for path in sources("pipeline"):
+        names = {name.split(".")[1] for name in imported(parsed(path)) if name.startswith("pipeline.")}
+        assert "command" not in names or path.parent.name == "command", path
+
+
 QUICK_TO_IMPORT = [*sorted((ROOT / "stages").glob("*.py")), *sources("stages/command")]
 
 
@@ -224,7 +244,14 @@ def test_every_room_is_walled_and_has_no_more_files_than_one_can_survey():
     for folder in (path for path in (ROOT / "stages").rglob("*") if path.is_dir() and any(path.glob("*.py"))):
         place = folder.relative_to(ROOT / "stages").as_posix()
         assert place in FOLDERS_BELOW or "/".join(place.split("/")[:2]) in ROOMS_BELOW, place
-        assert len([path for path in folder.glob("*.py") if path.stem != "__init__"]) <= CROWDED, place
+        assert files_in(folder) <= CROWDED, place
+    for folder in (ROOT / "pipeline", *(path for path in (ROOT / "pipeline").iterdir() if path.is_dir())):
+        assert files_in(folder) <= CROWDED, folder
+
+
+def files_in(folder: Path) -> int:
+    """Number of its modules."""
+    return len([path for path in folder.glob("*.py") if path.stem != "__init__"])
 
 
 @pytest.mark.parametrize("step", sorted(STEPS))

@@ -18,9 +18,9 @@ from threading import Event
 import pytest
 
 from pipeline import Artefact, Stage, UserError
-from pipeline.digest import files_below
+from pipeline.cache.digest import files_below
+from pipeline.cache.store import Store
 from pipeline.inspect import overview
-from pipeline.store import Store
 from tests import toy_flow
 from tests.toy_flow import COUNT, FLOW, JOIN, REPORT, Settings, run_toy, write_words
 
@@ -159,7 +159,7 @@ def test_a_tool_version_and_a_choice_of_the_machine_are_part_of_the_key(root, mo
     run_toy(root, flow=flow)
     flow = (JOIN, replace(flow[1], machine=lambda settings: {"engine": "slide rule"}), REPORT)
     assert run_toy(root, flow=flow).reasons["count"] == "machine's engine went from abacus to slide rule"
-    monkeypatch.setattr("pipeline.key.version", lambda name: "99")
+    monkeypatch.setattr("pipeline.cache.key.version", lambda name: "99")
     assert "tool blake3 went from" in run_toy(root, flow=flow).reasons["count"]
 
 

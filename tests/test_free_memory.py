@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LEFT_BEHIND = """
 import ctypes, sys
 from pathlib import Path
-from pipeline.free_memory import give_back_free_memory, keep_large_blocks_apart
+from pipeline.process.free_memory import give_back_free_memory, keep_large_blocks_apart
 
 def resident_mib():
     status = Path("/proc/self/status").read_text().splitlines()

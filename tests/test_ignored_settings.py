@@ -11,8 +11,8 @@ from pydantic.fields import FieldInfo
 import stages
 from benchmarks.paper.laboratory import results_of
 from pipeline import Settings
+from pipeline.command.terminal import Terminal
 from pipeline.settings import is_group, settings_that_matter
-from pipeline.terminal import Terminal
 from stages.decomposition import VARIANTS, DecompositionSettings
 from tests.rendered_scene import TINY
 

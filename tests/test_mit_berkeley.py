@@ -15,7 +15,7 @@ from benchmarks.mit_berkeley.objects import (
 )
 from benchmarks.mit_berkeley.sources import write_sources
 from pipeline import UserError
-from pipeline.terminal import Terminal
+from pipeline.command.terminal import Terminal
 from stages.formats.colmap.model import cameras_of, read_model
 from stages.formats.images.photo_folder import find_photos
 from stages.formats.images.photos import read_photo

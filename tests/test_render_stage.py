@@ -14,7 +14,7 @@ import open3d as o3d
 import pytest
 from scipy.ndimage import center_of_mass, label
 
-from pipeline.store import Store
+from pipeline.cache.store import Store
 from stages.cli import main
 from stages.formats.artefacts.part_maps import read_part_map
 from stages.formats.colmap.model import cameras_of, read_model

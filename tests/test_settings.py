@@ -8,8 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from pipeline import Settings, UserError, group, setting, settings_of
+from pipeline.cache.digest import digest_value
 from pipeline.config import check_settings, override, read_config
-from pipeline.digest import digest_value
 from pipeline.settings import settings_that_matter
 from stages.raycast import RaycastSettings
 from stages.undistort import UndistortSettings

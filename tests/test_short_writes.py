@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.digest import DigestMemo
-from pipeline.store import PARTIAL
+from pipeline.cache.digest import DigestMemo
+from pipeline.cache.store import PARTIAL
 from stages.cli import main
 from stages.formats.colmap.depth_maps import write_map
 from stages.formats.images.exr import write_exr

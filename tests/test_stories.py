@@ -15,7 +15,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from pipeline.store import Store
+from pipeline.cache.store import Store
 from stages import dataflow
 from stages.cli import main
 from stages.command.arguments import Plan

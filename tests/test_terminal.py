@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from pipeline.terminal import Terminal, number, table_of
-from pipeline.verbs import run_verb, show_verb
+from pipeline.command.terminal import Terminal, number, table_of
+from pipeline.command.verbs import run_verb, show_verb
 from tests import toy_flow
 from tests.toy_flow import COUNT, JOIN, REPORT, request, write_words
 

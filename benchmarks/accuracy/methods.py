@@ -15,7 +15,7 @@ from benchmarks.paper.laboratory import Laboratory
 from benchmarks.paper.methods import SOLVED_WELL, Estimate, cartoon
 from benchmarks.paper.pictures import figure
 from benchmarks.paper.rows import Row
-from pipeline.json_text import finite_or_null
+from pipeline.files.json_text import finite_or_null
 from stages.evaluation.scores import Scores
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.solver_settings import weights_at

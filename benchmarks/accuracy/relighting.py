@@ -25,7 +25,7 @@ from benchmarks.paper.laboratory import Size  # noqa: E402
 from benchmarks.paper.rows import Row  # noqa: E402
 from benchmarks.paper.tables import markdown  # noqa: E402
 from pipeline import Job  # noqa: E402
-from pipeline.terminal import Terminal  # noqa: E402
+from pipeline.command.terminal import Terminal  # noqa: E402
 from stages.evaluation.judged_views import judge_view  # noqa: E402
 from stages.evaluation.scaled_error import psnr_h  # noqa: E402
 from stages.formats.artefacts.camera_file import read_cameras  # noqa: E402

@@ -9,7 +9,7 @@ from benchmarks.accuracy.from_photos import PhotoLaboratory
 from benchmarks.accuracy.on_a_floor import write_on_a_floor
 from benchmarks.paper.laboratory import QUARTER, TINY, Laboratory, Size
 from benchmarks.paper.rows import ROWS, Row
-from pipeline.terminal import Terminal
+from pipeline.command.terminal import Terminal
 
 WORKSPACES = Path(__file__).resolve().parents[2] / "workspaces"
 PAPERS_OWN = WORKSPACES / "paper"

@@ -11,7 +11,7 @@ import numpy as np
 
 import stages
 from benchmarks.paper.laboratory import results_of
-from pipeline.terminal import Terminal
+from pipeline.command.terminal import Terminal
 from stages.evaluation.judged_views import judge_view
 from stages.evaluation.scores import Scores, score_albedo
 from stages.formats.colmap.model import pinhole_model, write_model

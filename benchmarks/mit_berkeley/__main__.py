@@ -40,7 +40,7 @@ from benchmarks.mit_berkeley.methods import (  # noqa: E402
 )
 from benchmarks.mit_berkeley.objects import LAMPS, objects_folder, read_object  # noqa: E402
 from pipeline import UserError  # noqa: E402
-from pipeline.terminal import Terminal  # noqa: E402
+from pipeline.command.terminal import Terminal  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 OBJECTS = ("box", "dinosaur", "panther")  # the first is the one that λ and μ are chosen on

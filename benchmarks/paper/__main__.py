@@ -23,7 +23,7 @@ from benchmarks.paper.report import Experiment, Sweeps, write_report  # noqa: E4
 from benchmarks.paper.rows import ROWS, Row  # noqa: E402
 from benchmarks.paper.sweep import best, sweep_cartoon, sweep_paper  # noqa: E402
 from benchmarks.paper.tables import Judged  # noqa: E402
-from pipeline.terminal import Terminal  # noqa: E402
+from pipeline.command.terminal import Terminal  # noqa: E402
 from stages.formats.images.photos import write_png8  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent

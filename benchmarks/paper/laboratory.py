@@ -12,10 +12,10 @@ from typing import Any
 import stages
 from benchmarks.paper.rows import Row
 from pipeline import Stage
+from pipeline.cache.store import Store
 from pipeline.config import check_settings
 from pipeline.request import Request, Selection
 from pipeline.run import Listener, run
-from pipeline.store import Store
 from stages.photometry.decomposition_settings import DecompositionSettings
 
 

@@ -24,7 +24,7 @@ from benchmarks.solver.racing import Rules, hold, left_out, rival_names, warm_up
 from benchmarks.solver.report import Findings, text_of, write_report  # noqa: E402
 from benchmarks.solver.scaling import threaded_speeds  # noqa: E402
 from pipeline import UserError  # noqa: E402
-from pipeline.terminal import Terminal  # noqa: E402
+from pipeline.command.terminal import Terminal  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PROBLEMS = ("fountain", "bust")

@@ -78,7 +78,7 @@ def measure(pixels: int, threads: int, most_rounds: int) -> Grown:
     """Measure one size, in this process."""
     from benchmarks.solver.corrugated_plane import corrugated_plane
     from benchmarks.solver.ours import endless, timed
-    from pipeline.free_memory import give_back_free_memory
+    from pipeline.process.free_memory import give_back_free_memory
     from stages.photometry.joint.fast_alternation import FastSolver
     from stages.photometry.joint.settings import USUAL
 

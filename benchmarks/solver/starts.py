@@ -16,7 +16,7 @@ import numpy as np  # noqa: E402
 
 from benchmarks.solver.__main__ import THREADS, problems_named  # noqa: E402
 from benchmarks.solver.problems import RaceProblem  # noqa: E402
-from pipeline.terminal import Terminal  # noqa: E402
+from pipeline.command.terminal import Terminal  # noqa: E402
 from stages.evaluation.scaled_error import least_squares_scale  # noqa: E402
 from stages.photometry.joint.fast_alternation import (  # noqa: E402
     FastDescent,

@@ -13,9 +13,9 @@ from benchmarks.paper.laboratory import FULL, QUARTER, Laboratory, Size, Weights
 from benchmarks.paper.rows import ROWS
 from benchmarks.solver.problems import RaceProblem, views_and_images
 from pipeline import UserError
-from pipeline.record import Record
+from pipeline.cache.record import Record
+from pipeline.cache.store import Store
 from pipeline.run import Listener
-from pipeline.store import Store
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.solver_settings import weights_at

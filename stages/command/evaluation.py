@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rich.table import Table
 
 from pipeline import UserError
-from pipeline.library_messages import library_messages_in
-from pipeline.terminal import Terminal, table_of
+from pipeline.command.terminal import Terminal, table_of
+from pipeline.process.library_messages import library_messages_in
 from stages.command.arguments import Evaluate
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import stages
 from pipeline import UserError, former_names
 from pipeline.config import Config, check_settings, override, read_config
 from pipeline.errors import shortened
-from pipeline.file_kinds import FILE, FOLDER, is_folder, kind_of_file
-from pipeline.library_messages import library_messages_in
+from pipeline.files.file_kinds import FILE, FOLDER, is_folder, kind_of_file
+from pipeline.process.library_messages import library_messages_in
 from pipeline.request import Absent, Request, Selection, check_flow
 from stages.command.arguments import Given, Relight, Run
 from stages.scene.datasets import Dataset, find_dataset

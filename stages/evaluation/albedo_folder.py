@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import UserError
-from pipeline.file_kinds import expect_file
+from pipeline.files.file_kinds import expect_file
 from stages.formats.artefacts.part_maps import read_part_map, read_part_names
 from stages.formats.images.photo_folder import ENCODED, LINEAR, find_mask
 from stages.formats.images.photos import read_mask, read_photo

@@ -19,7 +19,7 @@ import numpy as np  # noqa: E402
 from benchmarks.accuracy.natural import GLOSSY, SMOOTHED, natural_row  # noqa: E402
 from benchmarks.paper.judging import Judge  # noqa: E402
 from benchmarks.paper.laboratory import Laboratory, Size  # noqa: E402
-from pipeline.terminal import Terminal  # noqa: E402
+from pipeline.command.terminal import Terminal  # noqa: E402
 from stages.formats.artefacts.camera_file import read_cameras  # noqa: E402
 from stages.formats.meshes.triangle_meshes import read_mesh  # noqa: E402
 

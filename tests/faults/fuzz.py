@@ -67,7 +67,7 @@ class Outcome:
 
 def sound_files() -> dict[str, tuple[str, bytes, Reader]]:
     """Provide, by kind, a file's name, its bytes and its reader."""
-    from pipeline.yaml_text import parse_yaml, read_yaml_text
+    from pipeline.files.yaml_text import parse_yaml, read_yaml_text
     from stages.formats.colmap.depth_maps import read_map, write_map
     from stages.formats.images.photo_remarks import remarks_on
     from stages.formats.images.photos import read_mask, read_photo

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.digest import digest_file
+from pipeline.cache.digest import digest_file
 
 ROOT = Path(__file__).parents[2]
 LINEAR = ROOT / "sample_data/linear"

@@ -8,8 +8,8 @@ import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from pipeline.digest import digest_file
-from pipeline.record import Record, read_record
+from pipeline.cache.digest import digest_file
+from pipeline.cache.record import Record, read_record
 
 ROOT = Path(__file__).parent.parent.parent
 PHOTOS = ROOT / "sample_data" / "photos"

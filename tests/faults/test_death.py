@@ -20,8 +20,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.digest import digest_file
-from pipeline.store import PARTIAL
+from pipeline.cache.digest import digest_file
+from pipeline.cache.store import PARTIAL
 from tests.faults import small_runs
 from tests.faults.small_runs import leftovers, one_line, published, results, words
 

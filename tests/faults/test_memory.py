@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-import pipeline.memory_limits as limits
+import pipeline.process.memory_limits as limits
 from pipeline import MachineError, UserError
+from pipeline.cache.store import Store
 from pipeline.inspect import find_record
-from pipeline.store import Store
 from stages import ALL_STAGES
 from tests.faults.small_runs import ROOT, do, leftovers, one_line, published, results
 from tests.test_architecture import all_settings

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.digest import digest_file
+from pipeline.cache.digest import digest_file
 from stages.scene.datasets import find_dataset
 from tests.faults.small_runs import ROOT, do, one_line, results
 

@@ -14,7 +14,7 @@ import pycolmap
 import pytest
 
 from benchmarks.fountain_poses import errors, model_poses, newest_model
-from pipeline.store import Store
+from pipeline.cache.store import Store
 from stages.formats.colmap.model import read_model, registered
 from stages.scene.cameras import Camera
 from tests.faults import photo_sets as sets

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.sealed_json import sealed
+from pipeline.cache.sealed_json import sealed
 from stages.cli import main
 from tests.faults.prepared_workspace import (
     LINEAR,
@@ -145,7 +145,7 @@ def test_hundreds_of_damages_are_named_and_made_anew(finished, tmp_path, tried):
 @pytest.mark.parametrize("step", [97, pytest.param(1, marks=pytest.mark.slow)])
 def test_no_byte_of_a_record_can_change_unnoticed(finished, tmp_path, tried, step):
     """Each of them, or one in many, and every length that a cut leaves."""
-    from pipeline.store import Store
+    from pipeline.cache.store import Store
 
     entry = entry_of(finished, "adopt_mesh")
     store = Store(tmp_path)

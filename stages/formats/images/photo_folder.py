@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
 
 from pipeline import UserError
-from pipeline.digest import files_below
+from pipeline.cache.digest import files_below
 from pipeline.errors import shown
 from stages.scene.cameras import view_name
 from stages.scene.image_names import ENDINGS, fault_of_name

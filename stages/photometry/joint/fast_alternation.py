@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.free_memory import give_back_free_memory, keep_large_blocks_apart
+from pipeline.process.free_memory import give_back_free_memory, keep_large_blocks_apart
 from stages.photometry.joint.problem_assembly import finest_level, problem_of
 from stages.photometry.joint.pyramid import Level, pyramid
 from stages.photometry.joint.settings import FastSettings, Stopping

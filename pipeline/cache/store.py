@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from pipeline.boundary import check_own_folder
-from pipeline.digest import DigestMemo
+from pipeline.cache.digest import DigestMemo
+from pipeline.cache.record import RECORD, Record, read_record, write_record
+from pipeline.cache.sealed_json import read_sealed, sealed
 from pipeline.errors import UserError
-from pipeline.record import RECORD, Record, read_record, write_record
-from pipeline.replacing import FRESH, replace_text
-from pipeline.sealed_json import read_sealed, sealed
+from pipeline.files.boundary import check_own_folder
+from pipeline.files.replacing import FRESH, replace_text
 from pipeline.stage import AnyStage, Artefact
 
 PARTIAL = ".partial-"

@@ -7,16 +7,16 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from pipeline.child import Ending, run_in_child
+from pipeline.cache.record import Record
+from pipeline.cache.store import Store
+from pipeline.command.terminal import Terminal, megabytes, table_of
 from pipeline.inspect import compare, find_record, overview, prune, two_newest
-from pipeline.memory_limits import advice
 from pipeline.plan import plan, read_sources
-from pipeline.record import Record
+from pipeline.process.child import Ending, run_in_child
+from pipeline.process.memory_limits import advice
 from pipeline.request import Request
 from pipeline.run import clear_up, locked, refusals_explained, run
 from pipeline.stage import AnyStage
-from pipeline.store import Store
-from pipeline.terminal import Terminal, megabytes, table_of
 
 
 def run_verb(request: Request, terminal: Terminal) -> None:

@@ -8,13 +8,13 @@ from pathlib import Path, PurePosixPath
 from posixpath import commonpath
 from typing import Any
 
-from pipeline.boundary import check_own_folder
+from pipeline.cache.record import Record
+from pipeline.cache.sealed_json import read_sealed, sealed
+from pipeline.cache.store import Store
 from pipeline.errors import UserError
-from pipeline.record import Record
-from pipeline.replacing import FRESH, replace_copy, replace_text
-from pipeline.sealed_json import read_sealed, sealed
+from pipeline.files.boundary import check_own_folder
+from pipeline.files.replacing import FRESH, replace_copy, replace_text
 from pipeline.stage import AnyStage, Artefact
-from pipeline.store import Store
 
 Digests = Mapping[str, Mapping[str, str]]  # by artefact or source, then by file
 UNKNOWN = ""  # the stage of entries from a ledger that did not yet record stage and key

@@ -10,7 +10,7 @@ import yaml
 from yaml.error import MarkedYAMLError
 
 from pipeline.errors import UserError
-from pipeline.file_kinds import expect_file
+from pipeline.files.file_kinds import expect_file
 
 LONGEST_FILE = 1 << 18  # bytes; all settings with their defaults are some 20 kB
 MOST_VALUES = 20_000  # written out: an anchor that is used a hundred times counts a hundred times

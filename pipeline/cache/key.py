@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from pipeline.digest import digest_files, digest_value
+from pipeline.cache.digest import digest_files, digest_value
 from pipeline.settings import settings_that_matter
 from pipeline.stage import S, Stage
 

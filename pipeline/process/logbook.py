@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from pipeline.boundary import check_own_folder
 from pipeline.errors import UserError
+from pipeline.files.boundary import check_own_folder
+from pipeline.files.replacing import FRESH, replace_copy
 from pipeline.job import Job
-from pipeline.library_messages import library_messages_in
-from pipeline.replacing import FRESH, replace_copy
+from pipeline.process.library_messages import library_messages_in
 from pipeline.settings import Settings, settings_that_matter
 from pipeline.stage import AnyStage
 

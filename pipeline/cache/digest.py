@@ -13,10 +13,10 @@ from typing import Any, NoReturn
 
 from blake3 import blake3
 
+from pipeline.cache.sealed_json import read_sealed, sealed
 from pipeline.errors import UserError
-from pipeline.file_kinds import expect_file
-from pipeline.replacing import replace_text
-from pipeline.sealed_json import read_sealed, sealed
+from pipeline.files.file_kinds import expect_file
+from pipeline.files.replacing import replace_text
 
 DIGEST_HEX_DIGITS = 32  # 128 bits: accidental collisions are negligible
 COARSEST_CLOCK_NS = 2_000_000_000  # FAT counts times in two seconds; other file systems in less

@@ -13,7 +13,7 @@ from typing import Any
 
 from blake3 import blake3
 
-from pipeline.json_text import json_text
+from pipeline.files.json_text import json_text
 
 OPENING = b'{"digest": "'
 HEX_DIGITS = 32

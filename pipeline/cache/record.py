@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipeline.replacing import replace_text
-from pipeline.sealed_json import read_sealed, sealed
+from pipeline.cache.sealed_json import read_sealed, sealed
+from pipeline.files.replacing import replace_text
 
 RECORD = "record.json"
 TYPES: dict[str, type | tuple[type, ...]] = {  # in JSON; a field that is not named here holds an object

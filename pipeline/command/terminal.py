@@ -15,11 +15,11 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from pipeline.cache.record import Record
+from pipeline.command.streams import Messages
 from pipeline.errors import UserError
-from pipeline.json_text import json_text
+from pipeline.files.json_text import json_text
 from pipeline.plan import Action, Decision
-from pipeline.record import Record
-from pipeline.streams import Messages
 
 COLOURS = {Action.REUSE: "green", Action.RUN: "yellow", Action.WAIT: "yellow", Action.LEAVE: "dim"}
 PIPE_WIDTH = 200  # columns of a table where there is no terminal

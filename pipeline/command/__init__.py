@@ -1,0 +1,1 @@
+"""Verbs of the command line, and what they print."""

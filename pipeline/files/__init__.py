@@ -1,0 +1,1 @@
+"""Files: their kinds, atomic replacement, the workspace's boundary, JSON and YAML."""

@@ -1,0 +1,1 @@
+"""The process that runs a stage: child, memory, measurement, logs."""
