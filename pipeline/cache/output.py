@@ -38,7 +38,8 @@ class Output:
     def clear_up(self) -> None:
         """Delete the copy that an interrupted run began. Only under the workspace's lock."""
         check_own_folder(self.root, self._workspace)
-        (self.root / FRESH).unlink(missing_ok=True)
+        with suppress(IsADirectoryError, PermissionError):  # a folder there is not ours
+            (self.root / FRESH).unlink(missing_ok=True)
 
     def show(self, stage: AnyStage, record: Record) -> None:
         """Copy the stage's artefacts into `output/`, and remove those that it no longer gives.
