@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import errno
-import os
 import shutil
-import tempfile
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -14,27 +11,22 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Protocol
 
-from filelock import FileLock, Timeout
-
 from pipeline.cache.key import Ingredients
 from pipeline.cache.output import Output
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store
 from pipeline.errors import UserError
-from pipeline.files.boundary import check_workspace
+from pipeline.files.workspace_lock import locked
 from pipeline.job import Job, Progress
 from pipeline.plan import Decision, decide, read_sources
 from pipeline.process.logbook import logged
 from pipeline.process.memory_limits import compare_with_free_memory, memory_errors_told
 from pipeline.process.meter import measured
+from pipeline.process.temporary_files import temporary_files_in
 from pipeline.reasons import changed_files
 from pipeline.request import Request
 from pipeline.settings import Settings
 from pipeline.stage import AnyStage, S, Stage, settings_of
-
-AT_ONCE_S = 2.0  # a killed run holds the lock until the system has taken its memory back
-NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}  # errors of writing only
-IF_WITHIN = {errno.EACCES, errno.EPERM, errno.EIO}  # errors of reading as well
 
 
 class Listener(Progress, Protocol):
@@ -153,16 +145,14 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
         with (
             memory_errors_told(stage),
             logged(stage, job, partial / "log.txt", request.workspace / "logs"),
-            _temporary_files_in(job.scratch),
+            temporary_files_in(job.scratch),
             measured() as reading,
         ):
             compare_with_free_memory(stage, job)
             try:
                 stage.run(job)
             except Exception:
-                _check_inputs(
-                    job, made_from, request, store
-                )  # what was taken away says more than the failure
+                _check_inputs(job, made_from, request, store)  # an input that is gone says more
                 raise
         _check_inputs(job, made_from, request, store)
         shutil.rmtree(job.scratch)
@@ -197,21 +187,6 @@ def _kept_only_if_finished(partial: Path) -> Iterator[None]:
         yield
     finally:
         shutil.rmtree(partial, ignore_errors=True)  # published means renamed: then there is nothing here
-
-
-@contextmanager
-def _temporary_files_in(folder: Path) -> Iterator[None]:
-    """Keep temporary files of a stage, its libraries' too, where a killed run's are swept with the rest."""
-    before, variable = tempfile.tempdir, os.environ.get("TMPDIR")
-    tempfile.tempdir = os.environ["TMPDIR"] = str(folder.resolve())
-    try:
-        yield
-    finally:
-        tempfile.tempdir = before
-        if variable is None:
-            del os.environ["TMPDIR"]
-        else:
-            os.environ["TMPDIR"] = variable
 
 
 @contextmanager
@@ -339,60 +314,3 @@ def _compare_with_twin(store: Store, record: Record, listener: Listener) -> None
     changed = [name for name in record.outputs if record.outputs[name] != twin.outputs.get(name)]
     if changed:
         listener.say(f"{record.stage}: {', '.join(changed)} came out different from the same ingredients.")
-
-
-@contextmanager
-def locked(workspace: Path, patience_s: float = AT_ONCE_S) -> Iterator[None]:
-    """Hold the workspace for this run.
-
-    Raises
-    ------
-    UserError
-        It cannot be written, now or later on, would be written elsewhere, or another run holds it.
-    """
-    check_workspace(workspace)
-    try:
-        workspace.mkdir(parents=True, exist_ok=True)
-        (workspace / "cache").mkdir(exist_ok=True)
-        lock = FileLock(workspace / ".lock")
-        lock.acquire(timeout=patience_s)
-    except Timeout:
-        raise UserError(
-            f"Another run is using the workspace {workspace}; wait for it to end, "
-            "or choose another folder with --workspace."
-        ) from None
-    except OSError as error:
-        raise UserError(
-            f"The workspace {workspace} cannot be written ({error.strerror or error}); "
-            "choose another folder with --workspace."
-        ) from error
-    try:
-        with refusals_explained(workspace):
-            yield
-    finally:
-        lock.release()
-
-
-@contextmanager
-def refusals_explained(workspace: Path) -> Iterator[None]:
-    """Turn what the file system refuses in the workspace into a sentence.
-
-    Raises
-    ------
-    UserError
-        There is no room, or a place within the workspace may not be used.
-    """
-    try:
-        yield
-    except OSError as error:
-        if error.errno in NO_ROOM or (error.errno in IF_WITHIN and _is_below(error.filename, workspace)):
-            raise UserError(
-                f"{error.filename or workspace} cannot be used ({error.strerror}); expected a place to "
-                "write. Make room there, or allow it, or choose another folder with --workspace; earlier "
-                "results are kept."
-            ) from error
-        raise
-
-
-def _is_below(place: str | None, workspace: Path) -> bool:
-    return place is not None and Path(place).resolve().is_relative_to(workspace.resolve())

@@ -348,7 +348,7 @@ def test_one_stage_alone_and_a_range_are_not_both_taken(root, bounds, said):
 
 
 def test_a_second_run_on_a_busy_workspace_is_refused(root):
-    from pipeline.run import locked
+    from pipeline.files.workspace_lock import locked
 
     with locked(root / "workspace"), pytest.raises(UserError, match="Another run is using the workspace"):
         run_toy(root)

@@ -116,8 +116,8 @@ class DigestMemo:
 
     The change time is compared too, so that a change behind a restored modification time is detected. Files
     changed within the last ticks of the coarsest clock are read again next time, since another change would
-    not show in their times. What a disk corrupts without a
-    write keeps its times, and goes unnoticed. Keys contain digests of content only.
+    not show in their times. What a disk corrupts without a write keeps its times, and goes unnoticed. Keys
+    contain digests of content only.
     """
 
     def __init__(self, path: Path) -> None:

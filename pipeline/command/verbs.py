@@ -10,12 +10,13 @@ from typing import Any
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store
 from pipeline.command.terminal import Terminal, megabytes, table_of
+from pipeline.files.workspace_lock import locked, refusals_explained
 from pipeline.inspect import compare, find_record, overview, prune, two_newest
 from pipeline.plan import plan, read_sources
 from pipeline.process.child import Ending, run_in_child
 from pipeline.process.memory_limits import advice
 from pipeline.request import Request
-from pipeline.run import clear_up, locked, refusals_explained, run
+from pipeline.run import clear_up, run
 from pipeline.stage import AnyStage
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.pixel_transfer import WHITEST, Bounces, at_vertices, on_absolute_scale
+from stages.solvers.kernels.sparse_rows import product
 
 
 def relit(
@@ -31,11 +32,11 @@ def relit(
     """
     absolute = on_absolute_scale(np.maximum(albedo, 0), bounces.brightest, bounces.quantile)
     shading, of_vertices = scene.pixels.shading(light), scene.vertices.shading(light)
-    blend = scene.pixels.blend
-    for c in range(3 if bounces.count and len(absolute) else 0):
-        values = np.minimum(absolute[:, c], WHITEST)
-        there, typical = at_vertices(blend, scene.nearest_shown, values), float(np.median(values))
-        own = np.ascontiguousarray(of_vertices[:, c : c + 1])
-        total = bounced(own, scene.proxy.occlusion, there[:, None].astype(np.float32), typical, bounces.count)
-        shading[:, c] += (blend @ (total - own))[:, 0]
+    if bounces.count and len(absolute):
+        blend, values = scene.pixels.blend, np.minimum(absolute, WHITEST)
+        there = np.stack([at_vertices(blend, scene.nearest_shown, one) for one in values.T], axis=1)
+        typical = np.median(values, axis=0).astype(np.float32)
+        seen = scene.proxy.occlusion
+        total = bounced(of_vertices, seen, there.astype(np.float32), typical, bounces.count)
+        shading += product(blend, total - of_vertices)
     return (absolute * shading).astype(np.float32), shading
