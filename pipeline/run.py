@@ -152,9 +152,9 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
             try:
                 stage.run(job)
             except Exception:
-                _check_inputs(job, made_from, request, store)  # an input that is gone says more
+                _check_inputs(stage, job, made_from, request, store)  # an input that is gone says more
                 raise
-        _check_inputs(job, made_from, request, store)
+        _check_inputs(stage, job, made_from, request, store)
         shutil.rmtree(job.scratch)
         record = _record(stage, made_from, job, store)
         record = replace(
@@ -251,7 +251,9 @@ def _input_paths(stage: AnyStage, request: Request, store: Store) -> dict[str, P
     return {name: places[name] for name in (*stage.takes, *stage.may_take) if name in places}
 
 
-def _check_inputs(job: Job[Settings], made_from: Ingredients, request: Request, store: Store) -> None:
+def _check_inputs(
+    stage: AnyStage, job: Job[Settings], made_from: Ingredients, request: Request, store: Store
+) -> None:
     """Refuse a result whose inputs changed since the run began: its key has their earlier digests.
 
     Raises
@@ -260,7 +262,6 @@ def _check_inputs(job: Job[Settings], made_from: Ingredients, request: Request, 
         Files of a source or of a cached artefact were added, removed or changed, or the folder in which the
         stage works is gone.
     """
-    stage = next(stage for stage in request.flow if stage.name == made_from.stage)
     found = read_sources(replace(request, flow=(stage,), absent={}), store)
     cached = [name for name in made_from.inputs if name not in request.sources]
     found |= {name: store.digests(job.inputs[name]) for name in cached}

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import get_args
 
 import tyro
 from tyro.conf import FlagCreatePairsOff
@@ -34,7 +35,7 @@ from stages.command.arguments import (
 from stages.command.evaluation import evaluate_verb
 from stages.command.request import check_lights, existing_workspace, relighting_of, request_of
 
-COMMANDS = [kind.__name__.lower() for kind in (Run, Plan, Relight, Status, Show, Diff, Clean, Evaluate)]
+COMMANDS = [kind.__name__.lower() for kind in get_args(Command)]
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130
 ABOUT = (
     "Per-view albedo from photos or a COLMAP workspace: the light and the shading apart. "
@@ -143,7 +144,7 @@ def carry_out(request: Request, terminal: Terminal, in_child: bool) -> int:
         verbs.run_verb(request, terminal)
 
     if in_child:
-        return verbs.do_in_child(work, request, terminal, lambda work: exit_code_of(work, terminal))
+        return verbs.do_in_child(lambda: exit_code_of(work, terminal), request, terminal)
     work()
     return 0
 

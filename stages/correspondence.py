@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, json_text, setting
 from stages.scene.distributions import PICTURES
+from stages.scene.memory_of_views import FEWER_PIXELS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -87,5 +88,5 @@ CORRESPONDENCE = Stage(
     gives=(Artefact("correspondences", "one scipy sparse matrix per pair i < j, npz, and index.json"),),
     run=run,
     tools=("numpy", "scipy", "numba", *PICTURES),
-    saves_memory="set raycast.reduce=2, or choose fewer views (raycast.views)",
+    saves_memory=FEWER_PIXELS,
 )

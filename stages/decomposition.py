@@ -10,6 +10,7 @@ from stages.photometry.decomposition_settings import DecompositionSettings, give
 from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.solver_settings import weights_at
 from stages.scene.distributions import OPEN3D, PICTURES
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, FEWER_OR_SMALLER_VIEWS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from stages.scene.cameras import Camera
 
 CHANNELS = ("red", "green", "blue")
-BYTES_OF_LIBRARIES = 250_000_000
 BYTES_PER_LINK = 40
 BYTES_PER_PIXEL = {"paper": 550, "harmonics": 1350, "directions": 600}  # masked, all channels together
 OF_PAPERS_SOLVER = 500  # bytes per pixel that the channels share, and as many for each at work
@@ -40,7 +40,6 @@ def run(job: Job[DecompositionSettings]) -> None:
 
 def estimated_memory(job: Job[DecompositionSettings]) -> int:
     """Estimate the memory from masked pixels and links; measured values are up to a third off it."""
-    from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.artefacts.correspondence_files import link_count
     from stages.formats.artefacts.view_files import masked_pixels
 
@@ -48,7 +47,7 @@ def estimated_memory(job: Job[DecompositionSettings]) -> int:
     per_pixel = BYTES_PER_PIXEL[settings.kind_of_light]
     if settings.kind_of_light == "paper" and settings.solver == "paper":
         per_pixel = OF_PAPERS_SOLVER * (1 + min(job.threads, len(CHANNELS)))
-    pixels = masked_pixels(job.inputs["mask"], read_cameras(job.inputs["cameras"]))
+    pixels = masked_pixels(job.inputs)
     return (
         BYTES_OF_LIBRARIES + per_pixel * pixels + BYTES_PER_LINK * link_count(job.inputs["correspondences"])
     )
@@ -313,7 +312,7 @@ DECOMPOSITION = Stage(
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
     memory=estimated_memory,
-    saves_memory="set raycast.reduce=2, choose fewer views (raycast.views), or lower undistort.max_size_px",
+    saves_memory=FEWER_OR_SMALLER_VIEWS,
 )
 
 # The same stage in `mode: transfer`. With `light: harmonics` it takes the inputs of that light.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, group, json_text, setting
 from stages.scene.distributions import PICTURES, PYCOLMAP
+from stages.scene.memory_of_views import FEWER_PIXELS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -200,5 +201,5 @@ EXPORT = Stage(
     ),
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
-    saves_memory="set raycast.reduce=2, or choose fewer views (raycast.views)",
+    saves_memory=FEWER_PIXELS,
 )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from pipeline import Artefact, Job, Stage
 from stages.photometry.lighting.settings import LightingSettings
 from stages.scene.distributions import OPEN3D, PICTURES
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, FEWER_OR_SMALLER_VIEWS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from stages.scene.cameras import Camera
 
 
-BYTES_OF_LIBRARIES = 250_000_000
 BYTES_AT_ANY_SIZE = 400_000_000  # of specular reflection and of the picture of the light
 BYTES_PER_PIXEL = 400  # masked
 
@@ -84,10 +84,9 @@ def run(job: Job[LightingSettings]) -> None:
 
 def estimated_memory(job: Job[LightingSettings]) -> int:
     """Estimate the memory from masked pixels; measured values are up to a third off it."""
-    from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.artefacts.view_files import masked_pixels
 
-    pixels = masked_pixels(job.inputs["mask"], read_cameras(job.inputs["cameras"]))
+    pixels = masked_pixels(job.inputs)
     return BYTES_OF_LIBRARIES + BYTES_AT_ANY_SIZE + BYTES_PER_PIXEL * pixels
 
 
@@ -282,5 +281,5 @@ LIGHTING = Stage(
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
     memory=estimated_memory,
-    saves_memory="set raycast.reduce=2, choose fewer views (raycast.views), or lower undistort.max_size_px",
+    saves_memory=FEWER_OR_SMALLER_VIEWS,
 )

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pipeline import Artefact, Job, Settings, Stage, group, setting
 from stages.photometry.transport.settings import EnvironmentMapSettings, ReflectanceScaleSettings
 from stages.scene.distributions import OPEN3D, PICTURES
+from stages.scene.memory_of_views import FEWER_PIXELS
 from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
 
 
@@ -93,7 +94,7 @@ RELIGHT = Stage(
     gives=(Artefact("relit", "the views under another light, EXR (linear) and PNG", output="relit"),),
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
-    saves_memory="set raycast.reduce=2, or choose fewer views (raycast.views)",
+    saves_memory=FEWER_PIXELS,
 )
 
 # The same after a stage that has estimated the light.

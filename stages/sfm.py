@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -30,13 +31,14 @@ def run(job: Job[SfmSettings]) -> None:
         photos = _survey(job)
         colours = _find_features(job, photos, database)
         _match(job, database, [len(own) for own in colours])
-        pairs = _check_pairs(job, database, photos)
-        models, database = _map(job, database, photos, pairs)
-        _tell_left_out(job, models, photos, pairs)
+        names = [photo.name for photo in photos]
+        pairs = _check_pairs(job, database, names)
+        models, database = _map(job, database, names, pairs)
+        _tell_left_out(job, models, names, pairs)
         model = _adjust(job, models[0])
-        _check_focal_lengths(job, model, photos)
+        _check_focal_lengths(job, model, names)
         colour_points(model, colours)
-        _publish(job, model, database, photos)
+        _publish(job, model, database, names)
 
 
 def _survey(job: Job[SfmSettings]) -> list[Photo]:
@@ -102,7 +104,7 @@ def _find_features(job: Job[SfmSettings], photos: Sequence[Photo], database: Pat
     from stages.motion.database import write_features
     from stages.motion.features import detect, read_features
     from stages.motion.photo_set import camera_groups, initial_cameras
-    from stages.motion.room import check_room, room_for_copy, room_for_features
+    from stages.motion.room import check_room, room_for_copy
 
     settings = job.settings
     groups = camera_groups(photos, settings.cameras)
@@ -114,7 +116,6 @@ def _find_features(job: Job[SfmSettings], photos: Sequence[Photo], database: Pat
     with job.progress("finding features", len(photos)) as step:
         for start in range(0, len(photos), batch):
             copies = [photo.copy for photo in photos[start : start + batch]]
-            check_room(found_in, room_for_features([settings.max_features] * len(copies)))
             detect(copies, found_in, settings.max_features, job.threads)
             step(len(copies))
     check_room(database, room_for_copy(found_in))
@@ -126,7 +127,6 @@ def _find_features(job: Job[SfmSettings], photos: Sequence[Photo], database: Pat
 def _match(job: Job[SfmSettings], database: Path, features: Sequence[int]) -> None:
     """Match the photos, given how many features each has."""
     from stages.motion import matching
-    from stages.motion.room import check_room, room_for_matches
 
     settings, count = job.settings, len(features)
     mode = settings.matching
@@ -141,12 +141,11 @@ def _match(job: Job[SfmSettings], database: Path, features: Sequence[int]) -> No
     pairs = matching.all_pairs(count) if exhaustive else matching.sequential_pairs(count, settings.overlap)
     with job.progress("comparing pairs", len(pairs)) as step:
         for batch in matching.in_batches(pairs):
-            check_room(database, room_for_matches(batch, features))
-            matching.match_pairs(database, batch, settings.seed, job.threads)
+            matching.match_pairs(database, batch, features, settings.seed, job.threads)
             step(len(batch))
 
 
-def _check_pairs(job: Job[SfmSettings], database: Path, photos: Sequence[Photo]) -> list[Pair]:
+def _check_pairs(job: Job[SfmSettings], database: Path, names: Sequence[str]) -> list[Pair]:
     """The verified pairs, after a refusal of photos that cannot be placed."""
     from stages.motion.pairs import verified_pairs
     from stages.motion.placeable import check_placeable
@@ -154,33 +153,31 @@ def _check_pairs(job: Job[SfmSettings], database: Path, photos: Sequence[Photo])
     settings = job.settings
     pairs = verified_pairs(database)
     fewest = min(settings.mapping.init_inliers)
-    names = [photo.name for photo in photos]
     check_placeable(pairs, names, fewest, settings.pairs, str(job.inputs["images"]))
     return pairs
 
 
 def _map(
-    job: Job[SfmSettings], database: Path, photos: Sequence[Photo], pairs: Sequence[Pair]
+    job: Job[SfmSettings], database: Path, names: Sequence[str], pairs: Sequence[Pair]
 ) -> tuple[list[pycolmap.Reconstruction], Path]:
     """The models of the best attempt, the largest first, and the database with their cameras."""
     from stages.motion.placeable import no_model
-    from stages.motion.room import check_room, room_for_features
 
-    check_room(database, room_for_features([]))
     models = _map_globally(job, database) if job.settings.mapper == "global" else []
     if not models:
-        models = _map_incrementally(job, database, len(photos))
+        models = _map_incrementally(job, database, len(names))
     if not models:
-        raise UserError(no_model(pairs, [photo.name for photo in photos], str(job.inputs["images"])))
-    own = _map_with_own_cameras(job, database, models[0], photos)
+        raise UserError(no_model(pairs, names, str(job.inputs["images"])))
+    own = _map_with_own_cameras(job, database, models[0], len(names))
     return own or (models, database)
 
 
 def _map_with_own_cameras(
-    job: Job[SfmSettings], database: Path, shared: pycolmap.Reconstruction, photos: Sequence[Photo]
+    job: Job[SfmSettings], database: Path, shared: pycolmap.Reconstruction, count: int
 ) -> tuple[list[pycolmap.Reconstruction], Path] | None:
     """Models with a camera for each photo, where the photos ask for it and it explains them much better."""
-    from stages.motion.focal_lengths import several_focal_lengths, spread, write_own_cameras
+    from stages.motion.database import write_own_cameras
+    from stages.motion.focal_lengths import several_focal_lengths, spread
 
     settings = job.settings
     if settings.cameras == "per_image" or settings.camera_params is not None:
@@ -191,7 +188,7 @@ def _map_with_own_cameras(
         return None
     own_database = job.scratch / "own_cameras.db"
     write_own_cameras(database, own_database)
-    models = _map_incrementally(job, own_database, len(photos), "a camera each")
+    models = _map_incrementally(job, own_database, count, "a camera each")
     if not models or models[0].num_reg_images() < shared.num_reg_images():
         return None
     before, after = (m.compute_mean_reprojection_error() for m in (shared, models[0]))
@@ -205,30 +202,17 @@ def _map_with_own_cameras(
 def _tell_left_out(
     job: Job[SfmSettings],
     models: Sequence[pycolmap.Reconstruction],
-    photos: Sequence[Photo],
+    names: Sequence[str],
     pairs: Sequence[Pair],
 ) -> None:
     """Name the photos that the largest model lacks, and say what is missing."""
     from stages.formats.colmap.model import registered
-    from stages.motion.placeable import left_out_advice
+    from stages.motion.placeable import left_out
 
     job.note(models=[model.num_reg_images() for model in models])
-    names = [photo.name for photo in photos]
-    placed = {image.image_id - 1 for image in registered(models[0])}
-    left_out = [name for index, name in enumerate(names) if index not in placed]
-    if not left_out:
-        return
-    share = f"{len(left_out)} of {len(photos)} photos"
-    job.warn(f"{share} could not be placed and are left out: {listed(left_out)}.")
-    parts = [[names[image.image_id - 1] for image in registered(model)] for model in models[1:]]
-    parts = [part for part in parts if set(part) & set(left_out)]
-    if parts:
-        among = "; ".join(f"{len(part)} ({listed(part, 3)})" for part in parts)
-        job.warn(
-            f"The photos fell into {len(parts) + 1} parts that do not connect. The largest is kept, of "
-            f"{len(placed)} photos; not kept: {among}. Photos in between would join them."
-        )
-    job.warn(left_out_advice(pairs, names, placed, min(job.settings.mapping.pose_inliers)))
+    placed = [[image.image_id - 1 for image in registered(model)] for model in models]
+    for sentence in left_out(placed, pairs, names, min(job.settings.mapping.pose_inliers)):
+        job.warn(sentence)
 
 
 def _map_globally(job: Job[SfmSettings], database: Path) -> list[pycolmap.Reconstruction]:
@@ -254,9 +238,7 @@ def _map_incrementally(
     best: list[pycolmap.Reconstruction] = []
     placed = 0
     for number, attempt in enumerate(tries, 1):
-        label = ", ".join(
-            ["placing photos", *([how] if how else []), *([f"attempt {number}"] if number > 1 else [])]
-        )
+        label = ", ".join(filter(None, ["placing photos", how, f"attempt {number}" if number > 1 else ""]))
         folder = job.scratch / f"{database.stem}_{number}"
         folder.mkdir()
         with job.progress(label, count) as step:
@@ -265,7 +247,8 @@ def _map_incrementally(
             )
         if models and models[0].num_reg_images() > placed:
             best, placed = models, models[0].num_reg_images()
-            job.note(attempt=number)
+            if not how:  # own cameras may yet be rejected
+                job.note(attempt=number)
         if placed >= settings.enough * count:
             break
     return best
@@ -291,29 +274,21 @@ def _adjust(job: Job[SfmSettings], model: pycolmap.Reconstruction) -> pycolmap.R
     return outcome.model
 
 
-def _check_focal_lengths(
-    job: Job[SfmSettings], model: pycolmap.Reconstruction, photos: Sequence[Photo]
-) -> None:
+def _check_focal_lengths(job: Job[SfmSettings], model: pycolmap.Reconstruction, names: Sequence[str]) -> None:
     """Note how certain the focal lengths are, and warn of those that the photos hardly determine."""
-    import numpy as np
-
-    from stages.formats.colmap.model import registered
-    from stages.motion.focal_lengths import deviations, uncertain
+    from stages.motion.focal_lengths import deviations, uncertain_among
 
     settings = job.settings
     if settings.holds_cameras:
         return
     found = deviations(model)
-    job.note(focal_deviation={i: round(d, 4) if np.isfinite(d) else None for i, d in found.items()})
-    unsure = {i: share for i, share in found.items() if not share <= settings.focal.largest_deviation}
-    if unsure:
-        seen = [photos[i.image_id - 1].name for i in registered(model) if i.camera_id in unsure]
-        worst = max(unsure, key=lambda i: unsure[i])
-        job.warn(uncertain(model.cameras[worst], unsure[worst], seen, settings.focal.largest_deviation))
+    job.note(focal_deviation={i: round(d, 4) if math.isfinite(d) else None for i, d in found.items()})
+    if said := uncertain_among(model, found, names, settings.focal.largest_deviation):
+        job.warn(said)
 
 
 def _publish(
-    job: Job[SfmSettings], model: pycolmap.Reconstruction, database: Path, photos: Sequence[Photo]
+    job: Job[SfmSettings], model: pycolmap.Reconstruction, database: Path, names: Sequence[str]
 ) -> None:
     """Model and database under the photos' own names."""
     from stages.formats.colmap.model import registered, write_model
@@ -321,13 +296,13 @@ def _publish(
     from stages.motion.database import publish
 
     for image in model.images.values():
-        image.name = photos[image.image_id - 1].name
+        image.name = names[image.image_id - 1]
     write_model(model, job.outputs["model"])
     write_as_stored(job.outputs["model"], [])  # they were read upright
-    publish(database, job.outputs["database"], [photo.name for photo in photos])
+    publish(database, job.outputs["database"], names)
     used = {image.camera_id for image in registered(model)}
     job.note(
-        photos=len(photos),
+        photos=len(names),
         registered=model.num_reg_images(),
         points=model.num_points3D(),
         mean_reprojection_error_px=round(model.compute_mean_reprojection_error(), 4),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -18,31 +17,25 @@ from stages.formats.images.exr import write_exr
 from stages.formats.images.photos import write_mask, write_png_srgb16
 from stages.formats.meshes.point_clouds import write_points
 from stages.formats.meshes.triangle_meshes import write_mesh
+from tests.faults.small_runs import SMALL, STAGES, link_photos
 from tests.short_writes import no_file_longer_than
 from tests.test_surface import SQUARE
 
 ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data"
-SMALL = ["sfm.max_size_px=400", "undistort.max_size_px=96", "raycast.reduce=1", "mvs.sweep_planes=32",
-         "decomposition.mode=paper", "decomposition.paper.max_alternations=1"]  # fmt: skip
-STAGES = ("sfm", "undistort", "mvs", "mesh", "raycast", "correspondence", "decomposition", "export")
 OWN = {"record.json", "log.txt"}  # the pipeline's
 
 
 def words_for(workspace: Path, *more: str) -> list[str]:
-    words = ["run", "--images", str(workspace / "photos"), "--workspace", str(workspace), *more]
-    for one in SMALL:
-        words += ["--set", one]
-    return words
+    settings = [word for name, value in SMALL.items() for word in ("--set", f"{name}={value}")]
+    return ["run", "--images", str(workspace / "photos"), "--workspace", str(workspace), *more, *settings]
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Path:
     """The whole flow on five small photos."""
     workspace = tmp_path_factory.mktemp("short")
-    (workspace / "photos").mkdir()
-    for path in sorted((SAMPLE / "photos").glob("*.jpg"))[:5]:
-        os.link(path, workspace / "photos" / path.name)
+    link_photos(workspace / "photos")
     assert main(words_for(workspace)) == 0
     return workspace
 

@@ -108,9 +108,10 @@ def judged(scenes: Sequence[StoredScene], settings: dict[str, dict[str, Any]]) -
     return Judged.of([one.scores(one.decomposed(settings)["albedo"]) for one in scenes])
 
 
-def rows(scenes: Sequence[StoredScene], stage: str) -> Iterator[tuple[str, list[Change | None]]]:
+def rows(
+    scenes: Sequence[StoredScene], stage: str, usual: Judged
+) -> Iterator[tuple[str, list[Change | None]]]:
     """Change each number of a stage in both directions; None where its bounds allow none."""
-    usual = judged(scenes, FEWER)
     for name, default in numbers_of(stage).items():
         found = []
         for factor in FACTORS:
@@ -156,12 +157,14 @@ def main(argv: Sequence[str] | None = None) -> Path:
     parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "sensitivity")
     parser.add_argument("--to", type=Path, default=ROOT / "workspaces" / "sensitivity")
     given = parser.parse_args(argv)
-    scenes = [StoredScene.unpacked(name, given.workspace / name) for name in given.scenes.split(",")]
+    names = given.scenes.split(",")
+    scenes = [StoredScene.unpacked(name, given.workspace / name) for name in names]
+    usual = judged(scenes, FEWER)
     found, written = {}, given.to / "sensitivity.md"
     for stage in given.stages.split(","):
-        for name, both in rows(scenes, stage):
+        for name, both in rows(scenes, stage, usual):
             found[name] = both
-            written.write_text(page(found, ", ".join(given.scenes.split(","))), encoding="utf-8")
+            written.write_text(page(found, ", ".join(names)), encoding="utf-8")
     return written
 
 

@@ -69,16 +69,17 @@ def files_below(root: Path, suffixes: Iterable[str] = ()) -> dict[str, Path]:
                 f"{path} is a link to {path.readlink()}, which is not there; mend it or remove it."
             )
         if not wanted or path.name.lower().endswith(wanted):
-            _expect_utf8(path)
+            name = path.relative_to(root).as_posix()
+            _expect_utf8(path, name)
             expect_file(path)
-            found[path.relative_to(root).as_posix()] = path
+            found[name] = path
     return dict(sorted(found.items()))
 
 
-def _expect_utf8(path: Path) -> None:
-    """Refuse a name that no record could hold."""
+def _expect_utf8(path: Path, name: str) -> None:
+    """Refuse a name, folders included, that no record could hold."""
     try:
-        path.name.encode()
+        name.encode()
     except UnicodeEncodeError as error:
         raise UserError(
             f"{os.fsencode(path)!r} is not called by a name in UTF-8; names must be. Rename it."

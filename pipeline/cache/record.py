@@ -97,7 +97,7 @@ def read_record(folder: Path) -> Record:
 
 
 def _is_typed(values: Mapping[str, Any]) -> bool:
-    """Whether every field, and the texts within, have the type that they have in a record."""
+    """Check that every field, and the texts within, have the type that they have in a record."""
     if not all(isinstance(value, TYPES.get(name, dict)) for name, value in values.items()):
         return False
     digests = [files for name in ("inputs", "outputs") for files in values.get(name, {}).values()]

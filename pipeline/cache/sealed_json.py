@@ -8,11 +8,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from stat import S_ISREG
 from typing import Any
 
 from blake3 import blake3
 
+from pipeline.files.file_kinds import FILE, kind_of_file
 from pipeline.files.json_text import json_text
 
 OPENING = b'{"digest": "'
@@ -37,7 +37,7 @@ def read_sealed(path: Path) -> dict[str, Any]:
     ValueError
         It was changed, or holds no object.
     """
-    if not S_ISREG(path.stat().st_mode):  # reading a pipe would wait for ever
+    if kind_of_file(path) != FILE:  # reading a pipe would wait for ever
         raise ValueError(f"{path} is no file")
     data = path.read_bytes()
     if data.startswith(OPENING):

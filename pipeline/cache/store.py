@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from pipeline.cache.digest import DigestMemo
+from pipeline.cache.digest import DIGEST_HEX_DIGITS, DigestMemo
 from pipeline.cache.record import RECORD, Record, read_record, write_record
 from pipeline.cache.sealed_json import read_sealed, sealed
 from pipeline.errors import UserError
@@ -19,7 +19,7 @@ from pipeline.files.replacing import FRESH, replace_text
 from pipeline.stage import AnyStage, Artefact
 
 PARTIAL = ".partial-"
-KEY = re.compile(r"[0-9a-f]{32}")
+KEY = re.compile(rf"[0-9a-f]{{{DIGEST_HEX_DIGITS}}}")
 
 
 class Store:
@@ -124,7 +124,9 @@ class Store:
         except OSError as error:
             return f"{artefact.path} cannot be read ({error.strerror})"
         except UserError:
-            return f"{artefact.path} holds a link that leads nowhere"
+            return (
+                f"{artefact.path} holds a link that leads nowhere, a pipe, a device, or a name out of UTF-8"
+            )
         for name in sorted(published.keys() | found.keys()):
             if found.get(name) != published.get(name):
                 return f"{artefact.path}{_below(artefact.path, name)} {_harm(name, found, published)}"

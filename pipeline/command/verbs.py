@@ -19,40 +19,33 @@ from pipeline.request import Request
 from pipeline.run import clear_up, run
 from pipeline.stage import AnyStage
 
+CRASHED = 1  # whatever code a library left with
+
 
 def run_verb(request: Request, terminal: Terminal) -> None:
     """Bring the selected stages up to date, and print where the results are."""
     begun = perf_counter()
     done = run(request, terminal)
     output = request.workspace / "output"
-    place = (
-        output if output.is_dir() else request.workspace / "cache"
-    )  # not every stage has artefacts in output/
+    # Not every stage has artefacts in output/.
+    place = output if output.is_dir() else request.workspace / "cache"
     table = table_of([{"what": f"Up to date after {perf_counter() - begun:.1f} s: {place}"}], {"": "what"})
     terminal.answer({"stages": [one.as_json() for one in done], "output": str(output)}, table)
 
 
-CRASHED = 1  # whatever code a library left with
-
-
-def do_in_child(
-    work: Callable[[], None],
-    request: Request,
-    terminal: Terminal,
-    code_of: Callable[[Callable[[], None]], int],
-) -> int:
+def do_in_child(work: Callable[[], int], request: Request, terminal: Terminal) -> int:
     """Do the work of a request in a child process; clear up after one that was killed; return the exit code.
 
-    `code_of` calls a function, prints the error that it raises, and returns the exit code.
+    `work` prints the error that it meets, and returns the exit code.
     """
-    ending = run_in_child(lambda: code_of(work))
+    ending = run_in_child(work)
     if ending.code == 0:
         return 0
     left = clear_up(request)  # nothing, where the child could tell its error itself
     if ending.signal is not None or left:
         terminal.restore()
         terminal.fail(_how_it_ended(ending, [stage for stage in request.flow if stage.name in left]))
-    return ending.code if ending.signal is not None or not left else CRASHED
+    return CRASHED if left and ending.signal is None else ending.code
 
 
 def _how_it_ended(ending: Ending, stages: Sequence[AnyStage]) -> str:

@@ -140,10 +140,6 @@ def _count_values(node: yaml.Node, within: tuple[int, ...], known: dict[int, int
         return known[id(node)]
     if id(node) in within:
         raise MarkedYAMLError(problem="a value that holds itself", problem_mark=node.start_mark)
-    if len(within) > DEEPEST:
-        raise MarkedYAMLError(
-            problem=f"more than {DEEPEST} levels, one in another", problem_mark=node.start_mark
-        )
     count = 1
     if isinstance(node, yaml.CollectionNode):
         for one in node.value:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pipeline.errors import MachineError, UserError
 from pipeline.job import Job
+from pipeline.process.meter import kilobytes
 from pipeline.settings import Settings
 from pipeline.stage import AnyStage
 
@@ -88,14 +89,14 @@ def free_bytes() -> int | None:
 
 def _of_machine() -> int | None:
     """Sum available memory and swap space of the machine."""
-    found = _kilobytes(_PROC / "meminfo", "MemAvailable", "SwapFree")
+    found = kilobytes(_PROC / "meminfo", "MemAvailable", "SwapFree")
     return None if found is None else 1024 * found
 
 
 def _of_limit() -> int | None:
     """Subtract the address space in use from the limit on it (`ulimit -v`), if there is one."""
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    used = _kilobytes(_PROC / "self/status", "VmSize")
+    used = kilobytes(_PROC / "self/status", "VmSize")
     return None if limit == resource.RLIM_INFINITY or used is None else max(0, limit - 1024 * used)
 
 
@@ -109,16 +110,6 @@ def _of_control_group() -> int | None:
     except (OSError, ValueError):
         return None
     return max(0, limit - used + reclaimable)
-
-
-def _kilobytes(file: Path, *names: str) -> int | None:
-    """Sum values of a file of `name: value kB` lines; None where one is missing."""
-    try:
-        lines = [line.partition(":") for line in file.read_text().splitlines()]
-    except OSError:
-        return None
-    found = {name: int(value.split()[0]) for name, _, value in lines if name in names}
-    return sum(found.values()) if len(found) == len(names) else None
 
 
 def advice(stage: AnyStage) -> str:

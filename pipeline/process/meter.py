@@ -59,9 +59,18 @@ def _reset_peak() -> None:
 
 
 def _peak_bytes() -> int:
+    peak = kilobytes(_STATUS, "VmHWM")
+    if peak is not None:
+        return 1024 * peak
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+
+
+def kilobytes(file: Path, *names: str) -> int | None:
+    """Sum values of a file of `name: value kB` lines; None where one is missing."""
     try:
-        lines = _STATUS.read_text().splitlines()
-        return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM"))
-    except (OSError, StopIteration):
-        unit = 1 if sys.platform == "darwin" else 1024
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+        lines = [line.partition(":") for line in file.read_text().splitlines()]
+    except OSError:
+        return None
+    found = {name: int(value.split()[0]) for name, _, value in lines if name in names}
+    return sum(found.values()) if len(found) == len(names) else None

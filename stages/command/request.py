@@ -26,7 +26,7 @@ SOURCE_OF_FLAG = {
     "environment": "environment",
     "known_light": "known_light",
 }
-LIGHTS = {"light", "known_light", "environment"}
+LIGHTS = ("light", "known_light", "environment")
 FILES = {"mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
 MOST_THREADS = 1024
@@ -114,7 +114,7 @@ def check_lights(sources: Mapping[str, Path]) -> None:
     UserError
         As `read_environment`.
     """
-    for name in LIGHTS & sources.keys():
+    for name in (one for one in LIGHTS if one in sources):
         from stages.formats.images.photos import read_environment
 
         with library_messages_in(Path(os.devnull)):

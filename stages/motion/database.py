@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import shutil
 import sqlite3
 from collections.abc import Iterable, Sequence
 from contextlib import closing
@@ -12,6 +13,7 @@ import numpy as np
 import pycolmap
 
 from stages.motion.features import Features
+from stages.motion.room import check_room, room_for_copy
 
 
 def working_name(index: int) -> str:
@@ -47,10 +49,7 @@ def write_features(
     colours = []
     with pycolmap.Database.open(path) as database:
         for camera in cameras:
-            database.write_camera(camera, use_camera_id=True)
-            rig = pycolmap.Rig(rig_id=camera.camera_id)
-            rig.add_ref_sensor(camera.sensor_id)
-            database.write_rig(rig, use_rig_id=True)
+            _write_camera(database, camera)
         for index, (group, found) in enumerate(zip(groups, features, strict=True)):
             camera_id = cameras[group].camera_id
             image = pycolmap.Image(name=working_name(index), camera_id=camera_id, image_id=index + 1)
@@ -63,6 +62,36 @@ def write_features(
             database.write_descriptors(index + 1, sift)
             colours.append(found.colours)
     return colours
+
+
+def write_own_cameras(database: Path, copy: Path) -> None:
+    """Copy a database of working names and give every photo a camera of its own; nobody may have it open.
+
+    Raises what `check_room` does.
+    """
+    check_room(copy, room_for_copy(database))
+    shutil.copyfile(database, copy)
+    with pycolmap.Database.open(copy) as opened:
+        cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
+        images = opened.read_all_images()
+        beyond = max(cameras)
+        for image in images:
+            camera = pycolmap.Camera(cameras[image.camera_id].todict())
+            camera.camera_id = beyond + image.image_id
+            _write_camera(opened, camera)
+            image.camera_id = camera.camera_id
+            frame = pycolmap.Frame(frame_id=image.frame_id, rig_id=camera.camera_id)
+            frame.add_data_id(image.data_id)
+            opened.update_frame(frame)
+            opened.update_image(image)
+
+
+def _write_camera(database: pycolmap.Database, camera: pycolmap.Camera) -> None:
+    """Write a camera and the rig of it alone, of the same id."""
+    database.write_camera(camera, use_camera_id=True)
+    rig = pycolmap.Rig(rig_id=camera.camera_id)
+    rig.add_ref_sensor(camera.sensor_id)
+    database.write_rig(rig, use_rig_id=True)
 
 
 def publish(working: Path, published: Path, names: Sequence[str]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pycolmap
 
 from stages.formats.images.photos import encode_srgb8, read_photo, write_png_srgb8
+from stages.motion.room import check_room, room_for_features
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,10 @@ def write_reduced(linear: np.ndarray, path: Path, max_size_px: int) -> None:
 def detect(copies: Sequence[Path], database: Path, max_features: int, threads: int) -> None:
     """Detect and describe SIFT features of some reduced copies (of one folder) into a scratch database.
 
-    The rows' order follows the threads: only `read_features`, by name, makes sense of it.
+    The rows' order follows the threads: only `read_features`, by name, makes sense of it. Raises what
+    `check_room` does.
     """
+    check_room(database, room_for_features([max_features] * len(copies)))
     options = pycolmap.FeatureExtractionOptions(num_threads=threads, use_gpu=False)
     options.sift.max_num_features = max_features
     pycolmap.extract_features(

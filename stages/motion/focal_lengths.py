@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
 from collections import Counter
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pycolmap
@@ -40,7 +38,30 @@ def _deviation(camera: pycolmap.Camera, covariance: pycolmap.BACovariance) -> fl
     return float(np.sqrt(variance)) / camera.mean_focal_length() if variance >= 0 else np.inf
 
 
-def uncertain(camera: pycolmap.Camera, deviation: float, names: Sequence[str], largest: float) -> str:
+def uncertain_among(
+    model: pycolmap.Reconstruction, deviations: Mapping[int, float], names: Sequence[str], largest: float
+) -> str:
+    """Name the photos whose focal length deviates by more than `largest`; empty where none does.
+
+    Parameters
+    ----------
+    model : pycolmap.Reconstruction
+    deviations : mapping of int to float
+        By camera.
+    names : sequence of str
+        Of all photos.
+    largest : float
+        In focal lengths.
+    """
+    unsure = {i: share for i, share in deviations.items() if share > largest}
+    if not unsure:
+        return ""
+    worst = max(unsure, key=lambda i: unsure[i])
+    seen = [names[image.image_id - 1] for image in registered(model) if image.camera_id in unsure]
+    return _uncertain(model.cameras[worst], unsure[worst], seen, largest)
+
+
+def _uncertain(camera: pycolmap.Camera, deviation: float, names: Sequence[str], largest: float) -> str:
     """Say that the photos hardly determine the focal length of a camera, and what would."""
     focal_px = camera.mean_focal_length()
     sides = focal_px / max(camera.width, camera.height)
@@ -92,24 +113,3 @@ def _own_focal_px(model: pycolmap.Reconstruction, image: pycolmap.Image) -> floa
         options,
     )
     return float(camera.mean_focal_length())
-
-
-def write_own_cameras(database: Path, copy: Path) -> None:
-    """Copy a database of working names and give every photo a camera of its own; nobody may have it open."""
-    shutil.copyfile(database, copy)
-    with pycolmap.Database.open(copy) as opened:
-        cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
-        images = opened.read_all_images()
-        beyond = max(cameras)
-        for image in images:
-            camera = pycolmap.Camera(cameras[image.camera_id].todict())
-            camera.camera_id = beyond + image.image_id
-            opened.write_camera(camera, use_camera_id=True)
-            rig = pycolmap.Rig(rig_id=camera.camera_id)
-            rig.add_ref_sensor(camera.sensor_id)
-            opened.write_rig(rig, use_rig_id=True)
-            image.camera_id = camera.camera_id
-            frame = pycolmap.Frame(frame_id=image.frame_id, rig_id=camera.camera_id)
-            frame.add_data_id(image.data_id)
-            opened.update_frame(frame)
-            opened.update_image(image)

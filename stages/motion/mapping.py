@@ -15,6 +15,7 @@ import numpy as np
 import pycolmap
 
 from stages.formats.colmap.model import registered
+from stages.motion.room import SLACK, check_room
 from stages.motion.sfm_settings import MappingSettings
 
 N = TypeVar("N", int, float, bool)
@@ -92,8 +93,9 @@ def map_incrementally(
     """Run COLMAP's incremental mapper; `step` is called for every photo that gets a pose.
 
     One thread: with more, sums in the bundle adjustment change their order and the model its last bits. Their
-    gain is small, the mapper is nearly sequential.
+    gain is small, the mapper is nearly sequential. Raises what `check_room` does.
     """
+    check_room(database, SLACK)
     options = pycolmap.IncrementalPipelineOptions(
         num_threads=1,
         random_seed=attempt.seed,
@@ -133,7 +135,11 @@ def map_incrementally(
 def map_globally(
     database: Path, scratch: Path, seed: int, hold_cameras: bool, calibrate: bool
 ) -> list[pycolmap.Reconstruction]:
-    """Run COLMAP's global mapper; `calibrate` where focal lengths are guesses: it needs them at once."""
+    """Run COLMAP's global mapper; `calibrate` where focal lengths are guesses: it needs them at once.
+
+    Raises what `check_room` does.
+    """
+    check_room(database, SLACK)
     pycolmap.set_random_seed(seed)
     if calibrate:
         pycolmap.calibrate_view_graph(database, pycolmap.ViewGraphCalibrationOptions(random_seed=seed))

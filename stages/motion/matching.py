@@ -9,6 +9,7 @@ from pathlib import Path
 import pycolmap
 
 from stages.motion.database import working_name
+from stages.motion.room import check_room, room_for_matches
 
 BATCH, BLOCK = 256, 16  # pairs per call, and photos along a side of a block of pairs: change speed only
 
@@ -33,11 +34,15 @@ def in_batches(pairs: Sequence[tuple[int, int]], batch: int = BATCH) -> list[lis
     return [ordered[start : start + batch] for start in range(0, len(ordered), batch)]
 
 
-def match_pairs(database: Path, pairs: Sequence[tuple[int, int]], seed: int, threads: int) -> None:
-    """Match and verify pairs of photos (indices) in a database.
+def match_pairs(
+    database: Path, pairs: Sequence[tuple[int, int]], features: Sequence[int], seed: int, threads: int
+) -> None:
+    """Match and verify pairs of photos (indices) in a database, given how many features each photo has.
 
     The result does not depend on `threads`: every pair draws from its own generator, started at `seed`.
+    Raises what `check_room` does.
     """
+    check_room(database, room_for_matches(pairs, features))
     pairs_file = database.with_suffix(".pairs.txt")
     pairs_file.write_text(
         "".join(f"{working_name(i)} {working_name(j)}\n" for i, j in pairs), encoding="ascii"

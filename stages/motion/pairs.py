@@ -113,22 +113,19 @@ def turn_residual(pair: Pair, settings: PairSettings) -> float:
         rays = _rays(pair.one.xy, focal, values[3]) @ _turn(values[:3]).T
         seen = _rays(pair.other.xy, focal_other, values[3])
         ahead = np.maximum(rays[:, 2:], NEARLY_ASIDE)
-        return np.asarray(focal_other * (rays[:, :2] / ahead - seen[:, :2]))
-
-    def off_raveled(values: np.ndarray) -> np.ndarray:
-        return off(values).ravel()
+        return np.asarray(focal_other * (rays[:, :2] / ahead - seen[:, :2])).ravel()
 
     best = np.inf
     for guess in np.linspace(low, high, settings.focal_guesses + 2)[1:-1]:
         start = np.array([0, 0, 0, 0, guess])
         found = least_squares(
-            off_raveled,
+            off,
             start,
             bounds=([-np.pi] * 3 + [-MOST_RADIAL, low], [np.pi] * 3 + [MOST_RADIAL, high]),
             loss="soft_l1",
             f_scale=settings.parallax,
         )
-        best = min(best, float(np.median(np.linalg.norm(off(found.x), axis=1))))
+        best = min(best, float(np.median(np.linalg.norm(found.fun.reshape(-1, 2), axis=1))))
     return best
 
 

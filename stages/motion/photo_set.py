@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -11,6 +10,7 @@ import numpy as np
 import pycolmap
 
 from pipeline import UserError
+from pipeline.cache.digest import digest_file
 from stages.formats.images.photo_folder import LINEAR
 from stages.formats.images.photos import read_photo
 from stages.motion.features import write_reduced
@@ -98,7 +98,7 @@ def copies_among(photos: Sequence[Photo]) -> dict[str, str]:
     first: dict[tuple[int, int, str], str] = {}
     copies = {}
     for photo in photos:
-        content = photo.width, photo.height, hashlib.sha256(photo.copy.read_bytes()).hexdigest()
+        content = photo.width, photo.height, digest_file(photo.copy)
         if content in first:
             copies[photo.name] = first[content]
         else:

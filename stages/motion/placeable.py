@@ -9,6 +9,7 @@ import numpy as np
 from pipeline import UserError
 from stages.motion.pairs import Pair, sample, shows_depth, still_share
 from stages.motion.sfm_settings import PairSettings
+from stages.scene.wording import listed
 
 OVERLAP = (
     "They need to show the same textured, unmoving surface, about two thirds of it again from one to the "
@@ -80,7 +81,42 @@ def no_model(pairs: Sequence[Pair], names: Sequence[str], where: str) -> str:
     )
 
 
-def left_out_advice(pairs: Sequence[Pair], names: Sequence[str], placed: set[int], fewest: int) -> str:
+def left_out(
+    placed: Sequence[Sequence[int]], pairs: Sequence[Pair], names: Sequence[str], fewest: int
+) -> list[str]:
+    """Say which photos the largest model lacks, what they share with it, and what to photograph.
+
+    Parameters
+    ----------
+    placed : sequence of sequence of int
+        Photos of each model, the largest first.
+    pairs : sequence of Pair
+    names : sequence of str
+        Of all photos.
+    fewest : int
+        Matches that a further photo needs.
+
+    Returns
+    -------
+    list of str
+        Sentences; none where no photo is left out.
+    """
+    kept = set(placed[0])
+    missing = [name for index, name in enumerate(names) if index not in kept]
+    if not missing:
+        return []
+    said = [f"{len(missing)} of {len(names)} photos could not be placed and are left out: {listed(missing)}."]
+    parts = [[names[index] for index in part] for part in placed[1:] if not kept.issuperset(part)]
+    if parts:
+        among = "; ".join(f"{len(part)} ({listed(part, 3)})" for part in parts)
+        said.append(
+            f"The photos fell into {len(parts) + 1} parts that do not connect. The largest is kept, of "
+            f"{len(kept)} photos; not kept: {among}. Photos in between would join them."
+        )
+    return [*said, _advice(pairs, names, kept, fewest)]
+
+
+def _advice(pairs: Sequence[Pair], names: Sequence[str], placed: set[int], fewest: int) -> str:
     """Say what the photos that are left out share with those that are placed, and what to photograph."""
     across = [pair for pair in pairs if (pair.one.photo in placed) != (pair.other.photo in placed)]
     if not across:

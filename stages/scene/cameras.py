@@ -8,6 +8,8 @@ from pathlib import PurePosixPath
 
 import numpy as np
 
+FARTHEST = 1e15  # model units, of vertices and poses: squares and their sums stay within single precision
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:

@@ -12,13 +12,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent.parent
 ADDRESS_SPACE = 8 << 30  # bytes; the libraries alone map two of them
 MOST_MB = 1000  # of any command here: the libraries and small inputs
+AT_ONCE_S = 20
 LONGEST = 120  # seconds for one command: a hang
 
 
@@ -63,11 +64,20 @@ def obey(rows: Sequence[Sequence[str | Path]], cwd: Path) -> list[Answer]:
     return answers
 
 
+def answers_of(
+    rows: Mapping[str, tuple[Sequence[str | Path], str]], folder: Path
+) -> dict[str, tuple[Answer, str]]:
+    """Obey command lines by name, and keep with each answer what it has to say."""
+    answers = obey([words for words, _ in rows.values()], folder)
+    return {name: (answer, says) for (name, (_, says)), answer in zip(rows.items(), answers, strict=True)}
+
+
 def expect_refusal(answer: Answer, says: str = "", most_mb: float = MOST_MB) -> None:
     """Assert that a command was refused as promised, and by what it says."""
     assert is_refusal(answer), answer
     assert says in answer.said, answer
     assert answer.peak_mb < most_mb, answer
+    assert answer.seconds < AT_ONCE_S, answer
 
 
 def is_refusal(answer: Answer) -> bool:

@@ -21,6 +21,7 @@ SMALL = {
     "decomposition.mode": "paper",
     "decomposition.paper.max_alternations": 1,
 }
+STAGES = ("sfm", "undistort", "mvs", "mesh", "raycast", "correspondence", "decomposition", "export")
 OF_THE_MOMENT = {"record.json", "log.txt", "current.json", "digests.json", "output.json"}  # times are in them
 
 

@@ -23,9 +23,8 @@ import pytest
 from pipeline.cache.digest import digest_file
 from pipeline.cache.store import PARTIAL
 from tests.faults import small_runs
-from tests.faults.small_runs import leftovers, one_line, published, results, words
+from tests.faults.small_runs import STAGES, leftovers, one_line, published, results, words
 
-STAGES = ("sfm", "undistort", "mvs", "mesh", "raycast", "correspondence", "decomposition", "export")
 LEAVES_WITHIN_S = 2.0
 LONG_POISSON = ("--set", "mesh.depth=12")  # seconds within one call of open3d, which holds Python's lock
 SHORT, LONG = 12, 120

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import scipy.sparse as sp
@@ -21,20 +23,38 @@ def read_correspondences(folder: Path) -> dict[tuple[str, str], sp.csr_array]:
     UserError
         The folder holds something else.
     """
+    with _refused(folder):
+        return {
+            (row["i"], row["j"]): sp.csr_array(sp.load_npz(folder / row["file"])) for row in _index(folder)
+        }
+
+
+def link_count(folder: Path) -> int:
+    """Sum the links of all pairs, without opening the matrices.
+
+    Raises
+    ------
+    UserError
+        The folder holds something else.
+    """
+    with _refused(folder):
+        return sum(int(row["links"]) for row in _index(folder))
+
+
+def _index(folder: Path) -> list[dict[str, Any]]:
+    return json.loads((folder / "index.json").read_text(encoding="utf-8"))
+
+
+@contextmanager
+def _refused(folder: Path) -> Iterator[None]:
+    """Turn what cannot be read into a sentence."""
     try:
-        rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))
-        return {(row["i"], row["j"]): sp.csr_array(sp.load_npz(folder / row["file"])) for row in rows}
+        yield
     except (OSError, EOFError, BadZipFile, ValueError, KeyError, TypeError) as error:
         raise UserError(
             f"{folder} cannot be read as correspondences ({type(error).__name__}: {error}); expected "
             "index.json and its matrices, as in cache/correspondence/KEY/correspondences."
         ) from error
-
-
-def link_count(folder: Path) -> int:
-    """Sum the links of all pairs, without opening the matrices."""
-    rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))
-    return sum(int(row["links"]) for row in rows)
 
 
 def numbered_correspondences(folder: Path, cameras: Sequence[Camera]) -> dict[tuple[int, int], sp.csr_array]:

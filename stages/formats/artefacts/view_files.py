@@ -9,6 +9,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from pipeline import UserError
+from stages.formats.artefacts.camera_file import read_cameras
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import read_mask, write_png_srgb8
 from stages.formats.images.resize import reduce_by_area
@@ -66,9 +67,10 @@ def read_views(
     yield from each(read_view, cameras)
 
 
-def masked_pixels(folder: Path, cameras: Sequence[Camera]) -> int:
+def masked_pixels(paths: Mapping[str, Path]) -> int:
     """Count the pixels in the masks of all views."""
-    return sum(int(np.count_nonzero(read_mask(folder / f"{camera.name}.png"))) for camera in cameras)
+    cameras = read_cameras(paths["cameras"])
+    return sum(int(np.count_nonzero(read_mask(paths["mask"] / f"{one.name}.png"))) for one in cameras)
 
 
 def read_maps(

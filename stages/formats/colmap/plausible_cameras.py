@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
 from pipeline import UserError
+from stages.scene.cameras import FARTHEST
 
 # Bounds of what a lens can be. They check input, far outside of what any camera has, and shape no result: a
 # model that is refused has to be exported again, whatever the bound. So they are no settings.
@@ -19,7 +21,6 @@ FAR_OUT = 0.25  # diagonals from the centre, where the drawing out of the image 
 UNDONE_PX = 1  # a pixel that comes back so near has been undone
 LEAST_INVERTIBLE = 0.2  # share of the image; fitted lenses fold in corners that no point was seen in
 UNROUND = 1e-3  # how far quaternions may be from unit length: as those that are written with four digits
-FARTHEST = 1e15  # model units, as of vertices: rays are cast in single precision
 WIDE = ("FISHEYE", "FOV", "EUCM")  # in their names: a pinhole is no measure of them
 
 
@@ -64,7 +65,7 @@ def _is_pose(cam_from_world: pycolmap.Rigid3d) -> bool:
 
     COLMAP takes quaternions of any length, whose matrices would scale the scene.
     """
-    off = abs(float(np.linalg.norm(cam_from_world.rotation.quat)) - 1)
+    off = abs(math.hypot(*cam_from_world.rotation.quat) - 1)  # numpy would warn of what overflows
     return bool(off < UNROUND and np.abs(cam_from_world.translation).max() < FARTHEST)  # NaN is neither
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
@@ -37,7 +36,8 @@ def find_photos(folder: Path) -> list[str]:
         raise UserError(f"There is no folder of photos at {folder}; give the folder that holds them.")
     seen: dict[str, str] = {}
     for name in files_below(folder, ENCODED + LINEAR):
-        _check_name(name, folder)
+        if fault := fault_of_name(name):
+            raise UserError(f"A photo in {folder} is called {shown(name)}, which {fault}. Rename it.")
         other = seen.setdefault(view_name(name), name)
         if other != name:
             raise UserError(
@@ -80,18 +80,6 @@ def unread_photos(folder: Path, read: Sequence[str]) -> str:
     return f"{folder} holds photos of kinds that are not read: {counted}. Export them as JPEG, TIFF or EXR."
 
 
-def _check_name(name: str, folder: Path) -> None:
-    """Refuse a name that no record could hold."""
-    try:
-        name.encode()
-    except UnicodeEncodeError as error:
-        raise UserError(
-            f"A photo in {folder} is called {os.fsencode(name)!r}; names must be UTF-8. Rename it."
-        ) from error
-    if fault := fault_of_name(name):
-        raise UserError(f"A photo in {folder} is called {shown(name)}, which {fault}. Rename it.")
-
-
 def find_mask(folder: Path, image_name: str) -> Path | None:
     """Find a photo's mask: its name, its stem with ``.png``, or COLMAP's ``name.ext.png``; else None.
 
@@ -101,7 +89,7 @@ def find_mask(folder: Path, image_name: str) -> Path | None:
     suffix = PurePosixPath(image_name).suffix
     endings = [*_written(suffix), *_written(".png"), *(suffix + one for one in _written(".png"))]
     names = [stem + ending for ending in endings]
-    return next((folder / name for name in (image_name, *names) if (folder / name).is_file()), None)
+    return next((folder / name for name in names if (folder / name).is_file()), None)
 
 
 def _written(ending: str) -> tuple[str, ...]:

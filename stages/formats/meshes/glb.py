@@ -35,8 +35,7 @@ def read_glb(path: Path) -> Polygons:
     data = path.read_bytes()
     try:
         content = _content(data)
-        _check_sizes(content, len(data))
-        promised = sum(_triangles(content, primitive) for primitive in _placed(content))
+        promised = _promised_triangles(content, len(data))
         unread = _unread(content)
     except (LookupError, ValueError, TypeError, AttributeError, RecursionError, struct.error) as error:
         raise UserError(
@@ -80,8 +79,8 @@ def _content(data: bytes) -> dict[str, Any]:
     return json.loads(data[20 : 20 + size])
 
 
-def _check_sizes(content: dict[str, Any], length: int) -> None:
-    """Refuse tables that a library would lay out far beyond what the file holds.
+def _promised_triangles(content: dict[str, Any], length: int) -> int:
+    """Count triangles; refuse tables that a library would lay out far beyond what the file holds.
 
     An accessor without data is zeros, and views may share their bytes: a few bytes can promise terabytes.
     """
@@ -100,6 +99,7 @@ def _check_sizes(content: dict[str, Any], length: int) -> None:
         most = FEWEST_ALLOWED + MOST_PER_BYTE * length
         if not 0 <= size <= most:
             raise ValueError(f"it promises {size} {what} and has {length} bytes")
+    return placed
 
 
 def _nodes(content: dict[str, Any]) -> list[dict[str, Any]]:

@@ -132,8 +132,6 @@ def _corner(word: bytes, seen: tuple[int, ...]) -> tuple[int, ...]:
 def _index(word: bytes, there: int) -> int:
     """From 0, of a number that counts from 1, or backwards from what is there so far."""
     number = int(word)
-    if number > LARGEST_INDEX:
-        raise ValueError(f"{number} names nothing")
-    if number == 0 or number < -there:
+    if number == 0 or not -there <= number <= LARGEST_INDEX:
         raise ValueError(f"{number} names nothing")
     return number - 1 if number > 0 else there + number

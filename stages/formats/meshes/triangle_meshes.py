@@ -12,8 +12,8 @@ from pipeline import UserError
 from stages.formats.images.colour import linear_from_srgb, srgb_from_linear
 from stages.formats.meshes.ply import read_ply, write_ply
 from stages.formats.meshes.polygons import Polygons, triangulate
+from stages.scene.cameras import FARTHEST
 
-FARTHEST = 1e15  # model units: squares and their sums stay far within single precision
 COLOURS = ("red", "green", "blue")
 
 

@@ -49,7 +49,7 @@ class LightEstimate:
     def shading_at(self, scene: LitScene, pixels: np.ndarray) -> np.ndarray:
         """Compute shading with bounces of chosen pixels under the first light, (n, 3), float32."""
         chosen = scene.pixels.at(pixels)
-        return chosen.shading(self.radiance[0]) + chosen.blend @ self.bounced[0]
+        return chosen.shading(self.radiance[0]) + product(chosen.blend, self.bounced[0])
 
 
 def _of_views(starts: np.ndarray, light_of_view: np.ndarray) -> Iterator[tuple[slice, int]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from stages.photometry.light_search.vertex_albedo import (
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.pixel_transfer import WHITEST
+from stages.solvers.kernels.sparse_rows import product
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +108,7 @@ class Search:
         out = np.zeros((len(self.among), 3))
         for own, bounce in enumerate(now.bounced):
             rows = self.sample.light_of == own
-            out[rows] = self.part.pixels.blend[self.among[rows]] @ bounce
+            out[rows] = product(self.part.pixels.blend[self.among[rows]], bounce)
         return out
 
     def objective(self, now: LightEstimate) -> PairObjective:
@@ -143,7 +145,7 @@ class Search:
         scale, nearest = np.float32(1), scene.nearest_shown
         for _ in range(self.settings.search.bounce_rounds):
             shading = scale * of_pixels + now.interreflected(*where)
-            albedo, weight = vertex_albedo(scene, self.image, shading)
+            albedo, weight = vertex_albedo(scene, self._seen, shading)
             factor = self._albedo_scale(albedo, weight)
             absolute, scale = np.clip(albedo / factor, 0, WHITEST)[nearest], np.float32(scale * factor)
             bounces = bounced_at_vertices(
@@ -151,6 +153,11 @@ class Search:
             )
             now = LightEstimate(scale * light, bounces)
         return now
+
+    @cached_property
+    def _seen(self) -> np.ndarray:
+        """Sum the image around every vertex, weighted by its blend, (P, 3)."""
+        return product(self.part.to_vertices, self.image)
 
     def _albedo_scale(self, albedo: np.ndarray, light: np.ndarray) -> float:
         """Compute the factor by which the vertices' albedo, weighted by light, (P, 3) each, is too bright."""

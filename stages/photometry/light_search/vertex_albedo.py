@@ -12,12 +12,13 @@ FEW = 16  # of so many values one is sorted first, for the quantile: speed
 NO_LIGHT = 1e-6  # of the scaled image's unit: surface with less light does not constrain its albedo
 
 
-def vertex_albedo(scene: LitScene, image: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def vertex_albedo(scene: LitScene, seen: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Estimate the albedo of the vertices, with the light that weights it, (P, 3) each.
 
     ``ρ = Σ b I / Σ b S`` over the pixels around a vertex, b their blend weights: dark pixels count little.
+    `seen`, (P, 3), is Σ b I.
     """
-    seen, light = product(scene.to_vertices, image), product(scene.to_vertices, shading)
+    light = product(scene.to_vertices, shading)
     return np.where(light > NO_LIGHT, seen / np.maximum(light, NO_LIGHT), 0), light
 
 

@@ -13,7 +13,10 @@ from stages.photometry.transport.irradiance_kernels import CHUNK, blended_visibi
 def gather_mirrored(
     points, normals, offsets, blend, visible, directions, towards, roughness, cells, radiance, out
 ):
-    """Gather ``Σ_d V_d c_d m_d e_d / Σ_d c_d m_d`` at chosen points, (n, 3), with m of `_mirroring`."""
+    """Gather ``Σ_d V_d c_d m_d e_d / Σ_d c_d m_d`` at chosen points in three channels, (n, 3).
+
+    m is that of `_mirroring`.
+    """
     x, y, z = directions[:, 0].copy(), directions[:, 1].copy(), directions[:, 2].copy()  # to be vectorised
     for chunk in numba.prange((len(points) + CHUNK - 1) // CHUNK):
         seen, share = np.empty(8 * visible.shape[1], np.float32), np.empty(len(x))

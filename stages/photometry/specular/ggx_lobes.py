@@ -15,11 +15,11 @@ def mirrored_light(
     roughness: float,
     points: np.ndarray,
 ) -> np.ndarray:
-    """Average light (M, C) within the specular lobes of chosen points, (n, C), float32.
+    """Average light (M, 3) within the specular lobes of chosen points, (n, 3), float32.
 
     Occluded light counts as 0. `towards`, (N, 3), are unit vectors to the cameras; roughness is α of GGX.
     """
-    out = np.empty((len(points), radiance.shape[1]), np.float32)
+    out = np.empty((len(points), 3), np.float32)
     light = np.ascontiguousarray(radiance, np.float32)
     mirror = towards, np.float32(roughness), pixels.cells
     gather_mirrored(np.asarray(points), *pixels.geometry, *mirror, light, out)

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from stages.photometry.paper.harmonics import shading_basis
 from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
+from stages.solvers.kernels.sparse_rows import product
 
 WHITEST = 0.95  # upper bound of reflectance, for interreflection to converge; also the bound of `brightest`
 
@@ -109,7 +110,7 @@ class PixelTransfer:
             there = bounced(
                 of_vertices, self.occlusion, values[:, None].astype(np.float32), typical, bounces.count
             )
-            basis[:, :, c] = direct + self.blend @ (there - of_vertices).astype(np.float32)
+            basis[:, :, c] = direct + product(self.blend, (there - of_vertices).astype(np.float32))
         return basis
 
     def at_vertices(self, values: np.ndarray) -> np.ndarray:
