@@ -405,7 +405,7 @@ def outputs_of(workspace: Path) -> dict[str, dict]:
 @pytest.mark.slow
 def test_killed_during_every_stage_the_next_run_ends_with_the_same_digests(finished, tmp_path):
     workspace = tmp_path / "workspace"
-    words = [sys.executable, "-m", "stages.cli", "run", str(ROOT / "configs/sample.yaml"), *QUICK]
+    words = [sys.executable, "-m", "unshade", "run", str(ROOT / "configs/sample.yaml"), *QUICK]
     for stage in STAGES:
         victim = subprocess.Popen(
             [*words, "--workspace", str(workspace)], cwd=ROOT, stderr=subprocess.DEVNULL

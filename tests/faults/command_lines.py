@@ -16,7 +16,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent.parent
+from tests.faults.program import ROOT
+
 ADDRESS_SPACE = 8 << 30  # bytes; the libraries alone map two of them
 MOST_MB = 1000  # of any command here: the libraries and small inputs
 AT_ONCE_S = 20

@@ -25,9 +25,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import UserError
-from tests.faults.command_lines import ROOT
+from tests.faults.program import ROOT
 
-LINEAR = ROOT / "sample_data/linear"
 ADDRESS_SPACE = 6 << 30  # bytes
 MOST_GROWN_MB = 500  # by a case: its files have some kilobytes
 SLOWEST_S = 20

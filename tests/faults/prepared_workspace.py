@@ -6,18 +6,15 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.cache.digest import digest_file
+from tests.faults.program import LINEAR, PROGRAM, ROOT
 
-ROOT = Path(__file__).parents[2]
-LINEAR = ROOT / "sample_data/linear"
 SETTINGS = ("undistort.max_size_px=64", "raycast.reduce=1", "decomposition.mode=paper",
             "decomposition.paper.max_alternations=1", "export.sheet_width_px=32")  # fmt: skip
 STAGES = ("adopt_model", "undistort", "adopt_mesh", "raycast", "correspondence", "decomposition", "export")
-PROGRAM = (sys.executable, "-m", "stages.cli")
 
 
 def words(workspace: Path | str, verb: str = "run", *more: str) -> list[str]:

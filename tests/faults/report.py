@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.faults.program import ROOT
+
 PAGE = ROOT / "docs/reliability.md"
 COMMAND = "make reliability"
 HEAD = """# Reliability

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from pipeline.cache.digest import digest_file
 from pipeline.cache.record import Record, read_record
+from tests.faults.program import PHOTOS, PROGRAM, ROOT
 
-ROOT = Path(__file__).parent.parent.parent
-PHOTOS = ROOT / "sample_data" / "photos"
 SMALL = {
     "sfm.max_size_px": 400,
     "undistort.max_size_px": 96,
@@ -42,7 +40,7 @@ def words(
     given: list[str | bytes] = ["--workspace", workspace if isinstance(workspace, bytes) else str(workspace)]
     if verb in {"run", "plan"}:
         given += ["--images", str(photos), *settings]
-    return [sys.executable, "-m", "stages.cli", verb, *given, *more]
+    return [*PROGRAM, verb, *given, *more]
 
 
 def environment(changes: Mapping[str, str | None] | None = None) -> dict[str, str]:

@@ -28,6 +28,7 @@ from tests.faults.small_runs import STAGES, leftovers, one_line, published, resu
 LEAVES_WITHIN_S = 2.0
 LONG_POISSON = ("--set", "mesh.depth=12")  # seconds within one call of open3d, which holds Python's lock
 SHORT, LONG = 12, 120
+NOTHING_BEGUN = "unshade: Interrupted before anything had begun."
 
 
 @dataclass(frozen=True)
@@ -156,8 +157,8 @@ def check_ending(how: Attack, code: int, line: str, seconds: float) -> bool:
     if code < 0:  # the interpreter was about to begin or to end: nothing runs yet, or no longer
         assert code == -how.number
         return True
-    if "KeyboardInterrupt" in line:  # Python's own, while it imports the program
-        return True
+    if line == NOTHING_BEGUN:  # it was being loaded
+        return code == 128 + signal.SIGINT
     assert "the same command continues there" in line, line
     assert code == (1 if how.whom == "child" else 128 + how.number), line
     assert seconds < LEAVES_WITHIN_S
@@ -249,6 +250,17 @@ def test_a_signal_within_native_code_is_heeded_at_once(undisturbed, how, tried):
     assert leftovers(workspace) == []
     assert results(workspace) == undisturbed.results
     tried(f"{how.name} within Poisson (native code)", "left within two seconds with a line")
+
+
+def test_ctrl_c_while_the_program_is_loaded_ends_it_in_a_line(tmp_path, tried):
+    running = Running.begin(tmp_path / "workspace", tmp_path / "tmp")
+    maps = Path(f"/proc/{running.process.pid}/maps")
+    while running.process.poll() is None and "_pydantic_core" not in maps.read_text():
+        time.sleep(0.001)
+    code, line, seconds = running.attack(ATTACKS[0])
+    assert (code, line) == (128 + signal.SIGINT, NOTHING_BEGUN)
+    assert seconds < LEAVES_WITHIN_S and not (tmp_path / "workspace").exists()
+    tried("Ctrl-C while the program is loaded", "left with a line")
 
 
 def test_a_result_that_was_about_to_be_replaced_is_kept(undisturbed, tried):

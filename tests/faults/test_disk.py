@@ -17,9 +17,6 @@ import pytest
 from stages.cli import main
 from stages.formats.colmap.model import read_model, write_model
 from tests.faults.prepared_workspace import (
-    LINEAR,
-    PROGRAM,
-    ROOT,
     STAGES,
     copy_of,
     entry_of,
@@ -30,8 +27,8 @@ from tests.faults.prepared_workspace import (
     unshade,
     words,
 )
+from tests.faults.program import LINEAR, PHOTOS, PROGRAM, ROOT
 
-PHOTOS = ROOT / "sample_data/photos"
 KEPT = "esults are kept", "the result itself is kept"
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.command_lines import ROOT, Answer, answers_of, expect_refusal, obey
+from tests.faults.command_lines import Answer, answers_of, expect_refusal, obey
+from tests.faults.program import PHOTOS, ROOT
 
-PHOTOS = ROOT / "sample_data/photos"
 SOURCES = f"sources: {{images: {PHOTOS}}}\n"
 LETTERS = "abcdefghijkl"
 NOT_YAML, LEVELS = "is not YAML", "more than 32 levels"

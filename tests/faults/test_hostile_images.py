@@ -17,9 +17,9 @@ import pytest
 from PIL import Image
 
 from stages.formats.images.exr import read_exr
-from tests.faults.command_lines import ROOT, Answer, answers_of, expect_refusal
+from tests.faults.command_lines import Answer, answers_of, expect_refusal
+from tests.faults.program import LINEAR, ROOT
 
-LINEAR = ROOT / "sample_data/linear"
 SAMPLE = (LINEAR / "images/001.exr").read_bytes()
 LIGHT = read_exr(LINEAR / "images/001.exr")
 VIEWS = ("001", "003", "004", "009")

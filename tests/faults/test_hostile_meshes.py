@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.faults.command_lines import ROOT, Answer, answers_of, expect_refusal, obey
+from tests.faults.command_lines import Answer, answers_of, expect_refusal, obey
+from tests.faults.program import LINEAR
 
-LINEAR = ROOT / "sample_data/linear"
 SQUARE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
 PROMISES, NO_VERTEX, NOT_FINITE = "promises", "that name vertices", "not finite numbers"
 UNTYPED, TOO_FAR, UNSEEN = "not of the type that the header declares", "with a coordinate of", "No view sees"

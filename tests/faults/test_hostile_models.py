@@ -14,9 +14,9 @@ import numpy as np
 import pycolmap
 import pytest
 
-from tests.faults.command_lines import ROOT, Answer, answers_of, expect_refusal, obey
+from tests.faults.command_lines import Answer, answers_of, expect_refusal, obey
+from tests.faults.program import LINEAR
 
-LINEAR = ROOT / "sample_data/linear"
 WHOLE = {path.stem: path.read_bytes() for path in (LINEAR / "sparse").glob("*.bin")}
 FIRST = b"001.exr\0"
 LEADS_OUT, UNSHOWN, TOO_LONG = "leads out of the image folder", "cannot be shown", "longer than results"

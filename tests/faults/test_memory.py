@@ -16,11 +16,11 @@ from pipeline import MachineError, UserError
 from pipeline.cache.store import Store
 from pipeline.inspect import find_record
 from stages import ALL_STAGES
-from tests.faults.small_runs import ROOT, do, leftovers, one_line, published, results
+from tests.faults.program import LINEAR, PROGRAM, ROOT
+from tests.faults.small_runs import do, leftovers, one_line, published, results
 from tests.test_architecture import all_settings
 from tests.toy_flow import COUNT, JOIN, REPORT, run_toy, write_words
 
-LINEAR = ROOT / "sample_data/linear"
 GIVEN = ["--colmap", str(LINEAR), "--images", str(LINEAR / "images")]
 GIVEN += ["--mesh", str(ROOT / "sample_data/truth/mesh.ply")]
 QUICK = ["undistort.max_size_px=96", "transfer.max_vertices=2000"]
@@ -36,7 +36,7 @@ needs_limits = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="
 
 def limited(mib: int, *words: str | Path) -> subprocess.CompletedProcess[str]:
     """Run the program with so much address space."""
-    line = [sys.executable, "-m", "stages.cli", "run", *map(str, words)]
+    line = [*PROGRAM, "run", *map(str, words)]
     return do(["sh", "-c", f'ulimit -c 0; ulimit -v {mib * 1024}; exec "$@"', "sh", *line])
 
 
@@ -60,7 +60,7 @@ def sentence_of(done: subprocess.CompletedProcess[str], stage: str) -> str:
 def prepared(tmp_path_factory) -> Path:
     """A workspace up to the transfer, from given cameras and mesh."""
     workspace = tmp_path_factory.mktemp("memory") / "workspace"
-    line = [sys.executable, "-m", "stages.cli", "run", *GIVEN, "--workspace", str(workspace)]
+    line = [*PROGRAM, "run", *GIVEN, "--workspace", str(workspace)]
     done = do([*line, *settings(*QUICK), "--to", "correspondence"])
     assert done.returncode == 0, done.stderr
     return workspace

@@ -6,7 +6,6 @@ import hashlib
 import json
 import shutil
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -16,9 +15,10 @@ import pytest
 
 from pipeline.cache.digest import digest_file
 from stages.scene.datasets import find_dataset
-from tests.faults.small_runs import ROOT, do, one_line, results
+from tests.faults.program import LINEAR, PROGRAM, ROOT
+from tests.faults.small_runs import do, one_line, results
 
-MODEL = ROOT / "sample_data/linear"  # cameras of four photos, so that none have to be found
+MODEL = LINEAR  # cameras of four photos, so that none have to be found
 PHOTOS = MODEL / "images"
 NAMES = [f"images/{path.name}" for path in sorted(PHOTOS.iterdir())]
 NOWHERE = "http://127.0.0.1:9/"
@@ -63,6 +63,7 @@ def place(tmp_path) -> Path:
     """A copy of the program that knows one more data set, `few`, and a configuration that asks for it."""
     for package in ("pipeline", "stages"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "unshade.py", tmp_path)
     (tmp_path / "few.yaml").write_text(
         f"workspace: workspace\nsources: {{dataset: few, colmap: '{MODEL}'}}\n"
         "undistort: {max_size_px: 96}\n"
@@ -85,7 +86,7 @@ def publish_at(place: Path, url: str) -> None:
 def unshade(place: Path, verb: str, *words: str) -> subprocess.CompletedProcess[str]:
     """Run the copy, with a cache of downloads of its own."""
     own = {"PYTHONPATH": str(place), "XDG_CACHE_HOME": str(place / "downloads"), "UNSHADE_DATA": None}
-    line = [sys.executable, "-m", "stages.cli", verb, "few.yaml", *words]
+    line = [*PROGRAM, verb, "few.yaml", *words]
     return do(line, own, cwd=place)
 
 
@@ -159,7 +160,7 @@ def test_a_damaged_file_among_the_downloads_is_fetched_again(place, publisher, t
 
 def test_a_folder_of_the_users_that_is_gone_is_not_taken_for_what_it_was(tmp_path, tried):
     """Nothing proves that it would have the photos of the cached results still."""
-    line = [sys.executable, "-m", "stages.cli", "run", "--images", str(tmp_path / "photos")]
+    line = [*PROGRAM, "run", "--images", str(tmp_path / "photos")]
     done = do([*line, "--workspace", str(tmp_path / "w")])
     assert done.returncode == 2
     assert "does not exist; expected a folder" in one_line(done.stderr)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,8 +17,7 @@ from pipeline.cache.store import Store
 from stages.formats.colmap.model import read_model, registered
 from stages.scene.cameras import Camera
 from tests.faults import photo_sets as sets
-
-ROOT = Path(__file__).parent.parent.parent
+from tests.faults.program import PHOTOS, PROGRAM, ROOT
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class Outcome:
 def run(folder: Path, photos: Path, *words: str, to: str | None = "sfm") -> Outcome:
     """`unshade run --images PHOTOS`, as a process."""
     workspace = folder / "workspace"
-    command = [sys.executable, "-m", "stages.cli", "run", "--images", photos, "--workspace", workspace]
+    command = [*PROGRAM, "run", "--images", photos, "--workspace", workspace]
     command += ["--to", to] if to else []
     done = subprocess.run([*command, *words], cwd=ROOT, capture_output=True, text=True, timeout=1500)
     said = " ".join((done.stdout + done.stderr).split())
@@ -313,7 +311,7 @@ def test_a_burst_encoded_again_is_refused_before_it_is_placed(tmp_path, tried):
 @pytest.mark.slow
 def test_blur_a_copy_and_a_stranger_on_the_way_to_the_albedo(tmp_path, tried):
     """The whole program on the sample's photos, with what goes wrong among them."""
-    photos = Path(shutil.copytree(ROOT / "sample_data/photos", tmp_path / "photos"))
+    photos = Path(shutil.copytree(PHOTOS, tmp_path / "photos"))
     shutil.copy(photos / "000.jpg", photos / "copy.jpg")
     sets.blur_file(photos / "005.jpg", 41)
     stranger = replace(sets.around(1)[0], name="stranger")

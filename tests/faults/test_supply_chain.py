@@ -20,7 +20,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from tests.faults.small_runs import ROOT, do, one_line
+from tests.faults.program import PROGRAM, ROOT
+from tests.faults.small_runs import do, one_line
 
 FOLDERS = ("pipeline", "stages", "checks", "docs", "benchmarks", "tests")
 UNPICKLERS = {
@@ -139,7 +140,7 @@ def test_a_pickle_in_files_that_a_user_may_be_given_is_never_opened(tmp_path, tr
         folder / "0000_0001.npz", format=hostile, data=hostile, indices=hostile, indptr=hostile, shape=hostile
     )
     albedo = str(ROOT / "sample_data/linear/albedo")
-    line = [sys.executable, "-m", "stages.cli", "evaluate", albedo, albedo, "--correspondences", str(folder)]
+    line = [*PROGRAM, "evaluate", albedo, albedo, "--correspondences", str(folder)]
     done = do(line)
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
