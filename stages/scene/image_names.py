@@ -26,6 +26,8 @@ def fault_of_name(name: str) -> str:
         return "leads out of the image folder"
     if "\\" in name or (len(name) > 1 and name[1] == ":"):
         return "leads out of the image folder on some systems (a drive, a backslash)"
+    if any(part.startswith(".") for part in path.parts):
+        return "is hidden (a part begins with a full stop), as photos and results must not be"
     if any(unicodedata.category(one) in UNSHOWN for one in name):
         return "holds characters that cannot be shown, such as a line break"
     longest = max(len(part.encode()) for part in PurePosixPath(view_name(name)).parts)

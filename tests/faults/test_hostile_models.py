@@ -32,6 +32,8 @@ NAMES = {
     b"": LEADS_OUT,
     b"c:x.exr": LEADS_OUT,
     b"a\\b.exr": LEADS_OUT,
+    b".x.exr": "is hidden",
+    b"a/.b/x.exr": "is hidden",
     b"a\nb.exr": UNSHOWN,
     b"\x1b[2J.exr": UNSHOWN,
     b"x" * 10000: TOO_LONG,
