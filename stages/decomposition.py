@@ -330,7 +330,7 @@ DECOMPOSITION_BY_TRANSFER = replace(
 # With `light: directions` the light, the shading and the observations are given.
 DECOMPOSITION_UNDER_LIGHT = replace(
     DECOMPOSITION,
-    version=DECOMPOSITION.version + 25,
+    version=DECOMPOSITION.version + 26,
     about="Albedo of each view under the light that was found, from all views together.",
     takes=("mask", "cameras", "correspondences", "found_light", "shading", "observations"),
     gives=(ALBEDO, ENERGY, *OF_TRANSFER),

@@ -75,8 +75,7 @@ def with_detail(
     2. r_k is averaged with that of other views, by inverse variance of noise and misregistration.
     3. ``g_k = max(0, 1 − U/E)``: E the local variance of r_k, from the mean of |r_k|^1.5; U the variance
        expected from noise and the shading's error, ``κ² L²`` (`ShadingUncertainty`).
-    4. A displaced shadow leaves up to ``2 L²``: energy beyond that may all be albedo. Energy below is
-       limited to a quantile of that on evenly lit surface.
+    4. E − U is limited where the shading changes to what evenly lit surface has (`texture_limit`).
 
     Where the residual does not exceed its uncertainty, the smooth albedo stays. Where it exceeds it by far,
     the albedo is I/S. The transition is gradual.

@@ -21,6 +21,7 @@ from stages.photometry.detail.shading_uncertainty import (
     log_quotient,
     log_shading,
 )
+from stages.photometry.detail.texture_limit import texture_limit
 from stages.photometry.stack import StackedViews
 
 CHROMA_NOISE = 6.0  # variance of log R/G, 2 σ², over that of the mean logarithm, σ²/3, for equal noise in all
@@ -151,16 +152,12 @@ class DetailOctave:
         band, noise = self._fused(np.square(noise.astype(np.float32) * scene.noise_scale))
         of_axes = np.square(np.array(how.uncertainty.of_axes, np.float32))
         uncertain = error**2 * self.size[:, None] * of_axes + noise
-        around = scene.pixels.mean(self.stated, self.wide_px)[:, None]
-        misplaced = how.misplacement_factor * around * of_axes
         energy = scene.pixels.mean(np.abs(band) ** how.energy_power, self.wide_px) ** (2 / how.energy_power)
         energy = others.with_own(energy / how.energy_of_normal)
         uncertain = others.with_own(scene.pixels.mean(uncertain, self.wide_px))
         signal = np.maximum(energy - uncertain, 0)
-        some = scene.sample
-        even = some[self.size[some] <= np.quantile(self.size[some], how.even_share)] if some.size else some
-        strongest = np.quantile(signal[even], how.texture_quantile, axis=0) if even.size else np.zeros(3)
-        signal = np.minimum(signal, np.maximum(strongest, energy - misplaced))
+        change = scene.pixels.mean(self.stated, self.wide_px)
+        signal = np.minimum(signal, texture_limit(signal, change, scene.sample, how))
         share = signal / np.maximum(energy, TINY)
         expected = share**2 * uncertain + (1 - share) ** 2 * energy
         return np.where(scene.trusted[:, None], share * band, 0), expected[:, 0]

@@ -238,24 +238,17 @@ class DetailSettings(Settings):
         gt=0,
         le=1,
     )
-    misplacement_factor: float = setting(
-        2.0,
-        "Energy of the residual that a displaced change of shading leaves at both places.",
-        unit="of its own energy",
-        ge=0,
-    )
     even_share: float = setting(
         0.5,
         "Share of the pixels, least change of shading first, that count as evenly lit.",
         gt=0,
         le=1,
     )
-    texture_quantile: float = setting(
-        0.99,
-        "Where a displaced change of shading could explain it, texture is limited to this quantile of that "
-        "on evenly lit surface: stronger residuals are borders of shadows.",
-        ge=0,
-        le=1,
+    texture_factor: float = setting(
+        2.0,
+        "Where the shading changes more, texture is limited so that its mean energy is at most so many times "
+        "that on evenly lit surface; the rest is error of the shading. Below 1.5 texture is lost by chance.",
+        ge=1,
     )
     sample_pixels: int = setting(
         300_000,
