@@ -1,8 +1,8 @@
-"""Correspondences between pixels of two views (Eq. 5, 6, 8): one sparse matrix per pair i < j."""
+"""Correspondences between pixels of two views (Eq. 5, 6, 8): one sparse matrix per linked pair i < j."""
 
 from __future__ import annotations
 
-from itertools import combinations
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from stages.scene.memory_of_views import FEWER_PIXELS
 if TYPE_CHECKING:
     import numpy as np
 
+    from stages.geometry.covisibility.surface_points import SurfacePoints
     from stages.scene.cameras import Camera
 
 
@@ -27,6 +28,74 @@ class CorrespondenceSettings(Settings):
         gt=0,
         le=100,
     )
+    neighbours: int = setting(
+        12,
+        "Other views that each view is linked to: those that show its surface sharpest, all parts of it "
+        "counted, and those that choose it. Up to 13 views are all linked to each other, as in the paper; "
+        "0: any number are. Time and memory of all later stages grow with it.",
+        unit="views",
+        ge=0,
+    )
+    sample: int = setting(
+        400,
+        "Points of each view's surface at which the others' view of it is compared, to choose neighbours.",
+        unit="pixels",
+        ge=10,
+    )
+
+
+def surface_points(camera: Camera, paths: Mapping[str, Path], count: int) -> SurfacePoints:
+    """Open a view and sample its surface. Picklable."""
+    from stages.formats.images.exr import read_exr
+    from stages.formats.images.photos import read_mask
+    from stages.geometry.covisibility.surface_points import SurfacePoints
+
+    depth, normals = (read_exr(paths[kind] / f"{camera.name}.exr") for kind in ("depth", "normal"))
+    return SurfacePoints.sampled(
+        camera, depth, normals, read_mask(paths["mask"] / f"{camera.name}.png"), count
+    )
+
+
+def sharpness_in_view(
+    points: SurfacePoints, camera: Camera, paths: Mapping[str, Path], epsilon: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Open a view and measure how sharply it shows points. Picklable."""
+    from stages.formats.images.exr import read_exr
+    from stages.formats.images.photos import read_mask
+
+    depth = read_exr(paths["depth"] / f"{camera.name}.exr")
+    return points.sharpness_in(camera, depth, read_mask(paths["mask"] / f"{camera.name}.png"), epsilon)
+
+
+def linked_pairs(job: Job[CorrespondenceSettings], cameras: list[Camera]) -> list[tuple[int, int]]:
+    """Choose the pairs of views to link."""
+    import numpy as np
+    import scipy.sparse as sp
+
+    from stages.geometry.covisibility.surface_points import SurfacePoints
+    from stages.geometry.covisibility.view_graph import all_pairs, best_pairs
+
+    settings, views = job.settings, range(len(cameras))
+    if not settings.neighbours or len(cameras) <= settings.neighbours + 1:
+        return all_pairs(len(cameras))
+    paths = {kind: job.inputs[kind] for kind in ("depth", "normal", "mask")}
+    own = list(job.executor.map(lambda one: surface_points(one, paths, settings.sample), cameras))
+    points, view_of_point = SurfacePoints.together(own), np.repeat(views, [len(one.points) for one in own])
+    rows, columns, found = [], [], []
+    with job.progress("views compared", len(cameras)) as step:
+        measured = job.executor.map(
+            lambda one: sharpness_in_view(points, one, paths, settings.epsilon), cameras
+        )
+        for view, (seen, values) in zip(views, measured, strict=True):
+            rows.append(seen)
+            columns.append(np.full(len(seen), view))
+            found.append(values)
+            step()
+    places = (np.concatenate(rows), np.concatenate(columns))
+    sharpness = sp.csr_array((np.concatenate(found), places), shape=(len(view_of_point), len(cameras)))
+    pairs = best_pairs(sharpness, view_of_point, settings.neighbours)
+    job.note(pairs_of_all=len(pairs) / len(all_pairs(len(cameras))))
+    return pairs
 
 
 def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsilon: float, file: Path) -> int:
@@ -38,7 +107,7 @@ def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsil
 
     from stages.formats.images.exr import read_exr
     from stages.formats.images.photos import read_mask
-    from stages.geometry.correspondences import find_correspondences
+    from stages.geometry.covisibility.correspondences import find_correspondences
 
     def opened(camera: Camera) -> tuple[Camera, np.ndarray, np.ndarray]:
         return camera, read_exr(depth / f"{camera.name}.exr"), read_mask(mask / f"{camera.name}.png")
@@ -49,14 +118,15 @@ def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsil
 
 
 def run(job: Job[CorrespondenceSettings]) -> None:
-    """Open the cameras, find the correspondences of every pair, write the index."""
+    """Open the cameras, choose the pairs, find the correspondences of each, write the index."""
     from stages.formats.artefacts.camera_file import read_cameras
 
     settings = job.settings
     cameras = read_cameras(job.inputs["cameras"])
     folder = job.outputs["correspondences"]
     pairs, futures = [], []
-    for (i, camera_i), (j, camera_j) in combinations(enumerate(cameras), 2):
+    for i, j in linked_pairs(job, cameras):
+        camera_i, camera_j = cameras[i], cameras[j]
         file = f"{i:04d}_{j:04d}.npz"
         pairs.append({"i": camera_i.name, "j": camera_j.name, "file": file})
         paths = (job.inputs["depth"], job.inputs["mask"])
@@ -81,10 +151,10 @@ def run(job: Job[CorrespondenceSettings]) -> None:
 
 CORRESPONDENCE = Stage(
     name="correspondence",
-    version=1,
+    version=2,
     about="Which pixels of two views show the same surface point: one sparse matrix per pair.",
     settings=CorrespondenceSettings,
-    takes=("depth", "mask", "cameras"),
+    takes=("depth", "normal", "mask", "cameras"),
     gives=(Artefact("correspondences", "one scipy sparse matrix per pair i < j, npz, and index.json"),),
     run=run,
     tools=("numpy", "scipy", "numba", *PICTURES),

@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 import scipy.sparse as sp
 
-from stages.geometry.correspondences import find_correspondences
+from stages.geometry.covisibility.correspondences import find_correspondences
 from stages.photometry.paper.harmonics import shading_basis
 from stages.photometry.stack import StackedViews, stack_pixels, stack_views
 from stages.scene.cameras import Camera, back_project, rays_in_world

@@ -68,6 +68,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "solvers/kernels": set(),
     "solvers/least_squares": set(),
     "solvers/primal_dual": {"kernels"},
+    "geometry/covisibility": set(),
     "formats/images": set(),
     "formats/meshes": {"images"},
     "formats/colmap": {"images"},

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.geometry.correspondences import find_correspondences
+from stages.geometry.covisibility.correspondences import find_correspondences
 from stages.scene.cameras import Camera, back_project, footprint
 from tests.sphere_scene import sphere_scene
 

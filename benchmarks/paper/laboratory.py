@@ -132,12 +132,22 @@ class Laboratory:
         own = Weights(weights.smoothness * row.lambda_factor, weights.agreement)
         return self._run(row, own.at(self.size) | settings, {}, last="decomposition")
 
-    def run_with(self, row: Row, settings: dict[str, Any], lighting: dict[str, Any] | None = None) -> Results:
-        """Decompose a row with the given settings of the decomposition and of the lighting."""
-        return self._run(row, settings, lighting or {}, last="decomposition")
+    def run_with(
+        self,
+        row: Row,
+        settings: dict[str, Any],
+        lighting: dict[str, Any] | None = None,
+        correspondence: dict[str, Any] | None = None,
+    ) -> Results:
+        """Decompose a row with the given settings of the decomposition, the lighting, the correspondence."""
+        return self._run(row, settings, lighting or {}, "decomposition", correspondence)
 
     def given(
-        self, row: Row, decomposition: dict[str, Any], lighting: dict[str, Any] | None = None
+        self,
+        row: Row,
+        decomposition: dict[str, Any],
+        lighting: dict[str, Any] | None = None,
+        correspondence: dict[str, Any] | None = None,
     ) -> dict[str, dict[str, Any]]:
         """Collect the settings of all stages for a row."""
         return {
@@ -151,11 +161,19 @@ class Laboratory:
             },
             "undistort": {"max_size_px": None},
             "known_geometry": dict(row.known_geometry),
+            "correspondence": correspondence or {},
             "lighting": lighting or {},
             "decomposition": decomposition,
         }
 
-    def _run(self, row: Row, decomposition: dict[str, Any], lighting: dict[str, Any], last: str) -> Results:
-        given = self.given(row, decomposition, lighting)
+    def _run(
+        self,
+        row: Row,
+        decomposition: dict[str, Any],
+        lighting: dict[str, Any],
+        last: str,
+        correspondence: dict[str, Any] | None = None,
+    ) -> Results:
+        given = self.given(row, decomposition, lighting, correspondence)
         flow = stages.experiment(row.sources, DecompositionSettings(**decomposition).kind_of_light)
         return results_of(flow, row.sources, given, self.workspace, last, self.threads, self.listener)

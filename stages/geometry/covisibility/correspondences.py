@@ -52,21 +52,49 @@ def find_correspondences(
     Deviation 4: ε counts pixel footprints, z/f (the larger of the two pixels'), where the paper's ε = 3 has
     no unit: a fixed length would mean another thing at every distance and in every model's scale.
     """
-    points_i = back_project(camera_i, depth_i)[mask_i]
-    points_j = back_project(camera_j, depth_j)
-    xy, depth_seen_by_j = project(camera_j, points_i)
-    seen = (depth_i[mask_i] > 0) & (depth_seen_by_j > 0)
-    xy = np.where(seen[:, None], xy, -np.inf)
-    partner = _nearest_points(
-        points_i,
-        xy,
-        np.asarray(footprint(camera_i, depth_i[mask_i]), np.float64),
-        points_j,
-        np.asarray(footprint(camera_j, depth_j), np.float64),
-        _numbers(mask_j & (depth_j > 0), mask_j),
+    points = np.where((depth_i > 0)[..., None], back_project(camera_i, depth_i), np.nan)[mask_i]
+    sizes = np.asarray(footprint(camera_i, depth_i[mask_i]), np.float64)
+    partner = pixels_showing(points, sizes, camera_j, depth_j, mask_j, epsilon)
+    return _one_per_row(partner, int(np.count_nonzero(mask_j)))
+
+
+def pixels_showing(
+    points: np.ndarray,
+    footprints: np.ndarray,
+    camera: Camera,
+    depth: np.ndarray,
+    mask: np.ndarray,
+    epsilon: float,
+) -> np.ndarray:
+    """Find the pixel of a view that shows each surface point, by Eq. 8.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        World axes, model units; NaN for none.
+    footprints : ndarray, shape (n,)
+        Model units, in the view that each point comes from.
+    camera : Camera
+    depth, mask : ndarray, shape (height, width)
+        z, model units, and Ω of the view.
+    epsilon : float
+        ε in pixel footprints.
+
+    Returns
+    -------
+    ndarray, shape (n,), int64
+        Index among the mask's pixels, row by row; −1 where the view does not show the point.
+    """
+    xy, z = project(camera, points)
+    return _nearest_points(
+        points,
+        np.where((z > 0)[:, None], xy, -np.inf),
+        footprints,
+        back_project(camera, depth),
+        np.asarray(footprint(camera, depth), np.float64),
+        _numbers(mask & (depth > 0), mask),
         float(epsilon),
     )
-    return _one_per_row(partner, int(np.count_nonzero(mask_j)))
 
 
 def _numbers(usable: np.ndarray, mask: np.ndarray) -> np.ndarray:

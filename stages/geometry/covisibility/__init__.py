@@ -1,0 +1,1 @@
+"""Which views, and which of their pixels, show the same surface."""
