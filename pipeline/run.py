@@ -183,8 +183,22 @@ def _fetch_absent_sources(stage: AnyStage, request: Request, listener: Listener)
 
 @contextmanager
 def _kept_only_if_finished(partial: Path) -> Iterator[None]:
+    """Remove what a stage that failed leaves.
+
+    Raises
+    ------
+    UserError
+        It failed, and its folder is gone: somebody else removed it.
+    """
     try:
         yield
+    except Exception as error:
+        if partial.is_dir():
+            raise
+        raise UserError(
+            f"{partial} was deleted while a stage wrote its result there; expected a cache that is left "
+            "alone during a run. Run again: earlier results that are still there are reused."
+        ) from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)  # published means renamed: then there is nothing here
 

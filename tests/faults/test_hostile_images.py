@@ -58,6 +58,12 @@ def png(width: int, height: int, depth: int = 8, before: bytes = b"") -> bytes:
     return b"\x89PNG\r\n\x1a\n" + header + before + pixels + _chunk(b"IEND", b"")
 
 
+def long_part(data: bytes) -> bytes:
+    """The PNG with pixels that claim to have 4 GB, which OpenCV sets aside at once."""
+    at = data.index(b"IDAT") - 4
+    return data[:at] + b"\xff" + data[at + 1 :]
+
+
 def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
@@ -123,6 +129,7 @@ PHOTOS: dict[str, tuple[str, Maker, str]] = (
         "PNG of 15000": ("png", of_bytes(png(15000, 15000, 16)), OF_MODEL),
         "PNG cut": ("png", of_bytes(png(180, 240)[:80]), AS_IMAGE),
         "PNG with 300 MB of text": ("png", of_bytes(png(180, 240, before=TEXT_BOMB)), "too large"),
+        "PNG with a part of 4 GB": ("png", of_bytes(long_part(png(180, 240, 16))), AS_IMAGE),
         "JPEG of 65535": ("jpg", of_bytes(jpeg(65535, 65535)), WIDE),
         "JPEG of 15000": ("jpg", of_bytes(jpeg(15000, 15000)), OF_MODEL),
         "TIFF of 2^31": ("tif", of_bytes(tiff(2**31, 2**31)), WIDE),

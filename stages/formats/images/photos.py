@@ -18,6 +18,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 from pipeline import UserError
 from stages.formats.images.colour import linear_from_srgb, srgb_from_linear
 from stages.formats.images.exr import check_exr_header, read_exr
+from stages.formats.images.png_chunks import fault_of_chunks
 
 # Three floats per pixel: 3 GB at this size. Checked from the header, before anything is allocated; Pillow's
 # own guard is switched off because it warns at a third of this.
@@ -264,6 +265,8 @@ def _check_tiff(image: TiffImageFile, path: Path) -> None:
 
 def _decoded_by_opencv(path: Path, data: bytes) -> np.ndarray:
     """Decode bytes as they are, channels as RGB, alpha dropped; the orientation tag is not applied."""
+    if fault := fault_of_chunks(data):
+        raise _unreadable(path, fault)
     try:
         decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
