@@ -148,8 +148,8 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
             temporary_files_in(job.scratch),
             measured() as reading,
         ):
-            compare_with_free_memory(stage, job)
             try:
+                compare_with_free_memory(stage, job)
                 stage.run(job)
             except Exception:
                 _check_inputs(stage, job, made_from, request, store)  # an input that is gone says more
