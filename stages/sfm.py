@@ -127,18 +127,19 @@ def _find_features(job: Job[SfmSettings], photos: Sequence[Photo], database: Pat
 def _match(job: Job[SfmSettings], database: Path, features: Sequence[int]) -> None:
     """Match the photos, given how many features each has."""
     from stages.motion import matching
+    from stages.motion.retrieval import similar_pairs
 
     settings, count = job.settings, len(features)
     mode = settings.matching
     if mode == "auto":
-        mode = "exhaustive" if count <= settings.exhaustive_up_to else "sequential"
-        if mode == "sequential":
-            job.warn(
-                f"{count} photos are too many to compare all pairs, so only neighbours in name order were "
-                "compared; set sfm.matching: exhaustive if the photos were not taken in this order."
-            )
-    exhaustive = mode == "exhaustive"
-    pairs = matching.all_pairs(count) if exhaustive else matching.sequential_pairs(count, settings.overlap)
+        mode = "exhaustive" if count <= settings.exhaustive_up_to else "retrieval"
+    if mode == "exhaustive":
+        pairs = matching.all_pairs(count)
+    elif mode == "retrieval":
+        pairs = similar_pairs(database, settings.retrieval, job.scratch, job.threads, settings.seed)
+    else:
+        pairs = matching.sequential_pairs(count, settings.overlap)
+    job.note(compared=mode, pairs_compared=len(pairs))
     with job.progress("comparing pairs", len(pairs)) as step:
         for batch in matching.in_batches(pairs):
             matching.match_pairs(database, batch, features, settings.seed, job.threads)

@@ -99,6 +99,7 @@ LENT = {  # who may import a library whose objects are its own world; everyone e
         "motion/matching.py",
         "motion/pairs.py",
         "motion/photo_set.py",
+        "motion/retrieval.py",  # COLMAP's index of visual words
         "stereo/colmap_stereo.py",  # the engine `cuda` of `mvs`
         "geometry/lenses.py",  # lenses are COLMAP's models; a second implementation of them would differ
     },

@@ -56,6 +56,32 @@ class MappingSettings(Settings):
     global_tolerance: float = setting(1e-6, "And those of all photos.", ge=0, lt=1)
 
 
+class RetrievalSettings(Settings):
+    """Settings of the choice of pairs by appearance: `stages.motion.retrieval`."""
+
+    neighbours: int = setting(
+        40, "Photos that each is compared with: those that look most like it.", unit="photos", ge=1, le=1000
+    )
+    words: int = setting(
+        16384,
+        "Visual words that a sample of all descriptors is clustered into, at most. With few, unlike photos "
+        "look alike; the time to find them grows with the square.",
+        unit="words",
+        ge=16,
+    )
+    features_per_word: int = setting(
+        2,
+        "Descriptors that the clusters are made from, per word; of fewer there are fewer words. More take "
+        "longer, and make the words coarser where the photos are few.",
+        unit="descriptors",
+        ge=1,
+    )
+    indexed_features: int = setting(
+        2000, "Features of each photo, largest first, that it is compared by.", unit="features", ge=1
+    )
+    iterations: int = setting(10, "Rounds of the clustering.", ge=1, le=1000)
+
+
 class PairSettings(Settings):
     """Settings of the tests of whether photos can be placed: `stages.motion.placeable`."""
 
@@ -167,13 +193,19 @@ class SfmSettings(Settings):
     focal_factor: float = setting(
         1.2, "First guess of the focal length without EXIF, in longest sides.", gt=0.1, le=10
     )
-    matching: Literal["auto", "exhaustive", "sequential"] = setting(
+    matching: Literal["auto", "exhaustive", "retrieval", "sequential"] = setting(
         "auto",
-        "Which photos are compared: all pairs, neighbours in name order, or one of the two by their number.",
+        "Which photos are compared: all pairs, those that look alike, or neighbours in name order. auto: all "
+        "pairs, or, of many photos, those that look alike.",
     )
     exhaustive_up_to: int = setting(
-        200, "With matching: auto, more photos than this are taken for a sequence.", ge=2, le=5000
+        200,
+        "With matching: auto, of more photos than this only those that look alike are compared.",
+        unit="photos",
+        ge=2,
+        le=5000,
     )
+    retrieval: RetrievalSettings = group(RetrievalSettings, "How photos that look alike are found.")
     overlap: int = setting(
         10, "Neighbours each photo of a sequence is compared with; powers of two besides.", ge=1, le=20
     )
