@@ -24,6 +24,7 @@ SAMPLE = (LINEAR / "images/001.exr").read_bytes()
 LIGHT = read_exr(LINEAR / "images/001.exr")
 VIEWS = ("001", "003", "004", "009")
 WIDE, OF_MODEL, AS_IMAGE, AS_EXR = "claims to be", "but its camera in the model", "as an image", "as OpenEXR"
+FEW_BYTES = "claims to hold"
 Maker = Callable[[Path], object]
 
 
@@ -92,6 +93,14 @@ def tiff(width: int, height: int) -> bytes:
     return bytes(data)
 
 
+def few_bytes() -> bytes:
+    """A TIFF of a pixel that claims a hundred million."""
+    stream = BytesIO()
+    Image.new("RGB", (1, 1)).save(stream, "TIFF")
+    data = stream.getvalue()
+    return data.replace(struct.pack("<HHII", 257, 4, 1, 1), struct.pack("<HHII", 257, 4, 1, 10**8), 1)
+
+
 def hdr(width: int, height: int, before: bytes = b"") -> bytes:
     head = b"#?RADIANCE\n" + before + b"FORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n"
     return head % (height, width) + b"\x02\x02" * 3000
@@ -126,13 +135,14 @@ PHOTOS: dict[str, tuple[str, Maker, str]] = (
         "PNG of 60000": ("png", of_bytes(png(60000, 60000)), WIDE),
         "PNG of 2^31": ("png", of_bytes(png(LARGEST, LARGEST)), WIDE),
         "PNG of nothing": ("png", of_bytes(png(0, 10)), AS_IMAGE),
-        "PNG of 15000": ("png", of_bytes(png(15000, 15000, 16)), OF_MODEL),
+        "PNG of 15000": ("png", of_bytes(png(15000, 15000, 16)), FEW_BYTES),
         "PNG cut": ("png", of_bytes(png(180, 240)[:80]), AS_IMAGE),
         "PNG with 300 MB of text": ("png", of_bytes(png(180, 240, before=TEXT_BOMB)), "too large"),
         "PNG with a part of 4 GB": ("png", of_bytes(long_part(png(180, 240, 16))), AS_IMAGE),
         "JPEG of 65535": ("jpg", of_bytes(jpeg(65535, 65535)), WIDE),
-        "JPEG of 15000": ("jpg", of_bytes(jpeg(15000, 15000)), OF_MODEL),
+        "JPEG of 15000": ("jpg", of_bytes(jpeg(15000, 15000)), FEW_BYTES),
         "TIFF of 2^31": ("tif", of_bytes(tiff(2**31, 2**31)), WIDE),
+        "TIFF of few bytes": ("tif", of_bytes(few_bytes()), FEW_BYTES),
         "TIFF of 15000": ("tif", of_bytes(tiff(15000, 15000)), OF_MODEL),
         "HDR of 60000": ("hdr", of_bytes(hdr(60000, 60000)), WIDE),
         "HDR of two sizes": ("hdr", of_bytes(hdr(30000, 30000, b"-Y 240 +X 180\n")), WIDE),

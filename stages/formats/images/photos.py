@@ -23,6 +23,7 @@ from stages.formats.images.png_chunks import fault_of_chunks
 # Three floats per pixel: 3 GB at this size. Checked from the header, before anything is allocated; Pillow's
 # own guard is switched off because it warns at a third of this.
 LARGEST_PHOTO_PX = 256_000_000
+MOST_PX_PER_BYTE = 10_000  # deflate packs a thousand bytes into one; a bit is a pixel at least
 Image.MAX_IMAGE_PIXELS = None
 
 # What Pillow raises on damaged files; it warns about damaged EXIF, which strict callers turn into an error.
@@ -49,8 +50,9 @@ def photo_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
     Raises
     ------
     UserError
-        The file is unreadable, or larger than `LARGEST_PHOTO_PX`.
+        The file is unreadable, larger than `LARGEST_PHOTO_PX`, or has too few bytes for its pixels.
     """
+    bounded = False  # EXR and HDR have their own checks
     if path.suffix.lower() == ".exr":
         width, height = check_exr_header(path)
     elif path.suffix.lower() == ".hdr":
@@ -58,6 +60,7 @@ def photo_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
     else:
         with _opened(path) as image:
             width, height = image.size
+            bounded = image.format != "WEBP"  # of which a hundred bytes may be any size
             upright_already = image.format == "TIFF"  # Pillow reports its size so
             if _orientation(image, path) >= 5 and upright_already == as_stored:
                 width, height = height, width
@@ -68,6 +71,9 @@ def photo_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
             f"{path} claims to be {width} × {height} pixels, more than the {LARGEST_PHOTO_PX // 10**6} "
             "megapixels that are accepted; scale it down or remove it."
         )
+    size = path.stat().st_size
+    if bounded and width * height > MOST_PX_PER_BYTE * size:  # a decoder may fill with black what lacks
+        raise _unreadable(path, f"it claims to hold {width} × {height} pixels in {size} bytes")
     return width, height
 
 
