@@ -23,7 +23,14 @@ class PhotoLaboratory(Laboratory):
     albedo has their pixels. Poses, depth and mesh are estimated. The masks of the render are given.
     """
 
-    def _run(self, row: Row, decomposition: dict[str, Any], lighting: dict[str, Any], last: str) -> Results:
+    def _run(
+        self,
+        row: Row,
+        decomposition: dict[str, Any],
+        lighting: dict[str, Any],
+        last: str,
+        correspondence: dict[str, Any] | None = None,
+    ) -> Results:
         rendered = results_of(
             stages.experiment(row.sources),
             row.sources,
@@ -43,6 +50,7 @@ class PhotoLaboratory(Laboratory):
                 "free_principal_point": False,
             },
             "undistort": {"max_size_px": None},
+            "correspondence": correspondence or {},
             "lighting": lighting,
             "decomposition": decomposition,
         }
