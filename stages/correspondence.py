@@ -73,11 +73,12 @@ def linked_pairs(job: Job[CorrespondenceSettings], cameras: list[Camera]) -> lis
     import scipy.sparse as sp
 
     from stages.geometry.covisibility.surface_points import SurfacePoints
-    from stages.geometry.covisibility.view_graph import all_pairs, best_pairs
+    from stages.geometry.covisibility.view_graph import best_pairs
+    from stages.scene.pairs import all_pairs
 
-    settings, views = job.settings, range(len(cameras))
+    settings, views, every = job.settings, range(len(cameras)), all_pairs(len(cameras))
     if not settings.neighbours or len(cameras) <= settings.neighbours + 1:
-        return all_pairs(len(cameras))
+        return every
     paths = {kind: job.inputs[kind] for kind in ("depth", "normal", "mask")}
     own = list(job.executor.map(lambda one: surface_points(one, paths, settings.sample), cameras))
     points, view_of_point = SurfacePoints.together(own), np.repeat(views, [len(one.points) for one in own])
@@ -94,7 +95,7 @@ def linked_pairs(job: Job[CorrespondenceSettings], cameras: list[Camera]) -> lis
     places = (np.concatenate(rows), np.concatenate(columns))
     sharpness = sp.csr_array((np.concatenate(found), places), shape=(len(view_of_point), len(cameras)))
     pairs = best_pairs(sharpness, view_of_point, settings.neighbours)
-    job.note(pairs_of_all=len(pairs) / len(all_pairs(len(cameras))))
+    job.note(pairs_of_all=len(pairs) / len(every))
     return pairs
 
 

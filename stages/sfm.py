@@ -128,13 +128,14 @@ def _match(job: Job[SfmSettings], database: Path, features: Sequence[int]) -> No
     """Match the photos, given how many features each has."""
     from stages.motion import matching
     from stages.motion.retrieval import similar_pairs
+    from stages.scene.pairs import all_pairs
 
     settings, count = job.settings, len(features)
     mode = settings.matching
     if mode == "auto":
         mode = "exhaustive" if count <= settings.exhaustive_up_to else "retrieval"
     if mode == "exhaustive":
-        pairs = matching.all_pairs(count)
+        pairs = all_pairs(count)
     elif mode == "retrieval":
         pairs = similar_pairs(database, settings.retrieval, job.scratch, job.threads, settings.seed)
     else:

@@ -22,9 +22,10 @@ from stages.formats.images.photos import encode_srgb8, encode_srgb16, write_png_
 from stages.motion.database import copy_name
 from stages.motion.features import in_full_photo
 from stages.motion.mapping import attempts, free_principal_point
-from stages.motion.matching import all_pairs, in_batches, sequential_pairs
+from stages.motion.matching import in_batches, sequential_pairs
 from stages.motion.photo_set import Photo, camera_groups, exposure_for_matching, initial_cameras
 from stages.motion.sfm_settings import CAMERA_PARAMS, MappingSettings, SfmSettings
+from stages.scene.pairs import all_pairs
 from stages.sfm import SFM
 from tests import painted_corner
 

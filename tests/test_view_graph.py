@@ -14,8 +14,9 @@ from stages.formats.artefacts.camera_file import write_cameras
 from stages.formats.images.exr import write_exr
 from stages.formats.images.photos import write_mask
 from stages.geometry.covisibility.surface_points import SurfacePoints
-from stages.geometry.covisibility.view_graph import all_pairs, best_observers, best_pairs
+from stages.geometry.covisibility.view_graph import best_observers, best_pairs
 from stages.scene.cameras import Camera
+from stages.scene.pairs import all_pairs
 
 VIEWS, SIDE = 30, 24
 

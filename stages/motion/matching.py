@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,11 +11,6 @@ from stages.motion.database import working_name
 from stages.motion.room import check_room, room_for_matches
 
 BATCH, BLOCK = 256, 16  # pairs per call, and photos along a side of a block of pairs: change speed only
-
-
-def all_pairs(count: int) -> list[tuple[int, int]]:
-    """List all pairs i < j of `count` photos."""
-    return list(itertools.combinations(range(count), 2))
 
 
 def sequential_pairs(count: int, overlap: int) -> list[tuple[int, int]]:

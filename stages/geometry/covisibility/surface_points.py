@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.geometry.covisibility.correspondences import pixels_showing
-from stages.scene.cameras import Camera, back_project, footprint
+from stages.scene.cameras import Camera, back_project, footprint, project
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class SurfacePoints:
         shown = pixels_showing(self.points, self.footprints, camera, depth, mask, epsilon) >= 0
         way = camera.centre_in_world - self.points[shown]
         cosine = np.einsum("nk,nk->n", way, self.normals[shown]) / np.linalg.norm(way, axis=1)
-        z = (self.points[shown] @ camera.rotation.T + camera.cam_from_world[:, 3])[:, 2]
+        _, z = project(camera, self.points[shown])
         sharpness = cosine / footprint(camera, z)
         front = cosine > 0
         return np.flatnonzero(shown)[front], sharpness[front]

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 Pair = tuple[int, int]
-
-
-def all_pairs(count: int) -> list[Pair]:
-    """List all pairs i < j of so many views: what Eq. 5 sums over."""
-    return list(combinations(range(count), 2))
 
 
 def best_pairs(sharpness: sp.csr_array, view_of_point: np.ndarray, most: int) -> list[Pair]:
