@@ -96,8 +96,8 @@ def main(argv: Sequence[str] | None = None) -> Path:
         row, size = rows[name]
         laboratory = laboratory_of(row, size, given.workspace)
         if given.views:
-            size = replace(size, views=given.views)
-            laboratory = Laboratory(given.workspace / f"{name}-{given.views}", size, laboratory.listener)
+            folder = given.workspace / f"{name}-{given.views}"
+            laboratory = replace(laboratory, workspace=folder, size=replace(size, views=given.views))
         usual = scores_of(laboratory, row, "")
         found[name] = {"": compared(usual, usual)}
         for variant in given.variants:
