@@ -80,7 +80,7 @@ def _under_light(job: Job[DecompositionSettings]) -> None:
         solved = transfer_solutions.solve_under_light(
             views, shading, observed, settings, _solver(job, views), job.threads, step
         )
-    job.note(uncertainty=solved.detail.uncertainty.as_json())
+    job.note(uncertainty=solved.detail.statistics.uncertainty.as_json())
     trusted = observed.trusted & light.trusted  # if none is, all are used: their albedo is a guess
     solved = solved.judged(trusted, settings.confidence)
     _write_albedo(job, cameras, masks, solved, np.float32(light.image_scale) / mean)

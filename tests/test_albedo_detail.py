@@ -7,12 +7,16 @@ import pytest
 import scipy.sparse as sp
 
 from stages.photometry.detail.albedo_detail import Detail, with_detail
-from stages.photometry.detail.noise_estimation import noise_between_views, noise_by_brightness
+from stages.photometry.detail.noise_estimation import (
+    noise_between_views,
+    relative_noise,
+    relative_noise_variance,
+)
 from stages.photometry.detail.octaves import KnownPixels, gaussian_mean, response_to_noise
 from stages.photometry.detail.other_views import OtherViews
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.detail.shading_uncertainty import ShownChange, error_of_change, log_shading
-from stages.photometry.detail.texture_limit import limit_for_mean, texture_limit
+from stages.photometry.detail.texture_limit import TextureLimit, limit_for_mean
 from stages.photometry.stack import StackedViews
 
 SHAPE = (160, 200)
@@ -162,7 +166,7 @@ def test_bumps_that_the_photos_do_not_show_do_not_get_into_the_albedo():
     shading = np.repeat(np.exp(bumps), 3, axis=1).astype(np.float32)
     truth = (PAINT * stone).astype(np.float32)
     found = found_in(truth, shading)
-    assert max(found.uncertainty.shown[:3]) < 0.3
+    assert max(found.statistics.uncertainty.shown[:3]) < 0.3
     divided = gains(truth / shading, truth)
     for (gain, error), (_, before) in zip(gains(found.albedo, truth)[:2], divided, strict=False):
         assert 0.85 < gain < 1.1
@@ -174,7 +178,7 @@ def test_bumps_that_the_photos_do_not_show_do_not_get_into_the_albedo():
 def test_noise_is_what_views_do_not_share_whatever_they_show(noise, texture):
     views, stone = several_views(3), np.exp(fractal(7, texture)).reshape(-1, 1)
     exact = np.tile((PAINT * stone).astype(np.float32), (3, 1))
-    found = found_in(noisy(exact, noise), np.ones_like(exact), views=views).uncertainty
+    found = found_in(noisy(exact, noise), np.ones_like(exact), views=views).statistics.uncertainty
     assert found.noise[0] == pytest.approx(noise / np.sqrt(3), rel=0.2)
     assert found.noise[1:] == pytest.approx([noise * np.sqrt(2)] * 2, rel=0.2)
 
@@ -243,10 +247,10 @@ def test_the_limit_gives_the_mean(seed):
 def test_texture_is_limited_where_there_is_more_with_the_lights_change_and_nowhere_else():
     """Two axes: the first has ten times the energy where the light changes most, the second has the same."""
     rng = np.random.default_rng(4)
-    change, everything = np.sort(rng.exponential(size=60_000)), np.arange(60_000)
+    change = np.sort(rng.exponential(size=60_000))
     energy = rng.exponential(size=(60_000, 2))
     energy[-20_000:, 0] *= 10
-    limited = np.minimum(energy, texture_limit(energy, change, everything, HOW))
+    limited = np.minimum(energy, TextureLimit.of(energy, change, HOW).at(change))
     assert limited[:30_000].mean(axis=0) == pytest.approx(energy[:30_000].mean(axis=0), rel=1e-3)
     assert limited[-20_000:, 0].mean() == pytest.approx(HOW.texture_factor, rel=0.05)
     assert limited[-20_000:, 1].mean() == pytest.approx(energy[-20_000:, 1].mean(), rel=1e-3)
@@ -318,7 +322,7 @@ def test_what_is_lent_bears_no_witness(count, untrusted):
     linked, unlinked = (
         found_in(image, np.ones_like(image), views=each, trusted=trusted) for each in (views, alone)
     )
-    assert linked.uncertainty.noise[0] > 0.8 * unlinked.uncertainty.noise[0] > 0.02
+    assert linked.statistics.uncertainty.noise[0] > 0.8 * unlinked.statistics.uncertainty.noise[0] > 0.02
     off = np.std(np.log(linked.albedo[:, 1] / PAINT[1])[trusted])
     assert off < 0.35 * np.std(np.log(image[:, 1]))
     assert np.std(np.log(linked.albedo[:, 1] / PAINT[1])[~trusted]) < 1.5 * off
@@ -370,7 +374,8 @@ def test_noise_is_that_of_median_brightness_and_larger_in_the_dark():
     exact = (PAINT * shading).astype(np.float32)
     rng = np.random.default_rng(2)
     image = (exact + 0.02 * np.sqrt(exact) * rng.normal(size=exact.shape)).astype(np.float32)
-    grain = noise_by_brightness(exact, HOW)
+    variance = relative_noise_variance(exact, HOW.log_offset)
+    grain = relative_noise(variance, np.median(variance, axis=0), HOW.noise)
     assert grain.max(axis=0) / grain.min(axis=0) == pytest.approx(2, rel=0.1)
     found = np.log(detail_of(image, shading) / PAINT)[:, 1].reshape(SHAPE)
     for rows in (slice(10, 70), slice(90, 150)):

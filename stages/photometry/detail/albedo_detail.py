@@ -21,8 +21,8 @@ from stages.photometry.detail.detail_octaves import (
     noise_without_others,
 )
 from stages.photometry.detail.octaves import response_to_noise
+from stages.photometry.detail.scene_statistics import DetailStatistics, OctaveStatistics
 from stages.photometry.detail.settings import DetailSettings
-from stages.photometry.detail.shading_uncertainty import ShadingUncertainty
 from stages.photometry.stack import StackedViews
 
 
@@ -35,12 +35,12 @@ class Detail:
     albedo : ndarray, shape (N, 3), float32
     variance : ndarray, shape (N,), float32
         Expected variance of the albedo's mean logarithm; its square root is the relative error.
-    uncertainty : ShadingUncertainty
+    statistics : DetailStatistics
     """
 
     albedo: np.ndarray
     variance: np.ndarray
-    uncertainty: ShadingUncertainty
+    statistics: DetailStatistics
 
 
 def with_detail(
@@ -50,6 +50,7 @@ def with_detail(
     shading: np.ndarray,
     trusted: np.ndarray,
     how: DetailSettings,
+    known: DetailStatistics | None = None,
 ) -> Detail:
     """Add the photo's detail to a smooth albedo, except what noise and shading error explain.
 
@@ -64,6 +65,8 @@ def with_detail(
         Pixels with valid data. The others take the kept detail of corresponding pixels; those without
         correspondences keep the smooth albedo.
     how : DetailSettings
+    known : DetailStatistics or None
+        Of the scene that these views are part of; None: they are all of it, and it is measured.
 
     Notes
     -----
@@ -83,60 +86,68 @@ def with_detail(
     The variance is the sum over the octaves of ``g² U + (1 − g)² E`` and of a share of L², plus a share of
     the local mean square of r, plus the variance between views.
     """
-    light = np.maximum(shading, UNLIT * max(float(np.median(shading)), 1e-6))
+    typical_light = float(np.median(shading)) if known is None else known.typical_light
+    light = np.maximum(shading, UNLIT * max(typical_light, 1e-6))
     detailed = np.maximum(albedo, 0).astype(np.float32)
     explained = detailed * light
-    scene = DetailScene(views, image, light, explained, trusted, how)
-    kept, variance, uncertainty = _kept(scene)
-    filled, known = scene.others.filled_in(np.column_stack([kept, variance]))
+    scene = DetailScene(views, image, light, explained, trusted, how, known)
+    kept, variance, octaves = _kept(scene)
+    filled, has_value = scene.others.filled_in(np.column_stack([kept, variance]))
     added = (explained + how.log_offset) * np.expm1(channels_of(filled[:, :3])) / light
-    detailed = np.where(known[:, None], np.maximum(detailed + added, 0), detailed).astype(np.float32)
+    detailed = np.where(has_value[:, None], np.maximum(detailed + added, 0), detailed).astype(np.float32)
     variance = filled[:, 3] / np.maximum(scene.response, how.variance.least_response) ** 2
-    between = _variance_between_views(scene, detailed)
-    return Detail(detailed, (variance + between).astype(np.float32), uncertainty)
+    between, typical = _variance_between_views(scene, detailed)
+    statistics = known or DetailStatistics(octaves, typical_light, scene.typical_noise, typical)
+    return Detail(detailed, (variance + between).astype(np.float32), statistics)
 
 
-def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> np.ndarray:
-    """Average the squared difference of log albedo between views, around every pixel, (N,).
+def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> tuple[np.ndarray, float]:
+    """Average the squared difference of log albedo between views, around every pixel, (N,), and over all.
 
-    Pixels without correspondences take the mean of the others.
+    Pixels without correspondences take the mean over all.
     """
     logs = np.log(albedo.mean(axis=1, keepdims=True) + scene.how.log_offset).astype(np.float32)
     seen = scene.others.count > 0
+    typical = 0.0 if scene.known is None else scene.known.between_views
     if not seen.any():
-        return np.zeros(len(albedo), np.float32)
+        return np.full(len(albedo), typical, np.float32), typical
     difference = np.where(seen, (logs - scene.others.mean(logs))[:, 0], 0)
     square = scene.seen_by_others.mean(difference**2, scene.how.variance.window_px)
-    return np.where(seen, square, square[seen].mean())
+    if scene.known is None:
+        typical = float(square[seen].mean())
+    return np.where(seen, square, np.float32(typical)), typical
 
 
-def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, ShadingUncertainty]:
-    """Filter the three axes: the kept albedo, (N, 3), its expected variance, (N,), and the uncertainty."""
+def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, tuple[OctaveStatistics, ...]]:
+    """Filter the three axes: the kept albedo, (N, 3), its expected variance, (N,), and the statistics."""
     how, limits, response = scene.how, scene.how.uncertainty, response_to_noise(scene.how.sigmas_px)
     measured, between_views = how.noise.compared_octaves, scene.others.share >= how.noise.linked_share
     noise = np.zeros((measured, 3))
-    if not between_views:
+    if not between_views and scene.known is None:
         noise[:] = noise_without_others(scene)
     kept = np.zeros((len(scene.maps), 3), np.float32)
     residual = scene.pixels.mean(scene.maps[:, 0] ** 2, how.variance.window_px)
     variance = limits.level**2 + how.variance.residual_share * residual
-    shown, of_change = [], []
+    found: list[OctaveStatistics] = []
     octaves = enumerate(pairwise(scene.pixels.octaves(scene.maps, how.sigmas_px)))
     for number, ((bands, sigma_px), (coarser, _)) in octaves:
         octave = DetailOctave.of(scene, number, bands, sigma_px)
-        shown.append(octave.shown)
-        of_change.append(float(np.clip(octave.error_of_change(), limits.least[number], limits.most)))
-        if number < measured and between_views:
-            noise[number] = octave.noise(coarser[:, QUOTIENT]) / response[number]
-        deviation = noise[number] if number < measured else noise.max(axis=0)
-        own, expected = octave.kept(of_change[-1], deviation * response[number])
+        if scene.known is not None:
+            now = scene.known.octaves[number]
+            error, deviation, limit = now.of_change, now.noise, now.limit
+        else:
+            error = float(np.clip(octave.error_of_change(), limits.least[number], limits.most))
+            if number < measured and between_views:
+                noise[number] = octave.noise(coarser[:, QUOTIENT]) / response[number]
+            deviation, limit = noise[number] if number < measured else noise.max(axis=0), None
+        own, expected, limit = octave.kept(error, deviation * response[number], limit)
+        found.append(OctaveStatistics(octave.shown, error, deviation.copy(), limit))
         kept += own
         variance += expected + how.variance.shading_change_share * octave.stated
         rest = coarser[:, AXES]
     of_level = limits.level * np.array(limits.of_axes, np.float32)
     kept += rest * _share_of_signal(rest**2, of_level**2)
-    uncertainty = ShadingUncertainty(tuple(shown), tuple(of_change), tuple(noise.max(axis=0).tolist()))
-    return kept, variance, uncertainty
+    return kept, variance, tuple(found)
 
 
 def _share_of_signal(energy: np.ndarray, uncertain: np.ndarray) -> np.ndarray:

@@ -9,11 +9,13 @@ import numpy as np
 
 from stages.photometry.detail.noise_estimation import (
     noise_between_views,
-    noise_by_brightness,
     noise_of_one_view,
+    relative_noise,
+    relative_noise_variance,
 )
 from stages.photometry.detail.octaves import KnownPixels
 from stages.photometry.detail.other_views import OtherViews
+from stages.photometry.detail.scene_statistics import DetailStatistics
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.detail.shading_uncertainty import (
     ShownChange,
@@ -21,7 +23,7 @@ from stages.photometry.detail.shading_uncertainty import (
     log_quotient,
     log_shading,
 )
-from stages.photometry.detail.texture_limit import texture_limit
+from stages.photometry.detail.texture_limit import TextureLimit
 from stages.photometry.stack import StackedViews
 
 CHROMA_NOISE = 6.0  # variance of log R/G, 2 σ², over that of the mean logarithm, σ²/3, for equal noise in all
@@ -39,6 +41,7 @@ class DetailScene:
     explained: np.ndarray
     trusted: np.ndarray
     how: DetailSettings
+    known: DetailStatistics | None = None
 
     @cached_property
     def pixels(self) -> KnownPixels:
@@ -56,9 +59,18 @@ class DetailScene:
         return KnownPixels.of(self.views, self.others.count > 0)
 
     @cached_property
+    def typical_noise(self) -> np.ndarray:
+        """Median of the noise's relative variance, (3,)."""
+        if self.known is not None:
+            return self.known.typical_noise
+        variance = relative_noise_variance(self.explained, self.how.log_offset)
+        return np.median(variance, axis=0) if len(variance) else np.ones(3)
+
+    @cached_property
     def noise_scale(self) -> np.ndarray:
-        """Noise relative to that at median brightness, (N, 3); see `noise_by_brightness`."""
-        return noise_by_brightness(self.explained, self.how)
+        """Noise relative to that at median brightness, (N, 3)."""
+        variance = relative_noise_variance(self.explained, self.how.log_offset)
+        return relative_noise(variance, self.typical_noise, self.how.noise)
 
     @cached_property
     def response(self) -> np.ndarray:
@@ -93,8 +105,8 @@ class DetailOctave:
         Band of log I/S.
     size, stated : ndarray, shape (N,)
         Local mean square of the shading's band, after and before the reduction.
-    shown : float
-        Share of the shading's change that the photos show, on average.
+    shown : ShownChange or None
+        How much of the shading's change the photos show; None in the coarse octaves.
     wide_px : float
         σ of the Gaussian that energies are averaged under.
     """
@@ -104,7 +116,7 @@ class DetailOctave:
     quotient: np.ndarray
     size: np.ndarray
     stated: np.ndarray
-    shown: float
+    shown: ShownChange | None
     wide_px: float
 
     @classmethod
@@ -113,14 +125,17 @@ class DetailOctave:
         how = scene.how
         left, quotient, change = bands[:, AXES].copy(), bands[:, QUOTIENT], bands[:, LIT] * scene.response
         stated = size = scene.pixels.mean(change**2, max(sigma_px, how.least_shading_window_px))
-        shown, some = 1.0, scene.sample
-        if number < how.uncertainty.compared_octaves:
+        shown, some = None, scene.sample
+        if scene.known is not None:
+            shown = scene.known.octaves[number].shown
+        elif number < how.uncertainty.compared_octaves:
             finer_px = 0.0 if number == 0 else sigma_px / 2
-            compared = ShownChange.of(change[some], left[some, 0], stated[some], finer_px, how)
-            excess = compared.at(stated)
+            shown = ShownChange.of(change[some], left[some, 0], stated[some], finer_px, how)
+        if shown is not None:
+            excess = shown.at(stated)
             left[:, 0] -= excess * change
             quotient = quotient - excess * change
-            size, shown = (1 + excess) ** 2 * stated, compared.shown
+            size = (1 + excess) ** 2 * stated
         wide_px = max(how.window * sigma_px, how.least_window_px)
         return cls(scene, left, quotient, size, stated, shown, wide_px)
 
@@ -146,8 +161,17 @@ class DetailOctave:
         """Mean of `left` in other views, (N, 3)."""
         return self.scene.others.mean(self.left)
 
-    def kept(self, error: float, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Filter the band: the kept albedo, (N, 3), and the expected variance of its first axis, (N,)."""
+    def kept(
+        self, error: float, noise: np.ndarray, limit: TextureLimit | None
+    ) -> tuple[np.ndarray, np.ndarray, TextureLimit]:
+        """Filter the band.
+
+        Returns
+        -------
+        tuple of ndarray, shape (N, 3), ndarray, shape (N,), and TextureLimit
+            The kept albedo, the expected variance of its first axis, and the limit of texture: the given one,
+            or that of this scene.
+        """
         scene, how, others = self.scene, self.scene.how, self.scene.others
         band, noise = self._fused(np.square(noise.astype(np.float32) * scene.noise_scale))
         of_axes = np.square(np.array(how.uncertainty.of_axes, np.float32))
@@ -157,10 +181,10 @@ class DetailOctave:
         uncertain = others.with_own(scene.pixels.mean(uncertain, self.wide_px))
         signal = np.maximum(energy - uncertain, 0)
         change = scene.pixels.mean(self.stated, self.wide_px)
-        signal = np.minimum(signal, texture_limit(signal, change, scene.sample, how))
-        share = signal / np.maximum(energy, TINY)
+        limit = limit or TextureLimit.of(signal[scene.sample], change[scene.sample], how)
+        share = np.minimum(signal, limit.at(change)) / np.maximum(energy, TINY)
         expected = share**2 * uncertain + (1 - share) ** 2 * energy
-        return np.where(scene.trusted[:, None], share * band, 0), expected[:, 0]
+        return np.where(scene.trusted[:, None], share * band, 0), expected[:, 0], limit
 
     def _fused(self, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fuse the band with that of other views; returns it and the variance of its noise, (N, 3) each.

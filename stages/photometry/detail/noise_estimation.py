@@ -6,25 +6,25 @@ import numpy as np
 from scipy.optimize import nnls
 
 from stages.photometry.detail.octaves import response_to_noise
-from stages.photometry.detail.settings import ClassSettings, DetailSettings
+from stages.photometry.detail.settings import ClassSettings, DetailSettings, NoiseSettings
 from stages.photometry.detail.statistics_by_class import by_size, deviation, line_through
 
 TINY, TINIER = 1e-7, 1e-8  # against division by 0, of variances of logarithms
 
 
-def noise_by_brightness(explained: np.ndarray, how: DetailSettings) -> np.ndarray:
-    """Compute noise relative to that at median brightness, (N, 3), float32.
+def relative_noise_variance(explained: np.ndarray, offset: float) -> np.ndarray:
+    """Compute the variance of noise up to a factor, (N, 3), of mean logarithm, log R/G and log B/G.
 
-    For mean logarithm, log R/G and log B/G. Under photon noise, the variance of ``log(I + d)`` in a channel
-    is proportional to 1/(E + d), E the modelled image; that of an axis is the sum over its channels.
-    Limited to the range of scales.
+    Under photon noise, the variance of ``log(I + d)`` in a channel is proportional to 1/(E + d), E the
+    modelled image; that of an axis is the sum over its channels.
     """
-    red, green, blue = 1 / (np.maximum(explained, 0) + how.log_offset).T
-    variance = np.stack([(red + green + blue) / 9, red + green, blue + green], axis=1)
-    typical = np.median(variance, axis=0) if len(variance) else 1.0
-    return np.clip(np.sqrt(variance / typical), how.noise.least_scale, how.noise.most_scale).astype(
-        np.float32
-    )
+    red, green, blue = 1 / (np.maximum(explained, 0) + offset).T
+    return np.stack([(red + green + blue) / 9, red + green, blue + green], axis=1)
+
+
+def relative_noise(variance: np.ndarray, typical: np.ndarray, how: NoiseSettings) -> np.ndarray:
+    """Compute noise relative to that of a typical variance, (N, 3), float32, within the range of scales."""
+    return np.clip(np.sqrt(variance / typical), how.least_scale, how.most_scale).astype(np.float32)
 
 
 def noise_between_views(difference: np.ndarray, texture: np.ndarray, classes: ClassSettings) -> float:

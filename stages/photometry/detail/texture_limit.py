@@ -6,6 +6,8 @@ evenly lit surface, is error of the shading: displaced borders of shadows, crevi
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from stages.photometry.detail.settings import DetailSettings
@@ -13,39 +15,54 @@ from stages.photometry.detail.shading_uncertainty import TINY
 from stages.photometry.detail.statistics_by_class import by_size
 
 
-def texture_limit(
-    energy: np.ndarray, change: np.ndarray, sample: np.ndarray, how: DetailSettings
-) -> np.ndarray:
-    """Compute the greatest local energy of texture by the local change of shading.
+@dataclass(frozen=True, eq=False)
+class TextureLimit:
+    """Greatest local energy of texture by the local change of shading.
 
-    Parameters
+    Attributes
     ----------
-    energy : ndarray, shape (N, c)
-        Local energy of the residual in c axes, less that of noise and of the shading's known error.
-    change : ndarray, shape (N,)
-        Local mean square of the shading's own change.
-    sample : ndarray of int
-        Indices of the pixels that statistics are from.
-    how : DetailSettings
-
-    Returns
-    -------
-    ndarray, shape (N, c)
-        In classes of pixels by `change`, the limit under which their mean energy is `texture_factor` times
-        that of evenly lit pixels, which leaves a class with less as it is; between classes interpolated.
+    log_change : ndarray, shape (k,)
+        Logarithms of the local mean square of the shading's own change, per class; ascending.
+    log_limit : ndarray, shape (c, k)
+        Logarithms of the limit in each of c axes.
     """
-    size, seen = change[sample], energy[sample]
-    classes = by_size(size, how.classes)
-    if not classes:
-        return np.full(energy.shape, np.inf, np.float32)
-    even = size <= np.quantile(size, how.even_share)
-    most = how.texture_factor * seen[even].mean(axis=0, dtype=np.float64)
-    at = [np.log(size[own].mean() + TINY) for own in classes]
-    limits = np.log(
-        [[limit_for_mean(*axis) for axis in zip(seen[own].T, most, strict=True)] for own in classes]
-    )
-    where = np.log(change + TINY)
-    return np.stack([np.exp(np.interp(where, at, axis)) for axis in limits.T], axis=1).astype(np.float32)
+
+    log_change: np.ndarray
+    log_limit: np.ndarray
+
+    @classmethod
+    def of(cls, energy: np.ndarray, change: np.ndarray, how: DetailSettings) -> TextureLimit:
+        """Find the limits from a sample of pixels.
+
+        Parameters
+        ----------
+        energy : ndarray, shape (n, c)
+            Local energy of the residual in c axes, less that of noise and of the shading's known error.
+        change : ndarray, shape (n,)
+            Local mean square of the shading's own change.
+        how : DetailSettings
+
+        Notes
+        -----
+        In classes of pixels by `change`, the limit under which their mean energy is `texture_factor` times
+        that of evenly lit pixels, which leaves a class with less as it is. Too few pixels have no limit.
+        """
+        classes = by_size(change, how.classes)
+        if not classes:
+            return cls(np.zeros(1), np.full((energy.shape[1], 1), np.inf))
+        even = change <= np.quantile(change, how.even_share)
+        most = how.texture_factor * energy[even].mean(axis=0, dtype=np.float64)
+        at = np.array([np.log(change[own].mean() + TINY) for own in classes])
+        limits = [
+            [limit_for_mean(*axis) for axis in zip(energy[own].T, most, strict=True)] for own in classes
+        ]
+        return cls(at, np.log(limits).T)
+
+    def at(self, change: np.ndarray) -> np.ndarray:
+        """Interpolate the limits to a local change of shading, (N,): (N, c), float32."""
+        where = np.log(change + TINY)
+        limits = [np.exp(np.interp(where, self.log_change, axis)) for axis in self.log_limit]
+        return np.stack(limits, axis=1).astype(np.float32)
 
 
 def limit_for_mean(values: np.ndarray, mean: float) -> float:

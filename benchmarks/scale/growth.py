@@ -1,0 +1,93 @@
+"""Runs of the program on streets of growing length: what each stage takes, and the error of the albedo."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.scale.photo_set import PhotoSet
+from stages.formats.images.exr import read_exr
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What a stage took: elapsed and processor seconds, peak of the process's memory in bytes."""
+
+    seconds: float
+    cpu_seconds: float
+    peak_bytes: int
+
+
+@dataclass(frozen=True)
+class Grown:
+    """One length of street.
+
+    Attributes
+    ----------
+    views : int
+    stages : dict of str to Taken
+        In the order in which they ran.
+    error : tuple of 3 float, or None
+        si-RMSE of the albedo, one scale per channel for all views; None without an albedo.
+    """
+
+    views: int
+    stages: dict[str, Taken]
+    error: tuple[float, ...] | None
+
+
+def grow(photos: PhotoSet, arguments: Sequence[str], from_photos: bool) -> Grown:
+    """Run the program on a street, every stage anew, and measure it.
+
+    Parameters
+    ----------
+    photos : PhotoSet
+    arguments : sequence of str
+        Further arguments of `unshade run`.
+    from_photos : bool
+        Estimate cameras and mesh, as far as the mesh; else both are given, as far as the albedo.
+    """
+    workspace = photos.folder / ("workspace-photos" if from_photos else "workspace")
+    command = [sys.executable, "-m", "unshade", "run", "--json", "--images", str(photos.photos)]
+    command += ["--workspace", str(workspace), "--set", "undistort.max_size_px=null"]
+    if from_photos:
+        command += ["--to", "mesh"]
+    else:
+        command += ["--colmap", str(photos.model), "--mesh", str(photos.mesh)]
+    answer = subprocess.run(
+        [*command, *arguments, "--force"], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True
+    ).stdout
+    stages = {one["stage"]: _taken(one["record"]) for one in json.loads(answer)["stages"]}
+    return Grown(photos.views, stages, None if from_photos else _error(photos, workspace / "output/albedo"))
+
+
+def slope(views: Sequence[int], values: Sequence[float]) -> float:
+    """Fit the slope of log values on log views, at least two: 1 for linear growth."""
+    return float(np.polyfit(np.log(views), np.log(values), 1)[0])
+
+
+def _taken(record: dict[str, float]) -> Taken:
+    return Taken(record["seconds"], record["cpu_seconds"], int(record["peak_bytes"]))
+
+
+def _error(photos: PhotoSet, albedo: Path) -> tuple[float, ...]:
+    """Compute the si-RMSE view by view: no more than one is in memory."""
+    products, squares, truths, count = np.zeros(3), np.zeros(3), np.zeros(3), 0
+    for file in sorted(albedo.glob("*.exr")):
+        truth, found = photos.true_albedo(file.stem).astype(np.float64), read_exr(file).astype(np.float64)
+        inside = (truth > 0).all(axis=2) & (found > 0).any(axis=2)
+        truth, found = truth[inside], found[inside]
+        products += (truth * found).sum(axis=0)
+        squares += (found**2).sum(axis=0)
+        truths += (truth**2).sum(axis=0)
+        count += len(truth)
+    left = truths - products**2 / squares  # of Σ (t − a p)² at the best a
+    return tuple(float(value) for value in np.sqrt(np.maximum(left, 0) / count))

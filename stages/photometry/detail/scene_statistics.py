@@ -1,0 +1,59 @@
+"""Statistics of a scene by which the detail of its albedo is filtered, the same for all of its pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.photometry.detail.shading_uncertainty import ShadingUncertainty, ShownChange
+from stages.photometry.detail.texture_limit import TextureLimit
+
+
+@dataclass(frozen=True, eq=False)
+class OctaveStatistics:
+    """Statistics of one octave.
+
+    Attributes
+    ----------
+    shown : ShownChange or None
+        How much of the shading's change the photos show; None where it is not compared.
+    of_change : float
+        κ, the standard deviation of the shading's error over its own local change.
+    noise : ndarray, shape (3,)
+        Standard deviation of white noise in a pixel, in three axes.
+    limit : TextureLimit
+    """
+
+    shown: ShownChange | None
+    of_change: float
+    noise: np.ndarray
+    limit: TextureLimit
+
+
+@dataclass(frozen=True, eq=False)
+class DetailStatistics:
+    """Statistics of all octaves, finest first, and of the pixels.
+
+    Attributes
+    ----------
+    octaves : tuple of OctaveStatistics
+    typical_light : float
+        Median shading.
+    typical_noise : ndarray, shape (3,)
+        Median of `relative_noise_variance`, in three axes.
+    between_views : float
+        Mean square difference of log albedo between views.
+    """
+
+    octaves: tuple[OctaveStatistics, ...]
+    typical_light: float
+    typical_noise: np.ndarray
+    between_views: float
+
+    @property
+    def uncertainty(self) -> ShadingUncertainty:
+        """Summarise for records."""
+        shown = tuple(1.0 if one.shown is None else one.shown.shown for one in self.octaves)
+        noise = np.max([one.noise for one in self.octaves], axis=0)
+        return ShadingUncertainty(shown, tuple(one.of_change for one in self.octaves), tuple(noise.tolist()))

@@ -1,0 +1,87 @@
+"""The scale laboratory: its truth is consistent, its light is the sky's, and it measures what grows."""
+
+import numpy as np
+import pytest
+
+from benchmarks.scale.__main__ import main
+from benchmarks.scale.daylight import SKY, Daylight, sun_directions
+from benchmarks.scale.growth import slope
+from benchmarks.scale.street import build_street
+from stages.formats.meshes.triangle_meshes import Surface
+from stages.geometry.occluders import Occluders
+from stages.geometry.rays import RayCaster
+from stages.scene.cameras import back_project, project
+
+UP = np.array([0, 0, 1], np.float32)
+
+
+@pytest.fixture(scope="module")
+def street():
+    return build_street(4, 96, 60)
+
+
+def test_views_of_a_point_have_one_albedo(street):
+    caster = RayCaster(street.surface)
+    one, other = (caster.see(camera) for camera in street.cameras[1:3])
+    points = back_project(street.cameras[1], one.depth)[one.mask]
+    xy, depth = project(street.cameras[2], points)
+    column, row = np.floor(xy).astype(int).T
+    inside = (column >= 0) & (column < 96) & (row >= 0) & (row < 60) & (depth > 0)
+    there = back_project(street.cameras[2], other.depth)[row[inside], column[inside]]
+    near = np.linalg.norm(there - points[inside], axis=1) < 0.02
+    assert near.mean() > 0.6
+    own, others = street.albedo(points[inside][near]), street.albedo(there[near])
+    between = np.abs(np.diff(street.albedo(points)[:, 0])).mean()  # of pixels side by side
+    assert np.abs(own - others).mean() < between
+    assert own.min() >= 0.02 and own.max() <= 0.9
+
+
+def test_every_view_is_full_of_wall_however_long_the_street(street):
+    for camera in (street.cameras[0], street.cameras[-1]):
+        assert RayCaster(street.surface).see(camera).mask.mean() > 0.85
+
+
+def plate(height, half):
+    """A horizontal square, seen from both sides."""
+    corners = np.array(
+        [[-half, -half, height], [half, -half, height], [half, half, height], [-half, half, height]]
+    )
+    return corners, np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def test_open_ground_has_all_of_sun_and_sky_and_a_roof_takes_them():
+    points, normals = np.zeros((1, 3), np.float32), UP[None]
+    for covered in (False, True):
+        vertices, faces = plate(-1.0, 0.01)
+        if covered:
+            roof, more = plate(0.5, 300.0)
+            vertices, faces = np.concatenate([vertices, roof]), np.concatenate([faces, more + 4])
+        occluders = Occluders(Surface(vertices, faces.astype(np.int32)))
+        relative = (points - occluders.origin).astype(np.float32)
+        lit = Daylight.of(occluders, relative, normals, np.zeros((len(vertices), 3), np.float32)[:1])
+        sun = lit.sunlight(relative, normals)[0]
+        if covered:
+            assert np.all(sun == 0) and np.all(lit.skylight < 0.02)
+            continue
+        cosine = float(sun_directions().mean(axis=0)[2])
+        assert sun == pytest.approx(np.array(SKY.sun) * cosine, rel=1e-3)
+        darkest, brightest = np.array(SKY.horizon), np.array(SKY.zenith)
+        low, high = np.minimum(darkest, brightest), np.maximum(darkest, brightest)
+        assert np.all(lit.skylight[0] > low) and np.all(lit.skylight[0] < high * (1 + SKY.glow))
+
+
+def test_slopes_of_powers_are_their_exponents():
+    views = [10, 30, 100]
+    for exponent in (0.0, 1.0, 2.0):
+        assert slope(views, [3.0 * n**exponent for n in views]) == pytest.approx(exponent, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_two_lengths_are_measured_as_far_as_the_albedo(tmp_path):
+    measured = main(["--views", "3,5", "--size", "64x40", "--workspace", str(tmp_path)])
+    assert [one.views for one in measured] == [3, 5]
+    for one in measured:
+        assert {"correspondence", "lighting", "decomposition"} <= one.stages.keys()
+        assert all(taken.peak_bytes > 0 for taken in one.stages.values())
+        assert one.error is not None and max(one.error) < 0.2
+    assert "slope" in (tmp_path / "scale.md").read_text(encoding="utf-8")
