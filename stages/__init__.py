@@ -15,7 +15,8 @@ from pipeline import AnyStage, Flow, Settings, Source, UserError, settings_of
 from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
 from stages.correspondence import CORRESPONDENCE
-from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER, DECOMPOSITION_UNDER_LIGHT
+from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER
+from stages.decomposition_under_light import DECOMPOSITION_UNDER_LIGHT
 from stages.export import EXPORT
 from stages.full_resolution import FULL_RESOLUTION
 from stages.known_geometry import KNOWN_GEOMETRY

@@ -1,12 +1,17 @@
-"""Albedo, shading and light of every view (Eq. 1–4, 9–18): the core of the paper, and its extensions."""
+"""Albedo, shading and light of every view together (Eq. 1–4, 9–18): the core of the paper, and its extension.
+
+The paper's light, or harmonics with transfer vectors. Under the light of the stage `lighting`, the stage is
+`decomposition_under_light`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Stage, json_text, settings_that_matter
-from stages.photometry.decomposition_settings import DecompositionSettings, given_or
+from pipeline import Artefact, Job, Stage
+from stages.photometry.decomposition_record import ALBEDO, ENERGY, OF_TRANSFER, write_albedo, write_history
+from stages.photometry.decomposition_settings import IGNORED, DecompositionSettings, given_or
 from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.solver_settings import weights_at
 from stages.scene.distributions import OPEN3D, PICTURES
@@ -19,23 +24,14 @@ if TYPE_CHECKING:
     from stages.formats.artefacts.transfer_file import StoredTransfer
     from stages.photometry.joint.fast_alternation import FastSolver
     from stages.photometry.paper.energy import EnergyWeights
-    from stages.photometry.solutions import Solved, SolvedWithLight
+    from stages.photometry.solutions import SolvedWithLight
     from stages.photometry.stack import StackedViews
     from stages.photometry.transport.pixel_transfer import PixelTransfer
     from stages.scene.cameras import Camera
 
-CHANNELS = ("red", "green", "blue")
 BYTES_PER_LINK = 40
-BYTES_PER_PIXEL = {"paper": 550, "harmonics": 1350, "directions": 600}  # masked, all channels together
+BYTES_PER_PIXEL = {"paper": 550, "harmonics": 1350}  # masked, all channels together
 OF_PAPERS_SOLVER = 500  # bytes per pixel that the channels share, and as many for each at work
-
-
-def run(job: Job[DecompositionSettings]) -> None:
-    """Decompose under a given light, or estimate it with the albedo; save maps and history."""
-    if job.settings.kind_of_light == "directions":
-        _under_light(job)
-    else:
-        _with_its_light(job)
 
 
 def estimated_memory(job: Job[DecompositionSettings]) -> int:
@@ -46,48 +42,12 @@ def estimated_memory(job: Job[DecompositionSettings]) -> int:
     settings = job.settings
     per_pixel = BYTES_PER_PIXEL[settings.kind_of_light]
     if settings.kind_of_light == "paper" and settings.solver == "paper":
-        per_pixel = OF_PAPERS_SOLVER * (1 + min(job.threads, len(CHANNELS)))
-    pixels = masked_pixels(job.inputs)
-    return (
-        BYTES_OF_LIBRARIES + per_pixel * pixels + BYTES_PER_LINK * link_count(job.inputs["correspondences"])
-    )
+        per_pixel = OF_PAPERS_SOLVER * (1 + min(job.threads, 3))
+    links = link_count(job.inputs["correspondences"])
+    return BYTES_OF_LIBRARIES + per_pixel * masked_pixels(job.inputs) + BYTES_PER_LINK * links
 
 
-def _under_light(job: Job[DecompositionSettings]) -> None:
-    """Estimate the albedo under the light of the stage `lighting` (`light: directions`)."""
-    import numpy as np
-
-    from stages.formats.artefacts.camera_file import read_cameras
-    from stages.formats.artefacts.correspondence_files import numbered_correspondences
-    from stages.formats.artefacts.light_npz import read_light
-    from stages.formats.artefacts.view_files import read_arrays, read_maps
-    from stages.formats.images.photos import read_mask
-    from stages.photometry import transfer_solutions
-    from stages.photometry.albedo_data import AlbedoData
-    from stages.photometry.stack import stack_views
-
-    cameras, light = read_cameras(job.inputs["cameras"]), read_light(job.inputs["found_light"])
-    masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
-    views = stack_views(masks, None, numbered_correspondences(job.inputs["correspondences"], cameras))
-    mean = light.mean_shading.astype(np.float32)
-    shading = read_maps(job.inputs["shading"], cameras, masks, job.executor.map) / mean
-    kinds = ("observed", "diffuse", "trusted")
-    observed = AlbedoData(
-        **read_arrays(job.inputs["observations"], cameras, kinds, job.executor.map), glossy=light.glossy
-    )
-    settings = job.settings
-    with job.progress("rounds", 2 * settings.stopping.max_rounds) as step:
-        solved = transfer_solutions.solve_under_light(
-            views, shading, observed, settings, _solver(job, views), job.threads, step
-        )
-    job.note(uncertainty=solved.detail.statistics.uncertainty.as_json())
-    trusted = observed.trusted & light.trusted  # if none is, all are used: their albedo is a guess
-    solved = solved.judged(trusted, settings.confidence)
-    _write_albedo(job, cameras, masks, solved, np.float32(light.image_scale) / mean)
-    _write_history(job, solved)
-
-
-def _with_its_light(job: Job[DecompositionSettings]) -> None:
+def run(job: Job[DecompositionSettings]) -> None:
     """Estimate light and albedo together: the paper's light, or harmonics with transfer vectors."""
     import numpy as np
 
@@ -118,10 +78,10 @@ def _with_its_light(job: Job[DecompositionSettings]) -> None:
     else:
         del normals  # the stack has its own basis
         solved = _as_the_paper(job, views, images)
-    _write_albedo(job, cameras, masks, solved, scale)
+    write_albedo(job, cameras, masks, solved, scale)
     write_maps(job.outputs["shading"], cameras, masks, solved.shading, job.executor.map)
     write_lighting(job.outputs["lighting"], cameras, solved.light, scale, by_transfer)
-    _write_history(job, solved)
+    write_history(job, solved)
 
 
 def _as_the_paper(
@@ -205,32 +165,6 @@ def _pixel_transfer(
     return transfer
 
 
-def _write_albedo(
-    job: Job[DecompositionSettings],
-    cameras: list[Camera],
-    masks: list[np.ndarray],
-    solved: Solved,
-    scale: float | np.ndarray,
-) -> None:
-    """Write the albedo in the images' own units, the minimiser of Eq. 2 and the confidence, if present.
-
-    `scale`: the images' unit over that of the shading; one for all channels or one each.
-    """
-    from stages.formats.artefacts.view_files import write_maps
-
-    maps = {"albedo": solved.albedo * scale}
-    if solved.albedo_tv is not None:
-        maps |= {"albedo_tv": solved.albedo_tv * scale, "confidence": solved.confidence}
-    for name, stacked in maps.items():
-        write_maps(job.outputs[name], cameras, masks, stacked, job.executor.map)
-    job.note(
-        pixels=len(solved.albedo),
-        links=solved.views.correspondence_count,
-        negative_shading={c: int((solved.shading[:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
-        negative_albedo={c: int((maps["albedo"][:, k] < 0).sum()) for k, c in enumerate(CHANNELS)},
-    )
-
-
 def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solved: SolvedWithLight) -> None:
     """Write harmonic light as pictures of all directions."""
     from stages.formats.artefacts.view_files import write_pictures_of_light
@@ -245,64 +179,13 @@ def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solv
     write_pictures_of_light(job.outputs["light_pictures"], pictures)
 
 
-def _write_history(job: Job[DecompositionSettings], solved: Solved) -> None:
-    """Write `energy.json`; warn of channels that did not converge."""
-    from stages.photometry.energy_history import LEGEND, UNDER_LIGHT
-    from stages.photometry.paper.alternation import Outcome
-    from stages.photometry.solutions import SolvedUnderLight
-
-    content = {
-        "legend": UNDER_LIGHT if isinstance(solved, SolvedUnderLight) else LEGEND,
-        "settings": settings_that_matter(job.settings, VARIANTS[job.settings.kind_of_light].ignores),
-        "channels": dict(zip(CHANNELS, solved.histories, strict=True)),
-    }
-    job.outputs["energy"].write_text(json_text(content, indent=1) + "\n", encoding="utf-8")
-    steps = [history["alternations"] for history in solved.histories]
-    job.note(
-        energy=sum(history[-1]["energy"] for history in steps),
-        alternations=[len(history) for history in steps],
-        cg_steps=[sum(one.get("cg_steps", 0) for one in history) for history in steps],
-        outcomes=[outcome.name.lower() for outcome in solved.outcomes],
-    )
-    if job.settings.mode == "transfer":  # its channels are solved together
-        outcomes = {"All channels": solved.outcomes[0]}
-    else:
-        outcomes = {
-            f"The {name} channel": outcome for name, outcome in zip(CHANNELS, solved.outcomes, strict=True)
-        }
-    for which, outcome in outcomes.items():
-        if outcome is not Outcome.CONVERGED:
-            job.warn(f"{which}: {outcome.value}.")
-
-
-# Settings, or groups of them, that are used with one kind of light only.
-OF_HARMONICS = (
-    "degree",
-    "bounces",
-    "brightest",
-    "harmonics",
-    "reflectance_scale",
-    "light_pictures",
-    "confidence.half_shading",
-    "confidence.half_residual",
-    "upright_within_deg",  # of the pictures of its light
-)
-OF_DIRECTIONS = ("edges", "detail", "confidence.half_error", "fast.start_shading")
-
-ALBEDO = Artefact("albedo", "albedo per view, EXR, linear, 0 outside the mask", output="albedo")
-ENERGY = Artefact("energy", "energy per alternation", file="energy.json", output="energy.json")
-OF_TRANSFER = (
-    Artefact("albedo_tv", "Eq. 2's own albedo under the same light, EXR, linear", output="albedo_tv"),
-    Artefact("confidence", "how well each pixel is known, 0 to 1, EXR", output="confidence"),
-)
-
 DECOMPOSITION = Stage(
     name="decomposition",
     version=18,
     about="Albedo, shading and light of each view, from all views together.",
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),
-    ignores=("light", *OF_HARMONICS, *OF_DIRECTIONS),
+    ignores=IGNORED["paper"],
     gives=(
         ALBEDO,
         Artefact("shading", "shading per view, EXR, linear: image = albedo × shading", output="shading"),
@@ -320,25 +203,10 @@ DECOMPOSITION_BY_TRANSFER = replace(
     DECOMPOSITION,
     version=DECOMPOSITION.version + 20,  # ahead of it by the changes of this mode
     takes=(*DECOMPOSITION.takes, "mesh", "triangles", "transfer"),
-    ignores=("solver", "paper", *OF_DIRECTIONS),
+    ignores=IGNORED["harmonics"],
     gives=(
         *DECOMPOSITION.gives,
         *OF_TRANSFER,
         Artefact("light_pictures", "the light from all directions, EXR and PNG", output="environment"),
     ),
 )
-# With `light: directions` the light, the shading and the observations are given.
-DECOMPOSITION_UNDER_LIGHT = replace(
-    DECOMPOSITION,
-    version=DECOMPOSITION.version + 26,
-    about="Albedo of each view under the light that was found, from all views together.",
-    takes=("mask", "cameras", "correspondences", "found_light", "shading", "observations"),
-    gives=(ALBEDO, ENERGY, *OF_TRANSFER),
-    ignores=("solver", "paper", *OF_HARMONICS),
-)
-
-VARIANTS = {
-    "paper": DECOMPOSITION,
-    "harmonics": DECOMPOSITION_BY_TRANSFER,
-    "directions": DECOMPOSITION_UNDER_LIGHT,
-}

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from stages.photometry.albedo.albedo_given_light import AlbedoSolution, decompose_under_light
+from stages.photometry.albedo.albedo_given_light import SmoothAlbedos, smooth_albedos_under_light
+from stages.photometry.albedo.appearance import typical_light_of
 from stages.photometry.albedo.settings import EdgeSettings
+from stages.photometry.detail.albedo_detail import Detail, with_detail
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.lighting.estimate_illumination import find_illumination
@@ -43,12 +45,13 @@ class FoundBySky:
     """The light, and the albedo under it."""
 
     light: Illumination
-    solution: AlbedoSolution
+    smooth: SmoothAlbedos
+    detail: Detail
 
     @property
     def albedo(self) -> np.ndarray:
         """With the photos' detail."""
-        return self.solution.detail.albedo
+        return self.detail.albedo
 
 
 def decompose_by_sky(
@@ -61,5 +64,11 @@ def decompose_by_sky(
 ) -> FoundBySky:
     """Find the light, then the albedo under it."""
     found = find_illumination(views, images, scenes, viewing, how.light, threads, lambda: None)
-    under = (views, found.light.shading, found.observations, how.edges, DetailSettings(), how.descent)
-    return FoundBySky(found, decompose_under_light(*under, threads, lambda: None))
+    shading, seen = found.light.shading, found.observations
+    typical = typical_light_of(shading)
+    smooth = smooth_albedos_under_light(
+        views, shading, seen, how.edges, how.descent, typical, threads, lambda: None
+    )
+    albedo = smooth.by_edge.albedo
+    detail = with_detail(views, albedo, seen.diffuse, shading, seen.trusted, DetailSettings())
+    return FoundBySky(found, smooth, detail)

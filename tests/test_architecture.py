@@ -65,6 +65,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "photometry/joint": {"paper", "transport"},
     "photometry/detail": set(),
     "photometry/albedo": {"joint", "detail", "specular"},
+    "photometry/clusters": set(),
     "solvers/kernels": set(),
     "solvers/least_squares": set(),
     "solvers/primal_dual": {"kernels"},

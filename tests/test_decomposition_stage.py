@@ -189,7 +189,10 @@ def test_pairs_of_views_without_links_take_no_room(tmp_path):
         block.eliminate_zeros()
         sp.save_npz(tmp_path / file, block)
     names = [camera.name for camera in cameras]
-    rows = [{"i": names[0], "j": names[k], "file": file} for k, file in ((1, "none.npz"), (2, "one.npz"))]
+    rows = [
+        {"i": names[0], "j": names[k], "file": file, "links": k - 1}
+        for k, file in ((1, "none.npz"), (2, "one.npz"))
+    ]
     (tmp_path / "index.json").write_text(json.dumps(rows), encoding="utf-8")
     assert list(numbered_correspondences(tmp_path, cameras)) == [(0, 2)]
 

@@ -13,9 +13,15 @@ from benchmarks.paper.laboratory import results_of
 from pipeline import Settings
 from pipeline.command.terminal import Terminal
 from pipeline.settings import is_group, settings_that_matter
-from stages.decomposition import VARIANTS, DecompositionSettings
+from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER, DecompositionSettings
+from stages.decomposition_under_light import DECOMPOSITION_UNDER_LIGHT
 from tests.rendered_scene import TINY
 
+VARIANTS = {
+    "paper": DECOMPOSITION,
+    "harmonics": DECOMPOSITION_BY_TRANSFER,
+    "directions": DECOMPOSITION_UNDER_LIGHT,
+}
 ASKED: dict[str, dict[str, Any]] = {
     "paper": {"mode": "paper", "paper": {"max_alternations": 3}},
     "paper, solver: fast": {"mode": "paper", "solver": "fast", "fast": {"max_rounds": 2}},

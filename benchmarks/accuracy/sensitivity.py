@@ -23,7 +23,7 @@ from benchmarks.paper.tables import markdown  # noqa: E402
 from pipeline.config import check_settings, override  # noqa: E402
 from pipeline.errors import UserError  # noqa: E402
 from pipeline.settings import settings_that_matter  # noqa: E402
-from stages.decomposition import DECOMPOSITION_UNDER_LIGHT  # noqa: E402
+from stages.decomposition_under_light import DECOMPOSITION_UNDER_LIGHT  # noqa: E402
 from stages.evaluation.scores import Scores  # noqa: E402
 from stages.lighting import LIGHTING  # noqa: E402
 

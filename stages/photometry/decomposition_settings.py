@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
 from pipeline import Settings, UserError, group, setting
 from stages.photometry.albedo.settings import ConfidenceSettings, EdgeSettings
+from stages.photometry.clusters.settings import ClusterSettings
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.settings import FastSettings, HarmonicsSettings, KindOfLight, Stopping
 from stages.photometry.paper.settings import PaperSettings
@@ -28,6 +30,28 @@ USUAL_WEIGHTS = MappingProxyType(
     {"paper": Weights(40.0, 1.0), "fast": Weights(12.0, 0.2), "transfer": Weights(3.0, 1.0)}
 )
 _PAPER, _FAST, _TRANSFER = USUAL_WEIGHTS["paper"], USUAL_WEIGHTS["fast"], USUAL_WEIGHTS["transfer"]
+
+
+# Settings, or groups of them, that are used with one kind of light only.
+_OF_HARMONICS = (
+    "degree",
+    "bounces",
+    "brightest",
+    "harmonics",
+    "reflectance_scale",
+    "light_pictures",
+    "confidence.half_shading",
+    "confidence.half_residual",
+    "upright_within_deg",  # of the pictures of its light
+)
+_OF_DIRECTIONS = ("edges", "detail", "clusters", "confidence.half_error", "fast.start_shading")
+IGNORED: Mapping[KindOfLight, tuple[str, ...]] = MappingProxyType(
+    {
+        "paper": ("light", *_OF_HARMONICS, *_OF_DIRECTIONS),
+        "harmonics": ("solver", "paper", *_OF_DIRECTIONS),
+        "directions": ("solver", "paper", *_OF_HARMONICS),
+    }
+)
 
 
 class DecompositionSettings(Settings):
@@ -136,6 +160,10 @@ class DecompositionSettings(Settings):
     detail: DetailSettings = group(
         DetailSettings,
         "`light: directions`: the photos' detail beyond the smooth albedo, by a Wiener filter.",
+    )
+    clusters: ClusterSettings = group(
+        ClusterSettings,
+        "`light: directions`: many views are solved in clusters, so that memory does not grow with them.",
     )
     confidence: ConfidenceSettings = group(
         ConfidenceSettings, "`mode: transfer`: the confidence of the albedo per pixel, 0 to 1."

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from stages.photometry.albedo.confidence import confidence, confidence_of
+from stages.photometry.albedo.confidence import confidence
 from stages.photometry.albedo.settings import ConfidenceSettings
-from stages.photometry.detail.albedo_detail import Detail
 from stages.photometry.energy_history import descent_as_json, rounds_as_json
 from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, solve
 from stages.photometry.paper.alternation import Outcome, decompose_channels
@@ -50,23 +49,6 @@ class Solved:
     outcomes: list[Outcome]
     albedo_tv: np.ndarray | None = None
     confidence: np.ndarray | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class SolvedUnderLight(Solved):
-    """Solution under a given light.
-
-    Attributes
-    ----------
-    detail : Detail
-        The albedo with its detail, and the uncertainty of shading and albedo.
-    """
-
-    detail: Detail = field(kw_only=True)
-
-    def judged(self, trusted: np.ndarray, how: ConfidenceSettings) -> SolvedUnderLight:
-        """Add the confidence of every pixel, from its expected error."""
-        return replace(self, confidence=confidence_of(self.detail.variance, trusted, how))
 
 
 @dataclass(frozen=True, eq=False)

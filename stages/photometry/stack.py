@@ -41,12 +41,15 @@ class StackedViews:
         Ω of every view.
     correspondences : mapping of (i, j), i < j, to csr_array, shape (|Ω^i|, |Ω^j|)
         C_ij.
+    side_of_all : float or None
+        `side` of the views that these are some of; None: they are all.
     """
 
     starts: np.ndarray
     basis: np.ndarray
     masks: tuple[np.ndarray, ...]
     correspondences: Correspondences
+    side_of_all: float | None = None
 
     @property
     def view_count(self) -> int:
@@ -66,6 +69,8 @@ class StackedViews:
     @property
     def side(self) -> float:
         """Mean side of the views, taken as squares, px."""
+        if self.side_of_all is not None:
+            return self.side_of_all
         return float(np.mean([np.sqrt(mask.size) for mask in self.masks]))
 
     def view(self, i: int) -> slice:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
+import numpy as np
 import scipy.sparse as sp
 
 from pipeline import UserError
@@ -57,12 +59,71 @@ def _refused(folder: Path) -> Iterator[None]:
         ) from error
 
 
-def numbered_correspondences(folder: Path, cameras: Sequence[Camera]) -> dict[tuple[int, int], sp.csr_array]:
-    """Read them by the indices of the two cameras: C_ij of Eq. 18; only those that hold links.
+@dataclass(frozen=True, eq=False)
+class CorrespondenceFiles:
+    """The matrices by the indices of the two cameras, not opened: only those that hold links.
 
     An empty matrix takes a number per row, and of many views most see nothing of most others.
+
+    Attributes
+    ----------
+    folder : Path
+    rows : mapping of (i, j), i < j, to (str, int)
+        File and number of links of every pair.
+    views : int
+        n, the number of cameras.
     """
-    index = {camera.name: i for i, camera in enumerate(cameras)}
-    return {
-        (index[i], index[j]): block for (i, j), block in read_correspondences(folder).items() if block.nnz
-    }
+
+    folder: Path
+    rows: Mapping[tuple[int, int], tuple[str, int]]
+    views: int
+
+    @classmethod
+    def of(cls, folder: Path, cameras: Sequence[Camera]) -> CorrespondenceFiles:
+        """Read the index.
+
+        Raises
+        ------
+        UserError
+            The folder holds something else.
+        """
+        number = {camera.name: i for i, camera in enumerate(cameras)}
+        with _refused(folder):
+            return cls(
+                folder,
+                {
+                    (number[row["i"]], number[row["j"]]): (row["file"], int(row["links"]))
+                    for row in _index(folder)
+                    if row["links"]
+                },
+                len(cameras),
+            )
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Pairs of views that have links."""
+        return list(self.rows)
+
+    def read(self, i: int, j: int) -> sp.csr_array:
+        """Read the matrix of a pair: C_ij of Eq. 18.
+
+        Raises
+        ------
+        UserError
+            The file is none.
+        """
+        with _refused(self.folder):
+            return sp.csr_array(sp.load_npz(self.folder / self.rows[i, j][0]))
+
+    def counts(self) -> sp.csr_array:
+        """Tabulate the number of links between two views, (n, n), symmetric."""
+        pairs = np.array(self.pairs, np.int64).reshape(-1, 2)
+        links = np.array([count for _, count in self.rows.values()], np.int64)
+        above = sp.csr_array((links, (pairs[:, 0], pairs[:, 1])), shape=(self.views, self.views))
+        return sp.csr_array(above + above.T)
+
+
+def numbered_correspondences(folder: Path, cameras: Sequence[Camera]) -> dict[tuple[int, int], sp.csr_array]:
+    """Read all matrices that hold links, by the indices of the two cameras."""
+    files = CorrespondenceFiles.of(folder, cameras)
+    return {(i, j): files.read(i, j) for i, j in files.pairs}

@@ -14,8 +14,6 @@ from stages.photometry.albedo.smooth_albedo import albedo_under_light
 from stages.photometry.albedo.soft_texture import soft_texture
 from stages.photometry.albedo_data import AlbedoData
 from stages.photometry.chromaticity import in_white_light
-from stages.photometry.detail.albedo_detail import Detail, with_detail
-from stages.photometry.detail.detail_octaves import DetailSettings
 from stages.photometry.joint.fast_alternation import FastDescent, FastSolver
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights
 from stages.photometry.stack import StackedViews
@@ -23,35 +21,32 @@ from stages.solvers.kernels.threading_layer import use_threads
 
 
 @dataclass(frozen=True, eq=False)
-class AlbedoSolution:
-    """The albedo under a light; pixels as in the stack, images scaled.
+class SmoothAlbedos:
+    """Smooth albedos under a light; pixels as in the stack, images scaled.
 
     Attributes
     ----------
-    smooth : FastDescent
+    alike : FastDescent
         ρ of Eq. 2 under that light, for `albedo_tv`.
-    detailed : FastDescent
-        ρ with weights per edge, before the detail is added.
-    detail : Detail
-        ρ with the photos' detail, and its uncertainty.
+    by_edge : FastDescent
+        ρ with weights per edge, to which detail is added.
     """
 
-    smooth: FastDescent
-    detailed: FastDescent
-    detail: Detail
+    alike: FastDescent
+    by_edge: FastDescent
 
 
-def decompose_under_light(
+def smooth_albedos_under_light(
     views: StackedViews,
     shading: np.ndarray,
     data: AlbedoData,
     edges: EdgeSettings,
-    how_detailed: DetailSettings,
     descent: FastSolver,
+    typical_light: float,
     threads: int,
     step: Callable[[], None],
-) -> AlbedoSolution:
-    """Estimate the albedo under a known light: ρ of Eq. 2, and ρ with weights per edge and added detail.
+) -> SmoothAlbedos:
+    """Estimate the smooth albedo under a known light: ρ of Eq. 2, and ρ with weights per edge.
 
     Parameters
     ----------
@@ -61,30 +56,41 @@ def decompose_under_light(
         Under the light, gains of the views included.
     data : AlbedoData
     edges : EdgeSettings
-        Weights of the smooth albedo that `albedo` begins with.
-    how_detailed : DetailSettings
     descent : FastSolver
         Its λ and μ are those of `albedo_tv`; its μ is the least of any correspondence in `albedo`.
+    typical_light : float
+        Median brightness of the shading, over the whole scene.
     threads : int
         Never changes the result.
     step : callable
         Called after every round.
     """
     use_threads(threads)
-    trusted, diffuse = data.trusted, data.diffuse
-    shown, white = (in_white_light(one, shading) for one in (data.observed, diffuse))
-    surface = appearance_of(views, shown, shading, trusted, edges, data.glossy)
-    soft = soft_texture(views, white, shading, trusted, edges)
-    by_edge = EdgeWeights(
+    by_edge = _weights_of_edges(views, shading, data, edges, descent.weights.consistency, typical_light)
+    channels = list(np.ascontiguousarray(data.diffuse.T))
+    return SmoothAlbedos(
+        *(
+            albedo_under_light(views, channels, shading, data.trusted, each, descent, threads, step)
+            for each in (ALIKE, by_edge)
+        )
+    )
+
+
+def _weights_of_edges(
+    views: StackedViews,
+    shading: np.ndarray,
+    data: AlbedoData,
+    edges: EdgeSettings,
+    consistency: float,
+    typical_light: float,
+) -> EdgeWeights:
+    """Compute λ between neighbours and μ between views."""
+    shown = in_white_light(data.observed, shading)
+    surface = appearance_of(views, shown, shading, data.trusted, edges, data.glossy, typical_light)
+    del shown
+    white = in_white_light(data.diffuse, shading)
+    soft = soft_texture(views, white, shading, data.trusted, edges)
+    return EdgeWeights(
         smoothness_of_edges(views, white, shading, surface.textured, soft, edges),
-        agreement_of_correspondences(
-            views, descent.weights.consistency, surface.inconsistent, edges.inconsistency_gain
-        ),
+        agreement_of_correspondences(views, consistency, surface.inconsistent, edges.inconsistency_gain),
     )
-    channels = list(np.ascontiguousarray(diffuse.T))
-    smooth, detailed = (
-        albedo_under_light(views, channels, shading, trusted, each, descent, threads, step)
-        for each in (ALIKE, by_edge)
-    )
-    detail = with_detail(views, detailed.albedo, diffuse, shading, trusted, how_detailed)
-    return AlbedoSolution(smooth, detailed, detail)

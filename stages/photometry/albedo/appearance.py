@@ -36,6 +36,7 @@ def appearance_of(
     trusted: np.ndarray,
     how: EdgeSettings,
     glossy: float,
+    typical_light: float | None = None,
 ) -> Appearance:
     """Classify neighbourhoods by the residual of the shading and its differences between views.
 
@@ -51,6 +52,8 @@ def appearance_of(
         `chroma_step` and `appearance` are used.
     glossy : float
         Degree to which materials may be glossy, 0 to 1: they were detected, or could not be.
+    typical_light : float or None
+        See `typical_light_of`; None: that of these pixels.
 
     Notes
     -----
@@ -80,13 +83,19 @@ def appearance_of(
             add_at(of_albedo, end, likely)
             add_at(degree, end, 1)
     grained = rise(patch_means(views, of_albedo / np.maximum(degree, 1)), own.textured_share)
-    compared = trusted & (light > own.least_shading * np.median(light))
+    typical = typical_light_of(shading) if typical_light is None else typical_light
+    compared = trusted & (light > own.least_shading * typical)
     quotient = np.log(brightness / np.maximum(light, NO_SHADING) + DARK)  # invariant to the amount of light
     excess = LinkedPatches.of(views, compared, own.patches).excess(quotient)
     agreed = _agreement(patch_means(views, excess), own)
     alike = agreed if glossy == 0 else _agreement(patch_means(views, np.abs(excess)), own)
     mixed = agreed + np.float32(glossy) * (alike - agreed)
     return Appearance(textured=grained * mixed, inconsistent=(1 - grained) * (1 - agreed))
+
+
+def typical_light_of(shading: np.ndarray) -> float:
+    """Compute the median of the channels' mean, of shading (N, 3)."""
+    return float(np.median(np.maximum(shading.mean(axis=1), 0)))
 
 
 def rise(share: np.ndarray, ends: tuple[float, float]) -> np.ndarray:

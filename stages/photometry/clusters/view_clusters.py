@@ -1,55 +1,110 @@
-"""Clusters of views that have much surface in common, none with more pixels than asked."""
+"""Clusters of views that have much surface in common, none with more pixels than asked, and their halos."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 
+APART = 1e-6  # of the most links of a pair: joins views without common surface, so that parts come out apart
 
-def clusters_of(links: sp.csr_array, pixels: np.ndarray, most_pixels: float) -> list[np.ndarray]:
-    """Divide views into clusters, by recursive spectral bisection.
+
+@dataclass(frozen=True, eq=False)
+class ViewGraph:
+    """Sizes of the views, and correspondences between them.
+
+    Attributes
+    ----------
+    pixels : ndarray, shape (n,), int64
+        Masked pixels of every view.
+    links : csr_array, shape (n, n), int64
+        Number of correspondences between two views; symmetric.
+    side : float
+        Mean side of the views, taken as squares, px.
+    """
+
+    pixels: np.ndarray
+    links: sp.csr_array
+    side: float
+
+    @property
+    def links_per_pixel(self) -> float:
+        """Mean number of correspondences per pixel."""
+        return float(self.links.sum()) / max(int(self.pixels.sum()), 1)
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Views that are solved together, by number, ascending.
+
+    Attributes
+    ----------
+    own : tuple of int
+        Those whose solution is kept.
+    halo : tuple of int
+        Others that correspond to them: of these only the corresponding pixels take part.
+    """
+
+    own: tuple[int, ...]
+    halo: tuple[int, ...]
+
+    @classmethod
+    def of(cls, own: np.ndarray, links: sp.csr_array) -> Cluster:
+        """Find the halo of some views."""
+        linked = np.unique(links[own].nonzero()[1])
+        return cls(tuple(sorted(own.tolist())), tuple(np.setdiff1d(linked, own).tolist()))
+
+
+def clusters_of(graph: ViewGraph, most_pixels: float) -> list[Cluster]:
+    """Divide all views into clusters, by recursive spectral bisection.
 
     Parameters
     ----------
-    links : csr_array, shape (n, n)
-        Number of correspondences between two views; symmetric.
-    pixels : ndarray, shape (n,)
-        Masked pixels of every view.
+    graph : ViewGraph
     most_pixels : float
-        Of a cluster; a view with more is a cluster of its own.
-
-    Returns
-    -------
-    list of ndarray of int
-        Views of each cluster, ascending; every view is in one.
+        Of a cluster's own views; a view with more is a cluster of its own.
 
     Notes
     -----
-    A set with too many pixels is divided in two with about equally many, in the order of the Fiedler vector
+    A set with too many pixels is divided into two with about equally many, in the order of the Fiedler vector
     of its normalised Laplacian (Shi and Malik 2000), so that few correspondences are cut.
     """
-    return [np.sort(one) for one in _divided(links, pixels, np.arange(len(pixels)), most_pixels)]
+    parts = _divided(graph, np.arange(len(graph.pixels)), most_pixels)
+    return [Cluster.of(part, graph.links) for part in parts]
 
 
-def _divided(
-    links: sp.csr_array, pixels: np.ndarray, views: np.ndarray, most_pixels: float
-) -> list[np.ndarray]:
-    if len(views) < 2 or pixels[views].sum() <= most_pixels:
+def size_of(cluster: Cluster, graph: ViewGraph) -> tuple[float, float]:
+    """Estimate the pixels that take part in a cluster, and the correspondences among them.
+
+    Of a view of the halo there are at least as many pixels as correspond to one of its own views, at most as
+    many as it has; half of those between are taken.
+    """
+    own, halo = list(cluster.own), list(cluster.halo)
+    inside = float(graph.pixels[own].sum()), float(graph.links[own][:, own].sum()) / 2
+    if not halo:
+        return inside
+    between, size = graph.links[own][:, halo].toarray(), graph.pixels[halo]
+    shared = (between.max(axis=0) + np.minimum(between.sum(axis=0), size)) / 2
+    around = graph.links[halo][:, halo].toarray() * np.minimum.outer(shared / size, shared / size)
+    return inside[0] + float(shared.sum()), inside[1] + float(between.sum() + around.sum() / 2)
+
+
+def _divided(graph: ViewGraph, views: np.ndarray, most_pixels: float) -> list[np.ndarray]:
+    if len(views) < 2 or graph.pixels[views].sum() <= most_pixels:
         return [views]
-    ordered = views[np.argsort(_fiedler_vector(links[views][:, views]), kind="stable")]
-    before = np.cumsum(pixels[ordered]) - pixels[ordered] / 2
-    first = int(np.clip(np.searchsorted(before, pixels[ordered].sum() / 2), 1, len(views) - 1))
-    return [
-        part
-        for half in (ordered[:first], ordered[first:])
-        for part in _divided(links, pixels, half, most_pixels)
-    ]
+    ordered = views[np.argsort(_fiedler_vector(graph.links[views][:, views]), kind="stable")]
+    pixels = graph.pixels[ordered]
+    middles = np.cumsum(pixels) - pixels / 2
+    first = int(np.clip(np.searchsorted(middles, pixels.sum() / 2), 1, len(views) - 1))
+    halves = ordered[:first], ordered[first:]
+    return [part for half in halves for part in _divided(graph, half, most_pixels)]
 
 
 def _fiedler_vector(links: sp.csr_array) -> np.ndarray:
-    """Compute the second eigenvector of ``D^-½ (D − W) D^-½``, times ``D^-½``; (n,)."""
+    """Compute the second eigenvector of ``I − D^-½ W D^-½``, times ``D^-½``, W the links; (n,)."""
     weight = links.toarray().astype(np.float64)
-    weight += 1e-6 * max(weight.max(initial=0.0), 1.0)  # parts without common surface come out apart
+    weight += APART * max(float(weight.max(initial=0.0)), 1.0)
     scale = 1 / np.sqrt(weight.sum(axis=1))
     laplacian = np.eye(len(weight)) - scale[:, None] * weight * scale
     vector = np.linalg.eigh(laplacian)[1][:, 1] * scale

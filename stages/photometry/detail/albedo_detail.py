@@ -50,6 +50,7 @@ def with_detail(
     shading: np.ndarray,
     trusted: np.ndarray,
     how: DetailSettings,
+    counted: np.ndarray | None = None,
     known: DetailStatistics | None = None,
 ) -> Detail:
     """Add the photo's detail to a smooth albedo, except what noise and shading error explain.
@@ -65,8 +66,10 @@ def with_detail(
         Pixels with valid data. The others take the kept detail of corresponding pixels; those without
         correspondences keep the smooth albedo.
     how : DetailSettings
+    counted : ndarray, shape (N,), bool, or None
+        Pixels that statistics are measured on; None: all.
     known : DetailStatistics or None
-        Of the scene that these views are part of; None: they are all of it, and it is measured.
+        Of the scene that these views are part of; None: they are measured.
 
     Notes
     -----
@@ -86,11 +89,12 @@ def with_detail(
     The variance is the sum over the octaves of ``g² U + (1 − g)² E`` and of a share of L², plus a share of
     the local mean square of r, plus the variance between views.
     """
-    typical_light = float(np.median(shading)) if known is None else known.typical_light
+    counted = np.ones(len(trusted), bool) if counted is None else counted
+    typical_light = float(np.median(shading[counted])) if known is None else known.typical_light
     light = np.maximum(shading, UNLIT * max(typical_light, 1e-6))
     detailed = np.maximum(albedo, 0).astype(np.float32)
     explained = detailed * light
-    scene = DetailScene(views, image, light, explained, trusted, how, known)
+    scene = DetailScene(views, image, light, explained, trusted, how, counted, known)
     kept, variance, octaves = _kept(scene)
     filled, has_value = scene.others.filled_in(np.column_stack([kept, variance]))
     added = (explained + how.log_offset) * np.expm1(channels_of(filled[:, :3])) / light
@@ -113,15 +117,15 @@ def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> tuple[np.
         return np.full(len(albedo), typical, np.float32), typical
     difference = np.where(seen, (logs - scene.others.mean(logs))[:, 0], 0)
     square = scene.seen_by_others.mean(difference**2, scene.how.variance.window_px)
-    if scene.known is None:
-        typical = float(square[seen].mean())
+    if scene.known is None and (measured := seen & scene.counted).any():
+        typical = float(square[measured].mean())
     return np.where(seen, square, np.float32(typical)), typical
 
 
 def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, tuple[OctaveStatistics, ...]]:
     """Filter the three axes: the kept albedo, (N, 3), its expected variance, (N,), and the statistics."""
     how, limits, response = scene.how, scene.how.uncertainty, response_to_noise(scene.how.sigmas_px)
-    measured, between_views = how.noise.compared_octaves, scene.others.share >= how.noise.linked_share
+    measured, between_views = how.noise.compared_octaves, scene.linked_share >= how.noise.linked_share
     noise = np.zeros((measured, 3))
     if not between_views and scene.known is None:
         noise[:] = noise_without_others(scene)

@@ -33,7 +33,10 @@ AXES, QUOTIENT, LIT = slice(0, 3), 3, 4  # columns of `DetailScene.maps`
 
 @dataclass(frozen=True, eq=False)
 class DetailScene:
-    """Photos with their model; fields as the arguments of `with_detail`; `light`: S, `explained`: ρ S."""
+    """Photos with their model; fields as the arguments of `with_detail`; `light`: S, `explained`: ρ S.
+
+    `counted`: the pixels of which the scene consists; the others are neighbours that help.
+    """
 
     views: StackedViews
     image: np.ndarray
@@ -41,6 +44,7 @@ class DetailScene:
     explained: np.ndarray
     trusted: np.ndarray
     how: DetailSettings
+    counted: np.ndarray
     known: DetailStatistics | None = None
 
     @cached_property
@@ -63,7 +67,7 @@ class DetailScene:
         """Median of the noise's relative variance, (3,)."""
         if self.known is not None:
             return self.known.typical_noise
-        variance = relative_noise_variance(self.explained, self.how.log_offset)
+        variance = relative_noise_variance(self.explained[self.counted], self.how.log_offset)
         return np.median(variance, axis=0) if len(variance) else np.ones(3)
 
     @cached_property
@@ -80,8 +84,14 @@ class DetailScene:
     @cached_property
     def sample(self) -> np.ndarray:
         """Indices of the pixels that uncertainty and noise are estimated from."""
-        trusted = np.flatnonzero(self.trusted)
-        return trusted[:: max(1, -(-len(trusted) // self.how.sample_pixels))]
+        measured = np.flatnonzero(self.trusted & self.counted)
+        return measured[:: max(1, -(-len(measured) // self.how.sample_pixels))]
+
+    @property
+    def linked_share(self) -> float:
+        """Share of the trusted pixels that have correspondences."""
+        measured = self.trusted & self.counted
+        return float(np.count_nonzero(self.others.count[measured])) / max(int(measured.sum()), 1)
 
     @cached_property
     def maps(self) -> np.ndarray:

@@ -37,11 +37,6 @@ class OtherViews:
         """Number of correspondences of the trusted pixels, (N,), float32; 0 for the others."""
         return np.where(self.trusted, self.correspondences, 0).astype(np.float32)
 
-    @property
-    def share(self) -> float:
-        """Share of the trusted pixels that have correspondences."""
-        return float(np.count_nonzero(self.count)) / max(int(np.count_nonzero(self.trusted)), 1)
-
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Average over the corresponding pixels, (N, c), float32; 0 where there is none."""
         known = np.where(self.trusted[:, None], values, 0).astype(np.float32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +31,18 @@ class OctaveStatistics:
     noise: np.ndarray
     limit: TextureLimit
 
+    @classmethod
+    def merged(cls, several: Sequence[OctaveStatistics], weights: Sequence[float]) -> OctaveStatistics:
+        """Average the statistics of an octave in parts of a scene."""
+        shown = [one.shown for one in several if one.shown is not None]
+        noise = np.average([np.square(one.noise) for one in several], axis=0, weights=weights)
+        return cls(
+            ShownChange.merged(shown, weights) if shown else None,
+            float(np.sqrt(np.average([one.of_change**2 for one in several], weights=weights))),
+            np.sqrt(noise),
+            TextureLimit.merged([one.limit for one in several], weights),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class DetailStatistics:
@@ -50,6 +63,17 @@ class DetailStatistics:
     typical_light: float
     typical_noise: np.ndarray
     between_views: float
+
+    @classmethod
+    def merged(cls, several: Sequence[DetailStatistics], weights: Sequence[float]) -> DetailStatistics:
+        """Average the statistics of parts of a scene: deviations as root mean squares, the rest as means."""
+        by_octave = zip(*(one.octaves for one in several), strict=True)
+        return cls(
+            tuple(OctaveStatistics.merged(octave, weights) for octave in by_octave),
+            float(np.average([one.typical_light for one in several], weights=weights)),
+            np.average([one.typical_noise for one in several], axis=0, weights=weights),
+            float(np.average([one.between_views for one in several], weights=weights)),
+        )
 
     @property
     def uncertainty(self) -> ShadingUncertainty:

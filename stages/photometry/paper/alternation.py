@@ -38,6 +38,11 @@ class Outcome(Enum):
     )
 
 
+def worse(one: Outcome, other: Outcome) -> Outcome:
+    """Choose the outcome that did not converge, if there is one."""
+    return other if one is Outcome.CONVERGED else one
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """ρ^(k), shape (N,), and σ^(k), shape (n, 9), in the gauge; the terms of their energy."""

@@ -1,0 +1,308 @@
+"""Albedo of every view under the light of the stage `lighting`, cluster by cluster of views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipeline import Job, Stage
+from stages.photometry.decomposition_record import ALBEDO, ENERGY, OF_TRANSFER
+from stages.photometry.decomposition_settings import IGNORED, DecompositionSettings
+from stages.photometry.solver_settings import weights_at
+from stages.scene.distributions import PICTURES
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from stages.formats.artefacts.light_npz import StoredLight
+    from stages.photometry.albedo.albedo_given_light import SmoothAlbedos
+    from stages.photometry.albedo_data import AlbedoData
+    from stages.photometry.clusters.cluster_views import ClusterViews
+    from stages.photometry.clusters.view_clusters import Cluster
+    from stages.photometry.decomposition_record import Solution
+    from stages.photometry.detail.albedo_detail import Detail
+    from stages.photometry.detail.scene_statistics import DetailStatistics
+    from stages.photometry.joint.fast_alternation import FastSolver
+    from stages.scene.cameras import Camera
+
+INPUTS = ("mask", "correspondences", "found_light", "shading", "observations")
+OUTPUTS = ("albedo", "albedo_tv", "confidence")
+KINDS = ("observed", "diffuse", "trusted")
+BYTES_PER_PIXEL = 400  # that take part, all channels together
+BYTES_PER_LINK = 40
+
+
+@dataclass(frozen=True)
+class ClusterTask:
+    """All that clusters are solved from. Picklable.
+
+    Attributes
+    ----------
+    inputs, outputs : mapping of str to Path
+        Artefacts as of the stage.
+    scratch : Path
+    cameras : list of Camera
+        Of all views.
+    side : float
+        Mean side of all views, taken as squares, px.
+    typical_light : float
+        Median brightness of the shading in all views.
+    solver : FastSolver
+    settings : DecompositionSettings
+    threads : int
+        Never changes the result.
+    """
+
+    inputs: Mapping[str, Path]
+    outputs: Mapping[str, Path]
+    scratch: Path
+    cameras: list[Camera]
+    side: float
+    typical_light: float
+    solver: FastSolver
+    settings: DecompositionSettings
+    threads: int
+
+
+@dataclass(frozen=True, eq=False)
+class OpenedCluster:
+    """Data of the pixels that take part in a cluster, (N, …)."""
+
+    views: ClusterViews
+    light: StoredLight
+    shading: np.ndarray
+    observed: AlbedoData
+
+
+def run(job: Job[DecompositionSettings]) -> None:
+    """Divide the views into clusters, solve each, measure what is common to them, add the detail to each."""
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.photometry.clusters.cluster_views import view_graph
+    from stages.photometry.clusters.view_clusters import clusters_of
+    from stages.photometry.decomposition_record import write_solutions
+    from stages.photometry.detail.scene_statistics import DetailStatistics
+    from stages.photometry.joint.fast_alternation import FastSolver
+
+    cameras, settings = read_cameras(job.inputs["cameras"]), job.settings
+    graph = view_graph(job.inputs, cameras)
+    clusters = clusters_of(graph, settings.clusters.pixels)
+    weights = weights_at(settings, graph.side, graph.links_per_pixel)
+    task = ClusterTask(
+        {name: job.inputs[name] for name in INPUTS},
+        {name: job.outputs[name] for name in OUTPUTS},
+        job.scratch,
+        cameras,
+        graph.side,
+        _typical_light(job, cameras, int(graph.pixels.sum())),
+        FastSolver(weights, settings.stopping, settings.fast),
+        settings,
+        job.threads,
+    )
+    with job.progress("rounds", 2 * settings.stopping.max_rounds * len(clusters)) as step:
+        if len(clusters) == 1:
+            solutions = [solve_whole(task, clusters[0], step)]
+        else:
+            drafts = [begin_cluster(task, cluster, step) for cluster in clusters]
+            common = DetailStatistics.merged(
+                [draft.statistics for draft in drafts], [draft.pixels for draft in drafts]
+            )
+            solutions = [
+                finish_cluster(task, cluster, draft, common)
+                for cluster, draft in zip(clusters, drafts, strict=True)
+            ]
+    job.note(
+        weights={"lambda": weights.smoothness, "mu": weights.consistency},
+        uncertainty=solutions[0].statistics.uncertainty.as_json(),
+        clusters=[len(cluster.own) for cluster in clusters],
+        pixels_with_halos=sum(solution.pixels_with_halo for solution in solutions),
+    )
+    write_solutions(job, solutions)
+
+
+def solve_whole(task: ClusterTask, cluster: Cluster, step: Callable[[], None]) -> Solution:
+    """Solve the only cluster, write its maps, and report."""
+    opened = _opened(task, cluster)
+    smooth = _smooth(task, opened, step)
+    detail = _with_detail(task, opened, smooth.by_edge.albedo, None)
+    return _written(task, opened, detail, _draft(task, opened, smooth, detail.statistics))
+
+
+def begin_cluster(task: ClusterTask, cluster: Cluster, step: Callable[[], None]) -> Solution:
+    """Solve a cluster for its smooth albedo, and measure its own statistics; the albedo goes to `scratch`."""
+    import numpy as np
+
+    opened = _opened(task, cluster)
+    smooth = _smooth(task, opened, step)
+    np.save(_kept_file(task, cluster), smooth.by_edge.albedo)
+    statistics = _with_detail(task, opened, smooth.by_edge.albedo, None).statistics
+    return _draft(task, opened, smooth, statistics)
+
+
+def finish_cluster(
+    task: ClusterTask, cluster: Cluster, draft: Solution, common: DetailStatistics
+) -> Solution:
+    """Add the detail to a cluster's smooth albedo, by statistics of all clusters; write its maps."""
+    import numpy as np
+
+    opened = _opened(task, cluster)
+    albedo = np.load(_kept_file(task, cluster), allow_pickle=False)
+    return _written(task, opened, _with_detail(task, opened, albedo, common), draft)
+
+
+def _kept_file(task: ClusterTask, cluster: Cluster) -> Path:
+    return task.scratch / f"smooth_albedo_{cluster.own[0]}.npy"
+
+
+def _typical_light(job: Job[DecompositionSettings], cameras: list[Camera], pixels: int) -> float:
+    """Compute the median brightness of the shading, of pixels evenly chosen from all views."""
+    import numpy as np
+
+    from stages.formats.artefacts.light_npz import read_light
+    from stages.formats.images.exr import read_exr
+    from stages.formats.images.photos import read_mask
+    from stages.photometry.albedo.appearance import typical_light_of
+
+    mean = read_light(job.inputs["found_light"]).mean_shading.astype(np.float32)
+    step = max(1, -(-pixels // job.settings.clusters.sample_pixels))
+
+    def some(camera: Camera) -> np.ndarray:
+        mask = read_mask(job.inputs["mask"] / f"{camera.name}.png")
+        return read_exr(job.inputs["shading"] / f"{camera.name}.exr")[mask][::step] / mean
+
+    return typical_light_of(np.concatenate(list(job.executor.map(some, cameras))))
+
+
+def _opened(task: ClusterTask, cluster: Cluster) -> OpenedCluster:
+    """Open masks, correspondences, shading and observations of a cluster."""
+    import numpy as np
+
+    from stages.formats.artefacts.light_npz import read_light
+    from stages.photometry.albedo_data import AlbedoData
+    from stages.photometry.clusters.cluster_views import open_cluster
+
+    light = read_light(task.inputs["found_light"])
+    views = open_cluster(task.inputs, task.cameras, cluster, task.side)
+    shading = views.maps(task.inputs["shading"]) / light.mean_shading.astype(np.float32)
+    observed = AlbedoData(**views.arrays(task.inputs["observations"], KINDS), glossy=light.glossy)
+    return OpenedCluster(views, light, shading, observed)
+
+
+def _smooth(task: ClusterTask, opened: OpenedCluster, step: Callable[[], None]) -> SmoothAlbedos:
+    """Estimate the smooth albedos, and write that of Eq. 2."""
+    import numpy as np
+
+    from stages.photometry.albedo.albedo_given_light import smooth_albedos_under_light
+
+    smooth = smooth_albedos_under_light(
+        opened.views.stack,
+        opened.shading,
+        opened.observed,
+        task.settings.edges,
+        task.solver,
+        task.typical_light,
+        task.threads,
+        step,
+    )
+    _write(task, opened, "albedo_tv", np.maximum(smooth.alike.albedo, 0) * _unit(opened))
+    return smooth
+
+
+def _with_detail(
+    task: ClusterTask, opened: OpenedCluster, albedo: np.ndarray, common: DetailStatistics | None
+) -> Detail:
+    """Add the detail to a smooth albedo, by common statistics, or by its own."""
+    from stages.photometry.detail.albedo_detail import with_detail
+
+    observed, views = opened.observed, opened.views
+    return with_detail(
+        views.stack,
+        albedo,
+        observed.diffuse,
+        opened.shading,
+        observed.trusted,
+        task.settings.detail,
+        views.own,
+        common,
+    )
+
+
+def _draft(
+    task: ClusterTask, opened: OpenedCluster, smooth: SmoothAlbedos, statistics: DetailStatistics
+) -> Solution:
+    """Report the smooth albedo of a cluster."""
+    from stages.photometry.decomposition_record import Solution, below_zero
+    from stages.photometry.energy_history import rounds_under_light_as_json
+    from stages.photometry.paper.alternation import worse
+
+    views, outcome = opened.views, worse(smooth.alike.outcome, smooth.by_edge.outcome)
+    return Solution(
+        views=[camera.name for camera in views.own_cameras],
+        pixels=int(views.own.sum()),
+        pixels_with_halo=len(views.own),
+        links=views.stack.correspondence_count,
+        negative_shading=below_zero(opened.shading[views.own]),
+        negative_albedo={},
+        histories=rounds_under_light_as_json(smooth.alike, outcome),
+        outcomes=[outcome] * 3,
+        statistics=statistics,
+    )
+
+
+def _written(task: ClusterTask, opened: OpenedCluster, detail: Detail, draft: Solution) -> Solution:
+    """Write the albedo and its confidence, and complete the report."""
+    from dataclasses import replace
+
+    from stages.photometry.albedo.confidence import confidence_of
+    from stages.photometry.decomposition_record import below_zero
+
+    trusted = opened.observed.trusted & opened.light.trusted  # if none is, all are used: a guess
+    albedo = detail.albedo * _unit(opened)
+    _write(task, opened, "albedo", albedo)
+    _write(task, opened, "confidence", confidence_of(detail.variance, trusted, task.settings.confidence))
+    negative = below_zero(albedo[opened.views.own])
+    return replace(draft, negative_albedo=negative, statistics=detail.statistics)
+
+
+def _unit(opened: OpenedCluster) -> Any:
+    """Compute the images' unit over that of the shading, per channel, (3,), float32."""
+    import numpy as np
+
+    return np.float32(opened.light.image_scale) / opened.light.mean_shading.astype(np.float32)
+
+
+def _write(task: ClusterTask, opened: OpenedCluster, name: str, stacked: np.ndarray) -> None:
+    """Write a map of a cluster's own views."""
+    from stages.formats.artefacts.view_files import write_maps
+
+    views = opened.views
+    write_maps(task.outputs[name], views.own_cameras, views.own_masks, stacked[views.own])
+
+
+def estimated_memory(job: Job[DecompositionSettings]) -> int:
+    """Estimate the memory of the largest cluster."""
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.photometry.clusters.cluster_views import view_graph
+    from stages.photometry.clusters.view_clusters import clusters_of, size_of
+
+    graph = view_graph(job.inputs, read_cameras(job.inputs["cameras"]))
+    sizes = (size_of(cluster, graph) for cluster in clusters_of(graph, job.settings.clusters.pixels))
+    largest = max(BYTES_PER_PIXEL * pixels + BYTES_PER_LINK * links for pixels, links in sizes)
+    return BYTES_OF_LIBRARIES + int(largest)
+
+
+DECOMPOSITION_UNDER_LIGHT = Stage(
+    name="decomposition",
+    version=44,  # ahead of the other variants
+    about="Albedo of each view under the light that was found, from all views together.",
+    settings=DecompositionSettings,
+    takes=("mask", "cameras", "correspondences", "found_light", "shading", "observations"),
+    gives=(ALBEDO, ENERGY, *OF_TRANSFER),
+    ignores=IGNORED["directions"],
+    run=run,
+    tools=("numpy", "scipy", "numba", "llvmlite", *PICTURES),
+    memory=estimated_memory,
+    saves_memory="lower decomposition.clusters.pixels",
+)

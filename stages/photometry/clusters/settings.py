@@ -1,0 +1,24 @@
+"""Settings of clusters of views."""
+
+from __future__ import annotations
+
+from pipeline import Settings, setting
+
+
+class ClusterSettings(Settings):
+    """Settings of clusters of views that are solved together."""
+
+    pixels: int = setting(
+        4_000_000,
+        "Masked pixels of the views of a cluster, at most. Memory is about 0.6 kB for each, and for each of "
+        "another view that corresponds to one: half as many more, or as many. Fewer take more time, since "
+        "what clusters share is solved in each.",
+        unit="pixels",
+        ge=1000,
+    )
+    sample_pixels: int = setting(
+        4_000_000,
+        "Pixels, at most, whose median brightness of the shading is what all clusters call typical.",
+        unit="pixels",
+        ge=1000,
+    )

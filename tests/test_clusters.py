@@ -1,0 +1,207 @@
+"""Many views in clusters: the cuts of the view graph, the halos, and the same albedo as of all at once."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from hypothesis import given
+from hypothesis import strategies as st
+
+import stages
+from benchmarks.paper.laboratory import results_of
+from pipeline.command.terminal import Terminal
+from stages.formats.artefacts.camera_file import read_cameras
+from stages.formats.artefacts.correspondence_files import CorrespondenceFiles, numbered_correspondences
+from stages.formats.images.exr import read_exr
+from stages.formats.images.photos import read_mask
+from stages.photometry.clusters.cluster_views import open_cluster, view_graph
+from stages.photometry.clusters.view_clusters import Cluster, ViewGraph, clusters_of, size_of
+from stages.photometry.detail.scene_statistics import DetailStatistics, OctaveStatistics
+from stages.photometry.detail.shading_uncertainty import ShownChange
+from stages.photometry.detail.statistics_by_class import mean_of_curves
+from stages.photometry.detail.texture_limit import TextureLimit
+
+
+def street(views: int, reach: int = 3, pixels: int = 100) -> ViewGraph:
+    """Views in a row, each linked to the next few, less the farther they are."""
+    between = np.abs(np.subtract.outer(np.arange(views), np.arange(views)))
+    links = np.where((between > 0) & (between <= reach), 60 // np.maximum(between, 1), 0)
+    return ViewGraph(np.full(views, pixels), sp.csr_array(links), 10.0)
+
+
+@given(views=st.integers(1, 40), most=st.integers(50, 5000), seed=st.integers(0, 9))
+def test_every_view_is_in_one_cluster_and_none_is_too_large(views, most, seed):
+    order = np.random.default_rng(seed).permutation(views)
+    row = street(views)
+    graph = ViewGraph(row.pixels, row.links[order][:, order], row.side)
+    clusters = clusters_of(graph, most)
+    assert sorted(view for one in clusters for view in one.own) == list(range(views))
+    for one in clusters:
+        assert len(one.own) == 1 or graph.pixels[list(one.own)].sum() <= most
+        linked = {int(other) for view in one.own for other in graph.links[[view]].nonzero()[1]}
+        assert set(one.halo) == linked - set(one.own)
+
+
+def test_a_street_is_cut_across():
+    """Shuffled, 32 views in four clusters: each a stretch of eight."""
+    order = np.random.default_rng(0).permutation(32)
+    row = street(32)
+    graph = ViewGraph(row.pixels, row.links[order][:, order], row.side)
+    stretches = [sorted(order[list(one.own)].tolist()) for one in clusters_of(graph, 800)]
+    assert sorted(stretches) == [list(range(first, first + 8)) for first in range(0, 32, 8)]
+
+
+def test_parts_without_common_surface_are_cut_apart():
+    one = street(6).links.toarray()
+    graph = ViewGraph(np.full(12, 100), sp.csr_array(np.kron(np.eye(2, dtype=int), one)), 10.0)
+    assert [cluster.own for cluster in clusters_of(graph, 600)] in (
+        [tuple(range(6)), tuple(range(6, 12))],
+        [tuple(range(6, 12)), tuple(range(6))],
+    )
+    assert all(cluster.halo == () for cluster in clusters_of(graph, 600))
+
+
+def test_curves_of_one_kind_have_themselves_as_mean():
+    x, y = np.linspace(-2, 3, 8), np.arange(8.0) ** 2
+    grid, mean = mean_of_curves([(x, y), (x, y), (np.zeros(0), np.zeros(0))], [1, 5, 2])
+    np.testing.assert_allclose(mean, np.interp(grid, x, y))
+    assert grid[0] == x[0] and grid[-1] == x[-1]
+
+
+def test_equal_statistics_have_themselves_as_mean():
+    size, axes = np.linspace(-9, -1, 5), np.linspace(-6, 0, 15).reshape(3, 5)
+    octave = OctaveStatistics(
+        ShownChange(size, np.linspace(-1, 0, 5)), 0.3, np.array([0.1, 0.2, 0.3]), TextureLimit(size, axes)
+    )
+    one = DetailStatistics((octave, octave), 0.8, np.ones(3), 0.01)
+    both = DetailStatistics.merged([one, one], [3, 5])
+    at = np.exp(np.linspace(-10, 0, 30))
+    for own, other in zip(one.octaves, both.octaves, strict=True):
+        assert other.of_change == pytest.approx(own.of_change)
+        np.testing.assert_allclose(other.noise, own.noise)
+        np.testing.assert_allclose(other.shown.at(at), own.shown.at(at), atol=1e-6)
+        np.testing.assert_allclose(other.limit.at(at), own.limit.at(at), rtol=1e-5)
+    assert (both.typical_light, both.between_views) == pytest.approx((0.8, 0.01))
+
+
+SCENE = {
+    "render": {
+        "subject": "relief",
+        "paint": "masonry",
+        "light": "sun_and_sky",
+        "views": 6,
+        "arc_deg": 100.0,
+        "width_px": 72,
+        "height_px": 60,
+        "noise": 0.05,
+        "spacing": 0.016,
+    },
+    "transfer": {"max_vertices": 4000},
+    "lighting": {"samples": 4000, "bounces": 0, "specular": {"remove": False}},
+    "correspondence": {"neighbours": 2},
+}
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    return tmp_path_factory.mktemp("clusters") / "w"
+
+
+def decomposed(workspace, pixels, threads=2, **settings):
+    """The relief, in clusters of so many pixels: paths of all artefacts, facts of the decomposition."""
+    given = SCENE | {"decomposition": {"clusters": {"pixels": pixels}, **settings}}
+    done = results_of(stages.experiment({}), {}, given, workspace, "decomposition", threads, Terminal())
+    return dict(done.paths), done.facts["decomposition"]
+
+
+@pytest.fixture(scope="module")
+def at_once(workspace):
+    return decomposed(workspace, 10**6)
+
+
+@pytest.fixture(scope="module")
+def in_clusters(workspace):
+    return decomposed(workspace, 3500)
+
+
+def maps(paths, kind):
+    cameras = read_cameras(paths["cameras"])
+    masks = [read_mask(paths["mask"] / f"{camera.name}.png") for camera in cameras]
+    return np.concatenate(
+        [
+            read_exr(paths[kind] / f"{camera.name}.exr")[mask]
+            for camera, mask in zip(cameras, masks, strict=True)
+        ]
+    )
+
+
+def test_an_opened_cluster_has_its_own_pixels_and_those_that_correspond_to_them(at_once):
+    paths, _ = at_once
+    cameras = read_cameras(paths["cameras"])
+    graph, every = view_graph(paths, cameras), numbered_correspondences(paths["correspondences"], cameras)
+    cluster = Cluster.of(np.array([0, 1]), graph.links)
+    opened = open_cluster(paths, cameras, cluster, graph.side)
+    assert opened.own.sum() == graph.pixels[:2].sum()
+    assert [camera.name for camera in opened.own_cameras] == [camera.name for camera in cameras[:2]]
+    for number, view in enumerate(sorted({*cluster.own, *cluster.halo})):
+        if view in cluster.own:
+            assert opened.kept[number].all()
+            continue
+        linked = np.zeros(graph.pixels[view], bool)
+        for own in cluster.own:
+            block = every.get((min(own, view), max(own, view)))
+            if block is not None:
+                block = block if view > own else block.T
+                linked[np.unique(block.nonzero()[1])] = True
+        np.testing.assert_array_equal(opened.kept[number], linked)
+    inside = sum(every[pair].nnz for pair in every if set(pair) <= set(cluster.own))
+    between = sum(every[pair].nnz for pair in every if len(set(pair) & set(cluster.own)) == 1)
+    assert opened.stack.correspondence_count >= inside + between
+    everything = np.concatenate(opened.kept)
+    albedo = opened.maps(paths["albedo"])
+    chosen = [cameras[view].name for view in sorted({*cluster.own, *cluster.halo})]
+    whole = np.concatenate(
+        [read_exr(paths["albedo"] / f"{n}.exr")[read_mask(paths["mask"] / f"{n}.png")] for n in chosen]
+    )
+    np.testing.assert_array_equal(albedo, whole[everything])
+    pixels, links = size_of(cluster, graph)
+    assert pixels == pytest.approx(len(opened.own), rel=0.4)
+    assert links == pytest.approx(opened.stack.correspondence_count, rel=0.5)
+
+
+def test_counts_of_links_are_those_of_the_matrices(at_once):
+    paths, _ = at_once
+    cameras = read_cameras(paths["cameras"])
+    counts = CorrespondenceFiles.of(paths["correspondences"], cameras).counts().toarray()
+    assert (counts == counts.T).all() and (np.diag(counts) == 0).all()
+    for (i, j), block in numbered_correspondences(paths["correspondences"], cameras).items():
+        assert counts[i, j] == block.nnz
+
+
+def test_clusters_give_the_albedo_of_all_views_at_once(at_once, in_clusters):
+    (whole, one), (parts, several) = at_once, in_clusters
+    assert len(one["clusters"]) == 1 and len(several["clusters"]) > 2
+    assert several["pixels"] == one["pixels"] < several["pixels_with_halos"]
+    for kind, most in (("albedo", 0.02), ("albedo_tv", 0.03)):  # so few pixels that statistics differ
+        own, other = maps(whole, kind), maps(parts, kind)
+        extent = np.quantile(own, 0.999) - np.quantile(own, 0.001)
+        assert np.sqrt(np.mean((own - other) ** 2)) < most * extent
+    assert np.abs(maps(whole, "confidence") - maps(parts, "confidence")).mean() < 0.02
+
+
+def test_the_energies_of_clusters_are_told_one_by_one(in_clusters):
+    paths, facts = in_clusters
+    content = json.loads(paths["energy"].read_text(encoding="utf-8"))
+    assert [len(one["views"]) for one in content["clusters"]] == facts["clusters"]
+    names = [camera.name for camera in read_cameras(paths["cameras"])]
+    assert sorted(name for one in content["clusters"] for name in one["views"]) == names
+
+
+def test_clusters_give_the_same_bytes_on_any_number_of_threads(in_clusters, workspace, tmp_path):
+    again, _ = decomposed(tmp_path / "w", 3500, threads=1)
+    for kind in ("albedo", "confidence"):
+        for path in in_clusters[0][kind].iterdir():
+            assert path.read_bytes() == (again[kind] / path.name).read_bytes()
