@@ -69,6 +69,8 @@ class Request:
     workspace : Path
     threads : int
         Never changes a result.
+    memory : int or None
+        Bytes that a stage may take; None: what is free.
     absent : mapping of str to Absent
         Those of the sources whose files are fetched only if a stage reads them.
     """
@@ -79,6 +81,7 @@ class Request:
     kinds: tuple[Source, ...]
     workspace: Path
     threads: int = 1
+    memory: int | None = None
     selection: Selection = field(default_factory=Selection)
     absent: Mapping[str, Absent] = field(default_factory=dict)
 

@@ -20,7 +20,7 @@ from pipeline.files.workspace_lock import locked
 from pipeline.job import Job, Progress
 from pipeline.plan import Decision, decide, read_sources
 from pipeline.process.logbook import logged
-from pipeline.process.memory_limits import compare_with_free_memory, memory_errors_told
+from pipeline.process.memory_limits import compare_with_allowed_memory, memory_errors_told
 from pipeline.process.meter import measured
 from pipeline.process.temporary_files import temporary_files_in
 from pipeline.reasons import changed_files
@@ -149,7 +149,7 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
             measured() as reading,
         ):
             try:
-                compare_with_free_memory(stage, job)
+                compare_with_allowed_memory(stage, job, request.memory)
                 stage.run(job)
             except Exception:
                 _check_inputs(stage, job, made_from, request, store)  # an input that is gone says more

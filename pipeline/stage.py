@@ -46,6 +46,11 @@ def no_facts(settings: Settings) -> Mapping[str, str]:
     return {}
 
 
+def unchanged(settings: S, memory: int) -> S:
+    """Return the settings as they are: none of them bounds the memory."""
+    return settings
+
+
 def no_estimate(job: Job[Any]) -> int | None:
     """Return no estimate: the stage's memory is not known before it runs."""
     return None
@@ -81,6 +86,9 @@ class Stage(Generic[S]):
     memory : callable
         From a job about to run, an estimate of the bytes that the stage will take; None where it is unknown.
         Must be quick beside the stage itself.
+    within : callable
+        From the settings and a number of bytes, the settings under which the stage needs no more memory than
+        that, as far as they can bound it.
     saves_memory : str
         Settings that lower it, as the end of "For less memory, ".
     """
@@ -98,6 +106,7 @@ class Stage(Generic[S]):
     tools: tuple[str, ...] = ()
     machine: Callable[[S], Mapping[str, str]] = field(default=no_facts)
     memory: Callable[[Job[S]], int | None] = field(default=no_estimate)
+    within: Callable[[S, int], S] = field(default=unchanged)
     saves_memory: str = ""
 
 

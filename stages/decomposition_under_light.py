@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline import Job, Stage
+from stages.photometry.clusters.settings import LEAST_PIXELS
 from stages.photometry.decomposition_record import ALBEDO, ENERGY, OF_TRANSFER
 from stages.photometry.decomposition_settings import IGNORED, DecompositionSettings
 from stages.photometry.solver_settings import weights_at
@@ -33,6 +34,7 @@ OUTPUTS = ("albedo", "albedo_tv", "confidence")
 KINDS = ("observed", "diffuse", "trusted")
 BYTES_PER_PIXEL = 400  # that take part, all channels together
 BYTES_PER_LINK = 40
+BYTES_PER_OWN_PIXEL = 1300  # of a cluster, its halo and their correspondences included
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,8 @@ def run(job: Job[DecompositionSettings]) -> None:
         settings,
         job.threads,
     )
+    if len(clusters) > 1:
+        job.say(f"{len(cameras)} views in {len(clusters)} clusters, one after the other.")
     with job.progress("rounds", 2 * settings.stopping.max_rounds * len(clusters)) as step:
         if len(clusters) == 1:
             solutions = [solve_whole(task, clusters[0], step)]
@@ -293,6 +297,14 @@ def estimated_memory(job: Job[DecompositionSettings]) -> int:
     return BYTES_OF_LIBRARIES + int(largest)
 
 
+def within(settings: DecompositionSettings, memory: int) -> DecompositionSettings:
+    """Make clusters small enough for the memory, bytes."""
+    how = settings.clusters
+    pixels = max((memory - BYTES_OF_LIBRARIES) // BYTES_PER_OWN_PIXEL, LEAST_PIXELS)
+    clusters = how.model_copy(update={"pixels": min(how.pixels, pixels)})
+    return settings.model_copy(update={"clusters": clusters})
+
+
 DECOMPOSITION_UNDER_LIGHT = Stage(
     name="decomposition",
     version=44,  # ahead of the other variants
@@ -304,5 +316,6 @@ DECOMPOSITION_UNDER_LIGHT = Stage(
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *PICTURES),
     memory=estimated_memory,
-    saves_memory="lower decomposition.clusters.pixels",
+    within=within,
+    saves_memory="lower decomposition.clusters.pixels, or give --memory",
 )

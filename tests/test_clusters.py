@@ -12,13 +12,18 @@ from hypothesis import strategies as st
 
 import stages
 from benchmarks.paper.laboratory import results_of
+from pipeline import UserError
 from pipeline.command.terminal import Terminal
+from stages.command.arguments import Run
+from stages.command.request import memory_of, request_of
+from stages.decomposition_under_light import BYTES_PER_OWN_PIXEL, within
 from stages.formats.artefacts.camera_file import read_cameras
 from stages.formats.artefacts.correspondence_files import CorrespondenceFiles, numbered_correspondences
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
 from stages.photometry.clusters.cluster_views import open_cluster, view_graph
 from stages.photometry.clusters.view_clusters import Cluster, ViewGraph, clusters_of, size_of
+from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.detail.scene_statistics import DetailStatistics, OctaveStatistics
 from stages.photometry.detail.shading_uncertainty import ShownChange
 from stages.photometry.detail.statistics_by_class import mean_of_curves
@@ -205,3 +210,39 @@ def test_clusters_give_the_same_bytes_on_any_number_of_threads(in_clusters, work
     for kind in ("albedo", "confidence"):
         for path in in_clusters[0][kind].iterdir():
             assert path.read_bytes() == (again[kind] / path.name).read_bytes()
+
+
+@given(memory=st.integers(500_000_000, 10**12), pixels=st.integers(1000, 10**8))
+def test_less_memory_makes_clusters_smaller_and_more_leaves_them(memory, pixels):
+    settings = DecompositionSettings(clusters={"pixels": pixels})
+    now = within(settings, memory)
+    assert now.clusters.pixels <= pixels
+    if now.clusters.pixels < pixels:
+        assert within(settings, memory // 2).clusters.pixels <= now.clusters.pixels
+        assert now.clusters.pixels * BYTES_PER_OWN_PIXEL <= memory
+
+
+@pytest.mark.parametrize(
+    ("given", "size"),
+    [("6GB", 6e9), ("6 gb", 6e9), ("1.5GiB", 1.5 * 2**30), ("600MB", 6e8), ("2000000000", 2e9), ("1T", 1e12)],
+)
+def test_memory_is_a_size(given, size):
+    assert memory_of(Run(memory=given)) == pytest.approx(size)
+    assert memory_of(Run()) is None
+
+
+@pytest.mark.parametrize("given", ["lots", "", "0", "-6GB", "100MB", "6XB", "1e9GB", "9" * 400 + "GB"])
+def test_what_is_no_size_of_memory_is_refused(given):
+    with pytest.raises(UserError, match=r"--memory is .*expected a size of at least 500 MB"):
+        memory_of(Run(memory=given))
+
+
+def test_the_memory_that_was_given_is_in_the_settings_and_so_in_the_key(tmp_path):
+    config = tmp_path / "tiny.yaml"
+    config.write_text("render: {views: 2}\n", encoding="utf-8")
+    usual, bounded = (
+        request_of(Run(config=config, workspace=tmp_path / "w", memory=memory)) for memory in (None, "1GB")
+    )
+    assert (usual.memory, bounded.memory) == (None, 10**9)
+    of = [request.settings["decomposition"].clusters.pixels for request in (usual, bounded)]
+    assert of[1] < of[0]

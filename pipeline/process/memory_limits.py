@@ -14,7 +14,8 @@ from pipeline.process.meter import kilobytes
 from pipeline.settings import Settings
 from pipeline.stage import AnyStage
 
-FAR_BEYOND = 4  # times the free memory, from which a stage is not begun: estimates are right within a half
+FAR_BEYOND = 4  # times the free memory, from which a stage is not begun: swap and caches may give way
+FAR_BEYOND_ALLOWED = 1.5  # times the allowed memory: estimates are right within a half
 NATIVE = (  # how libraries in other languages say it, in exceptions of other types
     "bad_alloc",
     "insufficient memory",
@@ -27,20 +28,31 @@ NATIVE = (  # how libraries in other languages say it, in exceptions of other ty
 _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
 
-def compare_with_free_memory(stage: AnyStage, job: Job[Settings]) -> None:
-    """Warn where the estimate of a stage's memory exceeds what is free.
+def compare_with_allowed_memory(stage: AnyStage, job: Job[Settings], allowed: int | None) -> None:
+    """Note the estimate of a stage's memory, and warn where it exceeds what is allowed or free.
+
+    `allowed`: bytes; None: what is free.
 
     Raises
     ------
     MachineError
-        It exceeds it by far.
+        It exceeds that by far.
     """
     needed, free = stage.memory(job), free_bytes()
-    logging.getLogger(stage.name).info("estimated memory %s, free %s", needed, free)
-    if needed is None or free is None or needed <= free:
+    logging.getLogger(stage.name).info("estimated memory %s, allowed %s, free %s", needed, allowed, free)
+    if needed is None:
         return
-    said = f"{stage.name} needs about {_gigabytes(needed)} of memory, and {_gigabytes(free)} are free"
-    if needed > FAR_BEYOND * free:
+    job.note(estimated_bytes=needed)
+    if allowed is not None and needed > allowed:
+        _tell(stage, job, needed, f"--memory allows {_gigabytes(allowed)}", FAR_BEYOND_ALLOWED * allowed)
+    elif free is not None and needed > free:
+        _tell(stage, job, needed, f"{_gigabytes(free)} are free", FAR_BEYOND * free)
+
+
+def _tell(stage: AnyStage, job: Job[Settings], needed: int, bound: str, far_beyond: float) -> None:
+    """Warn that a stage needs more than a bound; refuse where it needs far more."""
+    said = f"{stage.name} needs about {_gigabytes(needed)} of memory, and {bound}"
+    if needed > far_beyond:
         raise MachineError(f"{said}: it was not begun. {advice(stage)}Earlier results are kept.")
     job.say(f"{said}: it may not come to its end. {advice(stage)}".rstrip())
 

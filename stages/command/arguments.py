@@ -52,6 +52,9 @@ class Given:
         A setting, as in `--set decomposition.edges.coarse_lambda=5`; repeatable.
     threads
         Processor threads; by default all. Never changes a result.
+    memory
+        Memory that a stage may take, as in `--memory 6GB`: the albedo of many views is then solved in more
+        and smaller clusters, which is part of its settings. By default clusters are of a size of their own.
     json
         Answer in JSON on the output stream.
     """
@@ -67,6 +70,7 @@ class Given:
     known_light: File = None
     assignments: Annotated[UseAppendAction[tuple[str, ...]], optional("STAGE.SETTING=VALUE", "set")] = ()
     threads: Annotated[int | None, optional("N")] = None
+    memory: Annotated[str | None, optional("SIZE")] = None
     json: bool = False
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from pipeline.errors import shortened
 from pipeline.files.file_kinds import FILE, FOLDER, is_folder, kind_of_file
 from pipeline.process.library_messages import library_messages_in
 from pipeline.request import Absent, Request, Selection, check_flow
+from pipeline.stage import settings_of
 from stages.command.arguments import Given, Relight, Run
 from stages.scene.datasets import Dataset, find_dataset
 from stages.scene.wording import listed
@@ -30,6 +32,8 @@ LIGHTS = ("light", "known_light", "environment")
 FILES = {"mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
 MOST_THREADS = 1024
+PREFIXES = ("", "K", "M", "G", "T")
+LEAST_MEMORY, MOST_MEMORY = 500_000_000, 10**15  # the libraries alone take half of the least
 WORKSPACES = Path("workspaces")  # below the current folder
 # Generic names of folders of photos: projects named by them would share a workspace.
 SAY_NOTHING = {"images", "img", "photos", "photo", "pictures", "input", "jpg", "jpeg", "png", "tif", "tiff"}
@@ -90,6 +94,9 @@ def _request(
         flow = stages.with_full_resolution(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
+    memory = memory_of(command)
+    if memory is not None:
+        settings |= {stage.name: stage.within(settings_of(stage, settings), memory) for stage in flow}
     workspace = workspace_of(command, config, sources)
     for path in (workspace, *sources.values()):
         check_text(path)
@@ -101,6 +108,7 @@ def _request(
         kinds=kinds,
         workspace=workspace,
         threads=threads_of(command),
+        memory=memory,
         selection=selection,
         absent=absent_sources(command, config),
     )
@@ -300,3 +308,26 @@ def threads_of(command: Given) -> int:
             f"--threads is {command.threads}; expected 1 to {MOST_THREADS}, or none for all processors."
         )
     return command.threads
+
+
+def memory_of(command: Given) -> int | None:
+    """Read the memory that a stage may take, bytes; None where none was given.
+
+    Raises
+    ------
+    UserError
+        It is no size, or less than the libraries need.
+    """
+    if command.memory is None:
+        return None
+    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([KMGT]?)(i?)B?", command.memory.strip(), re.IGNORECASE)
+    size = 0.0
+    if match:
+        number, prefix, binary = match.groups()
+        size = float(number) * (1024 if binary else 1000) ** PREFIXES.index(prefix.upper())
+    if not LEAST_MEMORY <= size <= MOST_MEMORY:
+        raise UserError(
+            f"--memory is {shortened(command.memory)}; expected a size of at least "
+            f"{LEAST_MEMORY // 10**6} MB, as in --memory 6GB."
+        )
+    return int(size)

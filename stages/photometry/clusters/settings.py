@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pipeline import Settings, setting
 
+LEAST_PIXELS = 1000  # fewer make no cluster
+
 
 class ClusterSettings(Settings):
     """Settings of clusters of views that are solved together."""
@@ -14,11 +16,11 @@ class ClusterSettings(Settings):
         "another view that corresponds to one: half as many more, or as many. Fewer take more time, since "
         "what clusters share is solved in each.",
         unit="pixels",
-        ge=1000,
+        ge=LEAST_PIXELS,
     )
     sample_pixels: int = setting(
         4_000_000,
         "Pixels, at most, whose median brightness of the shading is what all clusters call typical.",
         unit="pixels",
-        ge=1000,
+        ge=LEAST_PIXELS,
     )
