@@ -30,7 +30,7 @@ def run(job: Job[SfmSettings]) -> None:
     with quiet_colmap():
         photos = _survey(job)
         colours = _find_features(job, photos, database)
-        _match(job, database, [len(own) for own in colours])
+        _match(job, database, photos, [len(own) for own in colours])
         names = [photo.name for photo in photos]
         pairs = _check_pairs(job, database, names)
         models, database = _map(job, database, names, pairs)
@@ -124,18 +124,30 @@ def _find_features(job: Job[SfmSettings], photos: Sequence[Photo], database: Pat
         return write_features(database, cameras, groups, features)
 
 
-def _match(job: Job[SfmSettings], database: Path, features: Sequence[int]) -> None:
+def _match(job: Job[SfmSettings], database: Path, photos: Sequence[Photo], features: Sequence[int]) -> None:
     """Match the photos, given how many features each has."""
     from stages.motion import matching
+    from stages.motion.positions import near_pairs
     from stages.motion.retrieval import similar_pairs
     from stages.scene.pairs import all_pairs
 
     settings, count = job.settings, len(features)
+    positions = [photo.position for photo in photos if photo.position is not None]
     mode = settings.matching
-    if mode == "auto":
-        mode = "exhaustive" if count <= settings.exhaustive_up_to else "retrieval"
+    if mode == "auto" and count <= settings.exhaustive_up_to:
+        mode = "exhaustive"
+    elif mode == "auto":
+        mode = "positions" if len(positions) == count else "retrieval"
+    if mode == "positions" and len(positions) < count:
+        without = [photo.name for photo in photos if photo.position is None]
+        raise UserError(
+            f"sfm.matching is positions, but {len(without)} of {count} photos have none in their EXIF data: "
+            f"{listed(without)}. Leave them out, or set sfm.matching=retrieval."
+        )
     if mode == "exhaustive":
         pairs = all_pairs(count)
+    elif mode == "positions":
+        pairs = near_pairs(positions, settings.near)
     elif mode == "retrieval":
         pairs = similar_pairs(database, settings.retrieval, job.scratch, job.threads, settings.seed)
     else:

@@ -14,6 +14,7 @@ from pipeline.cache.digest import digest_file
 from stages.formats.images.photo_folder import LINEAR
 from stages.formats.images.photos import read_photo
 from stages.motion.features import write_reduced
+from stages.motion.positions import Position, position_of
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Photo:
         Focal length that its EXIF data imply.
     linear_sample : ndarray or None
         Values of a linear (EXR, HDR) photo, for the exposure of the set.
+    position : Position or None
+        Where it was taken, by its EXIF data.
     """
 
     name: str
@@ -40,6 +43,7 @@ class Photo:
     copy: Path
     focal_prior_px: float | None
     linear_sample: np.ndarray | None = None
+    position: Position | None = None
 
 
 def survey(folder: Path, name: str, copy: Path, max_size_px: int, samples: int) -> Photo | str:
@@ -57,7 +61,7 @@ def survey(folder: Path, name: str, copy: Path, max_size_px: int, samples: int) 
     height, width = linear.shape[:2]
     if path.suffix.lower() not in LINEAR:
         write_reduced(linear, copy, max_size_px)
-        return Photo(name, width, height, copy, focal_prior(path))
+        return Photo(name, width, height, copy, focal_prior(path), position=position_of(path))
     values = linear.ravel()
     sample = values[:: max(1, len(values) // samples)].copy()
     return Photo(name, width, height, copy, None, sample)

@@ -193,17 +193,25 @@ class SfmSettings(Settings):
     focal_factor: float = setting(
         1.2, "First guess of the focal length without EXIF, in longest sides.", gt=0.1, le=10
     )
-    matching: Literal["auto", "exhaustive", "retrieval", "sequential"] = setting(
+    matching: Literal["auto", "exhaustive", "positions", "retrieval", "sequential"] = setting(
         "auto",
-        "Which photos are compared: all pairs, those that look alike, or neighbours in name order. auto: all "
-        "pairs, or, of many photos, those that look alike.",
+        "Which photos are compared: all pairs, those taken nearest to one another by the positions in their "
+        "EXIF data, those that look alike, or neighbours in name order. auto: all pairs; of many photos, by "
+        "positions if all have one, else those that look alike.",
     )
     exhaustive_up_to: int = setting(
         200,
-        "With matching: auto, of more photos than this only those that look alike are compared.",
+        "With matching: auto, of more photos than this only those that are near or look alike are compared.",
         unit="photos",
         ge=2,
         le=5000,
+    )
+    near: int = setting(
+        40,
+        "With matching: positions, photos that each is compared with: those taken nearest to it.",
+        unit="photos",
+        ge=1,
+        le=1000,
     )
     retrieval: RetrievalSettings = group(RetrievalSettings, "How photos that look alike are found.")
     overlap: int = setting(

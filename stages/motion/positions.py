@@ -1,0 +1,61 @@
+"""Selection of pairs of photos by where they were taken, as their EXIF data say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+from scipy.spatial import cKDTree
+
+GPS_IFD = 0x8825
+SOUTH, LATITUDE, WEST, LONGITUDE = 1, 2, 3, 4  # tags of the GPS directory
+SEXAGESIMAL = (1, 60, 3600)
+
+
+@dataclass(frozen=True)
+class Position:
+    """Latitude, north positive, and longitude, east positive, degrees."""
+
+    latitude: float
+    longitude: float
+
+
+def position_of(path: Path) -> Position | None:
+    """Read the position of a photo; None where its data have none, or none that can be."""
+    try:
+        with Image.open(path) as image:
+            gps = Image.Image.getexif(image).get_ifd(GPS_IFD)
+        latitude = _degrees(gps[LATITUDE], gps.get(SOUTH, "N") == "S")
+        longitude = _degrees(gps[LONGITUDE], gps.get(WEST, "E") == "W")
+    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError):
+        return None
+    except (KeyError, TypeError, ValueError, ZeroDivisionError, AttributeError, IndexError):
+        return None  # other data in its place
+    there = isfinite(latitude) and isfinite(longitude) and abs(latitude) <= 90 and abs(longitude) <= 180
+    unset = latitude == 0 and longitude == 0  # what receivers write that have seen no satellite
+    return Position(latitude, longitude) if there and not unset else None
+
+
+def _degrees(parts: Any, negative: bool) -> float:
+    """Sum degrees, minutes and seconds."""
+    total = sum(float(part) / unit for part, unit in zip(parts, SEXAGESIMAL, strict=True))
+    return -total if negative else total
+
+
+def near_pairs(positions: Sequence[Position], neighbours: int) -> list[tuple[int, int]]:
+    """List pairs i < j (indices) of photos: of each photo those that were taken nearest to it.
+
+    Distances are those on a sphere; heights, which receivers measure worst, do not count.
+    """
+    latitude, longitude = np.deg2rad([[one.latitude, one.longitude] for one in positions]).T
+    level = np.cos(latitude)
+    places = np.stack([level * np.cos(longitude), level * np.sin(longitude), np.sin(latitude)], axis=1)
+    count = min(neighbours + 1, len(positions))  # the nearest is the photo itself
+    _, nearest = cKDTree(places).query(places, k=count)
+    found = ((i, int(j)) for i, row in enumerate(nearest.reshape(len(places), count)) for j in row if i != j)
+    return sorted({(min(pair), max(pair)) for pair in found})
