@@ -106,7 +106,7 @@ SCENE = {
     },
     "transfer": {"max_vertices": 4000},
     "lighting": {"samples": 4000, "bounces": 0, "specular": {"remove": False}},
-    "correspondence": {"neighbours": 2},
+    "correspondence": {"neighbours": 2, "all_up_to": 3},
 }
 
 

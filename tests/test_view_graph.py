@@ -114,7 +114,7 @@ def test_the_stage_links_few_views_where_there_are_many(tmp_path, make_job, neig
     job = make_job(
         tmp_path / "job",
         CORRESPONDENCE,
-        CORRESPONDENCE.settings(neighbours=neighbours),
+        CORRESPONDENCE.settings(neighbours=neighbours, all_up_to=13),
         cameras=tmp_path / "cameras.json",
         **inputs,
     )
