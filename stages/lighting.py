@@ -1,22 +1,32 @@
-"""Estimation of the illumination of all views before the albedo: light, distance, gains, specular."""
+"""Estimation of the illumination of all views before the albedo: light, distance, gains, specular.
+
+Many views have their light estimated from some of them; the pixels of all are then lit cluster by cluster.
+"""
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage
+from stages.photometry.clusters.settings import LEAST_PIXELS
 from stages.photometry.lighting.settings import LightingSettings
 from stages.scene.distributions import OPEN3D, PICTURES
 from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, FEWER_OR_SMALLER_VIEWS
 
 if TYPE_CHECKING:
     import numpy as np
+    import scipy.sparse as sp
 
     from stages.formats.artefacts.transfer_file import StoredTransfer
+    from stages.geometry.short_edges import ShortEdged
+    from stages.photometry.clusters.cluster_views import ClusterViews
+    from stages.photometry.clusters.view_clusters import Cluster, ViewGraph
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
-    from stages.photometry.stack import StackedViews
+    from stages.photometry.lighting.trusted_pixels import Viewing
+    from stages.photometry.lighting.view_gains import LogView
     from stages.photometry.transport.lit_scenes import LitScene
     from stages.photometry.transport.sky_visibility import VisibilityProbes
     from stages.scene.cameras import Camera
@@ -24,62 +34,53 @@ if TYPE_CHECKING:
 
 BYTES_AT_ANY_SIZE = 400_000_000  # of specular reflection and of the picture of the light
 BYTES_PER_PIXEL = 400  # masked
+VIEWS_HELD = 24  # while pairs are compared: more save reading, fewer memory
 
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """Views read from disk: cameras, stacked pixels, images divided by a common scale.
+    """Views read from disk: stacked pixels, images divided by a common scale.
 
     Attributes
     ----------
-    cameras : list of Camera
-    views : StackedViews
-        Without a basis.
+    views : ClusterViews
     images : list of 3 ndarray, shape (N,), float32
     scale : float
     normals : ndarray, shape (N, 3)
+    viewing : Viewing
     unclipped : ndarray, shape (N,), bool
     """
 
-    cameras: list[Camera]
-    views: StackedViews
+    views: ClusterViews
     images: list[np.ndarray]
     scale: float
     normals: np.ndarray
+    viewing: Viewing
     unclipped: np.ndarray
 
 
 def run(job: Job[LightingSettings]) -> None:
-    """Read the views, estimate their light, and save it, the shading, and the pixels' data for the albedo."""
-    import numpy as np
-
+    """Estimate the light from all views, or from some, and save it, shading and data of all pixels."""
+    from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.artefacts.transfer_file import read_transfer
-    from stages.formats.artefacts.view_files import ways_to_cameras
-    from stages.formats.images.photos import read_environment
-    from stages.photometry.lighting.estimate_illumination import find_illumination
-    from stages.photometry.lighting.illumination_by_known_light import illumination_by
-    from stages.photometry.lighting.trusted_pixels import Viewing
+    from stages.formats.meshes.triangle_meshes import read_mesh
+    from stages.geometry.short_edges import with_short_edges
+    from stages.photometry.clusters.cluster_views import view_graph
+    from stages.photometry.clusters.view_clusters import Cluster, clusters_of, typical_views
 
-    known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
-    opened, stored = _open(job), read_transfer(job.inputs["transfer"])
-    towards = ways_to_cameras(opened.cameras, opened.views.masks)
-    how = job.settings
-    viewing = Viewing.of(opened.unclipped, opened.normals, towards, how.trusted_pixels)
-    _warn_of_clipping(job, int(np.count_nonzero(~opened.unclipped)), len(opened.unclipped))
-    if known is not None:
-        stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
-    scenes = _scenes(job, opened, stored)
-    seen = opened.views, opened.images
-    if known is not None:
-        light = _as_known(known, how, opened)
-        with job.progress("steps", light.turns(how.known_light) + 1 + _tries(how)) as step:
-            found = illumination_by(light, *seen, scenes[0], viewing, how, job.threads, step)
-    else:
-        with job.progress("steps", _steps(how, len(scenes))) as step:
-            found = find_illumination(*seen, scenes, viewing, how, job.threads, step)
-    _note(job, stored, found, viewing.trusted)
-    _report(job, stored, found)
-    _write(job, opened, stored, found, bool(viewing.trusted.any()))
+    cameras, stored = read_cameras(job.inputs["cameras"]), read_transfer(job.inputs["transfer"])
+    graph, short = (
+        view_graph(job.inputs, cameras),
+        with_short_edges(read_mesh(job.inputs["mesh"]), float(stored.longest_edge)),
+    )
+    every = Cluster(tuple(range(len(cameras))), ())
+    clusters = clusters_of(graph, job.settings.pixels)
+    if len(clusters) > 1 and "known_light" not in job.inputs and job.settings.lights != "per-view":
+        some = typical_views(graph, clusters, job.settings.pixels)
+        if _from_some(job, cameras, stored, short, graph, some, clusters):
+            return
+        job.say("Views have lights of their own: they are estimated from all views at once.")
+    _from_all(job, cameras, stored, short, graph, every)
 
 
 def estimated_memory(job: Job[LightingSettings]) -> int:
@@ -87,7 +88,156 @@ def estimated_memory(job: Job[LightingSettings]) -> int:
     from stages.formats.artefacts.view_files import masked_pixels
 
     pixels = masked_pixels(job.inputs)
+    if "known_light" not in job.inputs and job.settings.lights != "per-view":
+        pixels = min(pixels, 2 * job.settings.pixels)  # of a cluster with its halo
     return BYTES_OF_LIBRARIES + BYTES_AT_ANY_SIZE + BYTES_PER_PIXEL * pixels
+
+
+def _from_all(
+    job: Job[LightingSettings],
+    cameras: list[Camera],
+    stored: StoredTransfer,
+    short: ShortEdged,
+    graph: ViewGraph,
+    every: Cluster,
+) -> None:
+    """Estimate the light from all views at once."""
+    import numpy as np
+
+    from stages.formats.images.photos import read_environment
+    from stages.photometry.lighting import lighting_record as record
+    from stages.photometry.lighting.estimate_illumination import find_illumination
+    from stages.photometry.lighting.illumination_by_known_light import illumination_by
+
+    known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
+    opened, how = _open(job, cameras, every, graph.side, None), job.settings
+    record.warn_of_clipping(job, int(np.count_nonzero(~opened.unclipped)), len(opened.unclipped))
+    if known is not None:
+        stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
+    scenes = _scenes(job, opened, stored, short)
+    seen = opened.views.stack, opened.images
+    if known is not None:
+        light = _as_known(known, how, cameras, opened.scale)
+        with job.progress("steps", light.turns(how.known_light) + 1 + _tries(how)) as step:
+            found = illumination_by(light, *seen, scenes[0], opened.viewing, how, job.threads, step)
+    else:
+        with job.progress("steps", _steps(how, len(scenes))) as step:
+            found = find_illumination(*seen, scenes, opened.viewing, how, job.threads, step)
+    trusted = opened.viewing.trusted & found.observations.trusted
+    record.note_light(job, stored, found, int(np.count_nonzero(~trusted)))
+    record.report_light(job, stored, found)
+    record.write_pixels(job, cameras, opened.views.own_masks, found.light.shading, found.observations)
+    views = record.AllViews(
+        cameras, found.light_of_view, found.gains.gains, bool(opened.viewing.trusted.any())
+    )
+    record.write_light_of(job, stored, found, views, opened.scale)
+
+
+def _from_some(
+    job: Job[LightingSettings],
+    cameras: list[Camera],
+    stored: StoredTransfer,
+    short: ShortEdged,
+    graph: ViewGraph,
+    some: Cluster,
+    clusters: list[Cluster],
+) -> bool:
+    """Estimate one light from some views and light all with it; False if they have lights of their own."""
+    import numpy as np
+
+    from stages.photometry.lighting import lighting_record as record
+    from stages.photometry.lighting.estimate_illumination import find_illumination
+
+    opened, how = _open(job, cameras, some, graph.side, None), job.settings
+    gains = _gains_of_all(job, cameras, opened.scale)
+    scenes, seen = _scenes(job, opened, stored, short), (opened.views.stack, opened.images)
+    with job.progress("steps", _steps(how, len(scenes))) as step:
+        found = find_illumination(
+            *seen, scenes, opened.viewing, how, job.threads, step, gains[list(some.own)]
+        )
+    if found.apart:
+        return False
+    job.note(light_found_on=[cameras[view].name for view in some.own])
+    scale, clipped, untrusted, trusted = opened.scale, 0, 0, False
+    typical = float(np.median(found.light.shading))
+    del opened, scenes, seen
+    with job.progress("clusters", len(clusters)) as step:
+        for cluster in clusters:
+            counts = _light_cluster(job, cameras, stored, short, graph, cluster, found, typical, gains, scale)
+            clipped, untrusted, trusted = clipped + counts[0], untrusted + counts[1], trusted or counts[2] > 0
+            step()
+    record.warn_of_clipping(job, clipped, int(graph.pixels.sum()))
+    record.note_light(job, stored, found, untrusted)
+    record.report_light(job, stored, found)
+    views = record.AllViews(cameras, np.zeros(len(cameras), np.int64), gains, trusted)
+    record.write_light_of(job, stored, found, views, scale)
+    return True
+
+
+def _light_cluster(
+    job: Job[LightingSettings],
+    cameras: list[Camera],
+    stored: StoredTransfer,
+    short: ShortEdged,
+    graph: ViewGraph,
+    cluster: Cluster,
+    found: Illumination,
+    typical: float,
+    gains: np.ndarray,
+    scale: float,
+) -> tuple[int, int, int]:
+    """Write shading and data of a cluster's own views; count their clipped, untrusted and usable pixels."""
+    import numpy as np
+
+    from stages.photometry.albedo_data import AlbedoData
+    from stages.photometry.lighting.further_views import further_pixels
+    from stages.photometry.lighting.lighting_record import write_pixels
+    from stages.photometry.transport.pixel_transfer import without_opposed
+
+    opened = _open(job, cameras, cluster, graph.side, scale)
+    blend, _ = without_opposed(opened.normals, _blend(job, opened, stored, short), stored.normals)
+    scene = found.explained.scene.with_pixels(opened.normals, blend)
+    own_gains = gains[sorted({*cluster.own, *cluster.halo})]
+    image = np.stack(opened.images, axis=1)
+    shading, data = further_pixels(
+        found, typical, opened.views.stack, image, opened.viewing, scene, own_gains
+    )
+    own = opened.views.own
+    kept = AlbedoData(data.observed[own], data.diffuse[own], data.trusted[own], data.glossy)
+    write_pixels(job, opened.views.own_cameras, opened.views.own_masks, shading[own], kept)
+    usable = opened.viewing.trusted[own]
+    untrusted = int(np.count_nonzero(~(usable & kept.trusted)))
+    return int(np.count_nonzero(~opened.unclipped[own])), untrusted, int(np.count_nonzero(usable))
+
+
+def _gains_of_all(job: Job[LightingSettings], cameras: list[Camera], scale: float) -> np.ndarray:
+    """Estimate the gains of all views, (n, 3), pair by pair; few views are in memory at a time."""
+    import numpy as np
+
+    from stages.formats.artefacts.correspondence_files import CorrespondenceFiles
+    from stages.photometry.lighting.view_gains import LogView, PairRatio, log_gains
+
+    held: OrderedDict[int, LogView] = OrderedDict()
+
+    def log_view(number: int) -> LogView:
+        if number not in held:
+            linear, normals, towards, unclipped = _read_view(job, cameras[number])
+            viewing = _viewing(job, unclipped, normals, towards)
+            held[number] = LogView.of(linear / np.float32(scale), viewing.trusted, job.settings.gains)
+            if len(held) > VIEWS_HELD:
+                held.popitem(last=False)
+        held.move_to_end(number)
+        return held[number]
+
+    files, ratios = CorrespondenceFiles.of(job.inputs["correspondences"], cameras), []
+    with job.progress("gains", len(files.pairs)) as step:
+        for i, j in sorted(files.pairs):
+            block = files.read(i, j)
+            here, there = np.flatnonzero(np.diff(block.indptr)), block.indices
+            fewest = job.settings.gains.fewest_correspondences
+            ratios.append(PairRatio.of(i, j, log_view(i), log_view(j), here, there, fewest))
+            step()
+    return np.exp(log_gains(len(cameras), ratios))
 
 
 def _steps(how: LightingSettings, scenes: int) -> int:
@@ -107,51 +257,89 @@ def _tries(how: LightingSettings) -> int:
     return len(how.reflectance.tried) // 2 if how.reflectance_is_found else 0
 
 
-def _open(job: Job[LightingSettings]) -> Opened:
+def _read_view(
+    job: Job[LightingSettings], camera: Camera
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Read linear values, normals, ways to the camera, (N_i, 3) each, and unclipped pixels, of a view."""
+    from stages.formats.artefacts.view_files import read_views, ways_to_cameras
+    from stages.photometry.lighting.trusted_pixels import unclipped
+
+    ((mask, normal, linear),) = read_views(job.inputs, [camera])
+    towards = ways_to_cameras([camera], [mask])
+    return linear, normal[mask], towards, unclipped(linear, job.settings.trusted_pixels)
+
+
+def _viewing(
+    job: Job[LightingSettings], unclipped: np.ndarray, normals: np.ndarray, towards: np.ndarray
+) -> Viewing:
+    from stages.photometry.lighting.trusted_pixels import Viewing
+
+    return Viewing.of(unclipped, normals, towards, job.settings.trusted_pixels)
+
+
+def _open(
+    job: Job[LightingSettings],
+    cameras: list[Camera],
+    cluster: Cluster,
+    side: float,
+    scale: float | None,
+) -> Opened:
+    """Open the views of a cluster; without a scale, images are divided by their own."""
     import numpy as np
 
-    from stages.formats.artefacts.camera_file import read_cameras
-    from stages.formats.artefacts.correspondence_files import numbered_correspondences
-    from stages.formats.artefacts.view_files import read_views, scaled_channels
-    from stages.photometry.lighting.trusted_pixels import unclipped
-    from stages.photometry.stack import stack_views
+    from stages.formats.artefacts.view_files import scaled_channels
+    from stages.photometry.clusters.cluster_views import open_cluster
 
-    cameras = read_cameras(job.inputs["cameras"])
-    masks, normals, pixels = [], [], []
-    with job.progress("views", len(cameras)) as step:
-        for mask, normal, linear in read_views(job.inputs, cameras, job.executor.map):
-            masks.append(mask)
-            normals.append(normal[mask])
-            pixels.append(linear)
+    views = open_cluster(job.inputs, cameras, cluster, side)
+    parts = []
+    with job.progress("views", len(views.cameras)) as step:
+        found = job.executor.map(lambda camera: _read_view(job, camera), views.cameras)
+        for kept, view in zip(views.kept, found, strict=True):
+            parts.append([values[kept] for values in view])
             step()
-    views = stack_views(masks, None, numbered_correspondences(job.inputs["correspondences"], cameras))
-    not_clipped = np.concatenate([unclipped(own, job.settings.trusted_pixels) for own in pixels])
-    images, scale = scaled_channels(np.concatenate(pixels))
-    return Opened(cameras, views, images, scale, np.concatenate(normals), not_clipped)
+    pixels, normals, towards, unclipped = (np.concatenate(own) for own in zip(*parts, strict=True))
+    del parts
+    if scale is None:
+        images, scale = scaled_channels(pixels)
+    else:
+        images = [np.ascontiguousarray(pixels[:, c], np.float32) / np.float32(scale) for c in range(3)]
+    viewing = _viewing(job, unclipped, normals, towards)
+    return Opened(views, images, scale, normals, viewing, unclipped)
 
 
-def _scenes(job: Job[LightingSettings], opened: Opened, stored: StoredTransfer) -> list[LitScene]:
-    """Build the scene for each distance of the light; surface points and blends are released."""
+def _blend(
+    job: Job[LightingSettings], opened: Opened, stored: StoredTransfer, short: ShortEdged
+) -> sp.csr_array:
+    """Interpolate the proxy's vertices at the pixels, (N, P)."""
     from stages.formats.artefacts.view_files import read_surface_points
-    from stages.formats.meshes.triangle_meshes import read_mesh
-    from stages.geometry.vertex_interpolation import pixels_on_proxy
+    from stages.geometry.vertex_interpolation import pixels_on_proxy_of
+
+    points = read_surface_points(job.inputs, opened.views.cameras, opened.views.stack.masks)
+    return pixels_on_proxy_of(short, stored, points)
+
+
+def _scenes(
+    job: Job[LightingSettings], opened: Opened, stored: StoredTransfer, short: ShortEdged
+) -> list[LitScene]:
+    """Build the scene for each distance of the light; surface points and blends are released."""
     from stages.photometry.transport.lit_scenes import scenes_by_distance
     from stages.scene.wording import tell_seen_from_behind
 
-    points = read_surface_points(job.inputs, opened.cameras, opened.views.masks)
-    blend = pixels_on_proxy(stored, read_mesh(job.inputs["mesh"]), points)
-    scenes, opposed = scenes_by_distance(stored, blend, opened.normals, _probes(job, stored))
+    blend, probes = _blend(job, opened, stored, short), _probes(job, stored)
+    scenes, opposed = scenes_by_distance(stored, blend, opened.normals, probes)
     tell_seen_from_behind(job, opposed, len(opened.normals))
     return scenes
 
 
-def _as_known(picture: np.ndarray, settings: LightingSettings, opened: Opened) -> KnownLight:
+def _as_known(
+    picture: np.ndarray, settings: LightingSettings, cameras: list[Camera], image_scale: float
+) -> KnownLight:
     """Convert an environment map to a known light in the scale of the photos."""
     from stages.photometry.lighting.known_light import KnownLight
     from stages.scene.upright import upright_from_world
 
-    scale = 1 / opened.scale if settings.known_scale == "fixed" else None
-    upright = upright_from_world(opened.cameras, settings.upright_within_deg)
+    scale = 1 / image_scale if settings.known_scale == "fixed" else None
+    upright = upright_from_world(cameras, settings.upright_within_deg)
     return KnownLight.of(picture, upright, settings.known_turn_deg, scale, settings.environment_map)
 
 
@@ -172,92 +360,10 @@ def _probes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityPro
     )
 
 
-def _warn_of_clipping(job: Job[LightingSettings], clipped: int, pixels: int) -> None:
-    if 2 * clipped > pixels:
-        white = job.settings.trusted_pixels.saturation
-        job.warn(
-            f"{clipped} of {pixels} pixels are white in a channel of their photo (from {white:.0%} on); "
-            "expected few: their albedo is a guess. Develop the photos darker, or give them as EXR."
-        )
-
-
-def _note(
-    job: Job[LightingSettings], stored: StoredTransfer, found: Illumination, trusted: np.ndarray
-) -> None:
-    """Record the estimated light and the figures that it was decided by."""
-    import numpy as np
-
-    if found.turn_deg is not None:
-        job.note(known_light_turned_by_deg=found.turn_deg)
-    distance = stored.radii[found.scene]
-    job.note(
-        light_distance=float(distance) if np.isfinite(distance) else "infinitely far",
-        disagreement=dict(zip(map(str, stored.radii.tolist()), found.disagreements, strict=True)),
-        directions=len(found.directions),
-        lights=int(found.light_of_view.max()) + 1,
-        lights_apart=round(found.apart, 3),
-        spread_between_views=round(found.gains.spread, 4),
-        brightening_between_views=round(found.brightening, 3),
-        specular=[found.specular.as_json()] if found.specular else [],
-        **({} if found.reflectance is None else {"brightest": found.reflectance.as_json()}),
-        untrusted_pixels=int(np.count_nonzero(~(trusted & found.observations.trusted))),
-    )
-
-
-def _report(job: Job[LightingSettings], stored: StoredTransfer, found: Illumination) -> None:
-    """Report the decisions and their figures in one line."""
-    import numpy as np
-
-    count, distance = int(found.light_of_view.max()) + 1, stored.radii[found.scene]
-    lights = "one light for all views" if count == 1 else f"{count} lights, one for each view"
-    if 0 < found.apart < 1:
-        lights += f", mixed by {found.apart:.2f} with one for all"
-    far = f"{distance:.3g} from the middle" if np.isfinite(distance) else "infinitely far away"
-    bright = f"; the brightest material reflects {found.brightest:.2f}" if found.brightest else ""
-    job.say(
-        f"Found {lights}, {far}: views differ by {found.gains.spread:.2f} "
-        f"(still_light={job.settings.still_up_to:g}, moving_light={job.settings.moving_light:g}){bright}."
-    )
-
-
-def _write(
-    job: Job[LightingSettings], opened: Opened, stored: StoredTransfer, found: Illumination, trusted: bool
-) -> None:
-    """Write the light as numbers and environment maps, the shading, and the pixels' observations."""
-    import numpy as np
-
-    from stages.formats.artefacts.light_npz import StoredLight, write_light
-    from stages.formats.artefacts.lighting_json import LightAround, write_light_around
-    from stages.formats.artefacts.view_files import write_arrays, write_maps, write_pictures_of_light
-    from stages.photometry.transport.environment import picture_of_light
-    from stages.scene.upright import upright_from_world
-
-    views, directions, lights = (opened.cameras, opened.views.masks), found.directions, found.light.radiance
-    write_maps(job.outputs["shading"], *views, found.light.shading, job.executor.map)
-    observed = {kind: getattr(found.observations, kind) for kind in ("observed", "diffuse", "trusted")}
-    write_arrays(job.outputs["observations"], *views, observed, job.executor.map)
-    sphere = stored.centre, float(stored.radii[found.scene])
-    around = LightAround(directions, found.cells, lights, found.light_of_view, found.gains.gains, *sphere)
-    absolute = found.turn_deg is not None and job.settings.known_scale == "fixed"
-    write_light_around(job.outputs["lighting"], opened.cameras, around, opened.scale, absolute)
-    stored_light = StoredLight(
-        around=around,
-        image_scale=opened.scale,
-        mean_shading=found.light.shading.mean(axis=0, dtype=np.float64) if absolute else np.ones(3),
-        specular_strength=found.specular.strength if found.specular else np.zeros(3),
-        specular_roughness=found.specular.roughness if found.specular else 0.0,
-        glossy=found.observations.glossy,
-        trusted=trusted,
-        brightest=found.brightest,
-    )
-    write_light(job.outputs["found_light"], stored_light)
-    names = [camera.name for camera in opened.cameras] if len(lights) > 1 else ["shared"]
-    upright = directions @ upright_from_world(opened.cameras, job.settings.upright_within_deg).T
-    pictures = {
-        name: picture_of_light(upright, one, job.settings.light_pictures, found.cells)
-        for name, one in zip(names, lights, strict=True)
-    }
-    write_pictures_of_light(job.outputs["light_pictures"], pictures)
+def within(settings: LightingSettings, memory: int) -> LightingSettings:
+    """Estimate the light on as many pixels as the memory, bytes, has room for."""
+    pixels = max((memory - BYTES_OF_LIBRARIES - BYTES_AT_ANY_SIZE) // (2 * BYTES_PER_PIXEL), LEAST_PIXELS)
+    return settings.model_copy(update={"pixels": min(settings.pixels, pixels)})
 
 
 LIGHTING = Stage(
@@ -281,5 +387,6 @@ LIGHTING = Stage(
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
     memory=estimated_memory,
+    within=within,
     saves_memory=FEWER_OR_SMALLER_VIEWS,
 )

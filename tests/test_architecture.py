@@ -61,7 +61,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "photometry/transport": {"paper"},
     "photometry/specular": {"transport"},
     "photometry/light_search": {"transport", "specular"},
-    "photometry/lighting": {"light_search", "transport", "specular"},
+    "photometry/lighting": {"clusters", "light_search", "transport", "specular"},
     "photometry/joint": {"paper", "transport"},
     "photometry/detail": set(),
     "photometry/albedo": {"joint", "detail", "specular"},

@@ -28,6 +28,7 @@ from stages.photometry.detail.scene_statistics import DetailStatistics, OctaveSt
 from stages.photometry.detail.shading_uncertainty import ShownChange
 from stages.photometry.detail.statistics_by_class import mean_of_curves
 from stages.photometry.detail.texture_limit import TextureLimit
+from stages.photometry.lighting.view_gains import PairRatio, log_gains
 
 
 def street(views: int, reach: int = 3, pixels: int = 100) -> ViewGraph:
@@ -195,6 +196,56 @@ def test_clusters_give_the_albedo_of_all_views_at_once(at_once, in_clusters):
         extent = np.quantile(own, 0.999) - np.quantile(own, 0.001)
         assert np.sqrt(np.mean((own - other) ** 2)) < most * extent
     assert np.abs(maps(whole, "confidence") - maps(parts, "confidence")).mean() < 0.02
+
+
+def lit(workspace, pixels):
+    """The relief's light, estimated and applied with at most so many pixels at once."""
+    given = SCENE | {"lighting": {**SCENE["lighting"], "pixels": pixels}}
+    done = results_of(stages.experiment({}), {}, given, workspace, "lighting", 2, Terminal())
+    return dict(done.paths), done.facts["lighting"]
+
+
+def test_pixels_that_are_lit_in_clusters_are_as_those_that_are_lit_at_once(workspace, at_once):
+    """Clusters so small that the light is estimated on all views, as at once."""
+    (parts, facts), (whole, _) = lit(workspace, 3500), at_once
+    assert len(facts["light_found_on"]) == 6
+    np.testing.assert_allclose(maps(parts, "shading"), maps(whole, "shading"), rtol=1e-4, atol=1e-6)
+    for camera in read_cameras(whole["cameras"]):
+        one, other = (np.load(paths["observations"] / f"{camera.name}.npz") for paths in (whole, parts))
+        np.testing.assert_allclose(other["observed"], one["observed"], rtol=1e-4, atol=1e-6)
+        assert np.mean(other["trusted"] != one["trusted"]) < 0.01
+        off = np.abs(other["diffuse"] - one["diffuse"]).mean()  # highlights of halos lack their own halos
+        assert off < 0.005 * one["diffuse"].mean()
+    own, other = (
+        json.loads(paths["lighting"].read_text(encoding="utf-8"))["views"] for paths in (whole, parts)
+    )
+    assert [view["gain"] for view in other] == [pytest.approx(view["gain"], rel=1e-5) for view in own]
+
+
+def test_a_light_found_on_some_views_is_near_that_of_all(workspace, at_once):
+    paths, facts = lit(workspace, 5500)
+    assert 2 <= len(facts["light_found_on"]) < 6
+    whole, parts = maps(at_once[0], "shading"), maps(paths, "shading")
+    assert np.isfinite(parts).all() and (parts >= 0).all()
+    scale = (whole * parts).sum(axis=0) / (parts**2).sum(axis=0)
+    assert np.sqrt(np.mean((whole - scale * parts) ** 2)) < 0.15 * whole.mean()
+
+
+@given(st.integers(2, 12), st.integers(0, 5))
+def test_gains_come_back_from_pairs_along_a_chain(views, seed):
+    rng = np.random.default_rng(seed)
+    true = rng.normal(0, 0.3, (views, 3))
+    true -= true.mean(axis=0)
+    ratios = [
+        PairRatio(i, i + 1, true[i] - true[i + 1], np.full(3, rng.integers(50, 500)))
+        for i in range(views - 1)
+    ]
+    np.testing.assert_allclose(log_gains(views, ratios), true, atol=1e-9)
+
+
+def test_channels_with_too_few_correspondences_have_no_gain():
+    ratios = [PairRatio(0, 1, np.array([0.2, 0.4, 0.0]), np.array([80, 80, 0]))]
+    np.testing.assert_allclose(log_gains(2, ratios), [[0.1, 0.2, 0], [-0.1, -0.2, 0]], atol=1e-12)
 
 
 def test_the_energies_of_clusters_are_told_one_by_one(in_clusters):

@@ -16,7 +16,7 @@ from stages.photometry.light_search.light_from_specular import light_in_gloss
 from stages.photometry.lighting.observations import Observations
 from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.trusted_pixels import Viewing
-from stages.photometry.specular.chromaticity_clusters import chromaticity_clusters
+from stages.photometry.specular.chromaticity_clusters import ChromaticityClusters
 from stages.photometry.specular.ggx_lobes import lobes
 from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.specular.specular_reflection import (
@@ -276,23 +276,32 @@ def glossy_in_part():
     return scene.stacked(), sky, mirror, shading, *_scaled(albedo * shading, specular), part
 
 
+def clustered(views, image, shading, trusted):
+    """The cluster of every pixel."""
+    return ChromaticityClusters.of(views, image, shading, trusted, SPECULAR.clusters)[1]
+
+
 def test_a_paint_is_what_has_one_albedo_whatever_light_and_gloss_make_of_it(glossy_in_part):
     views, _, _, shading, diffuse, specular, _ = glossy_in_part
-    paint = chromaticity_clusters(views, diffuse + specular, shading, everything(diffuse), SPECULAR.clusters)
+    paint = clustered(views, diffuse + specular, shading, everything(diffuse))
     assert 3 <= len(np.unique(paint)) <= SPECULAR.clusters.count
     true = np.unique(np.round(diffuse / shading, 3), axis=0, return_inverse=True)[1].ravel()
     mixed = sum(len(of) - np.bincount(of).max() for of in (true[paint == k] for k in np.unique(paint)))
     assert mixed < 0.02 * len(paint)
     few = np.arange(len(paint)) % (len(paint) // 3) == 0
-    assert (
-        len(np.unique(chromaticity_clusters(views, diffuse + specular, shading, few, SPECULAR.clusters)))
-        <= few.sum()
-    )
+    assert len(np.unique(clustered(views, diffuse + specular, shading, few))) <= few.sum()
     nothing = np.zeros_like(diffuse)
-    assert (
-        len(np.unique(chromaticity_clusters(views, nothing, nothing, everything(diffuse), SPECULAR.clusters)))
-        == 1
-    )
+    assert len(np.unique(clustered(views, nothing, nothing, everything(diffuse)))) == 1
+
+
+def test_paints_are_found_again_in_other_pixels(glossy_in_part):
+    """Clusters of all views, assigned to them again, and in half the light."""
+    views, _, _, shading, diffuse, specular, _ = glossy_in_part
+    image, trusted = diffuse + specular, everything(diffuse)
+    clusters, paint = ChromaticityClusters.of(views, image, shading, trusted, SPECULAR.clusters)
+    np.testing.assert_array_equal(clusters.assigned(views, image, shading, trusted), paint)
+    dimmed = clusters.assigned(views, 0.5 * image, 0.5 * shading, trusted)
+    assert np.mean(dimmed != paint) < 0.01
 
 
 def test_what_is_matt_hides_no_gloss_of_other_paint(glossy_in_part):

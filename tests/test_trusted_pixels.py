@@ -29,5 +29,11 @@ def test_surface_seen_at_a_grazing_angle_does_not_count():
 
 def test_surface_with_hardly_any_light_does_not_count():
     shading = np.outer([0.001, 0.1, 1.0, 1.0, 1.2], np.ones(3))
-    assert unlit(shading, HOW).tolist() == [True, False, False, False, False]
-    assert unlit(shading, TrustedPixelSettings(unlit=0.2)).tolist() == [True, True, False, False, False]
+    assert unlit(shading, 1.0, HOW).tolist() == [True, False, False, False, False]
+    assert unlit(shading, 1.0, TrustedPixelSettings(unlit=0.2)).tolist() == [
+        True,
+        True,
+        False,
+        False,
+        False,
+    ]

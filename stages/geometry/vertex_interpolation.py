@@ -9,14 +9,18 @@ import scipy.sparse as sp
 
 from stages.formats.artefacts.transfer_file import StoredTransfer
 from stages.formats.meshes.triangle_meshes import Surface
-from stages.geometry.short_edges import with_short_edges
+from stages.geometry.short_edges import ShortEdged, with_short_edges
 
 SurfacePoints = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # faces, barycentric; view by view
 
 
 def pixels_on_proxy(stored: StoredTransfer, mesh: Surface, points: SurfacePoints) -> sp.csr_array:
     """Interpolate the proxy's vertices at every pixel's point of the mesh: weights, (N, P)."""
-    short = with_short_edges(mesh, float(stored.longest_edge))
+    return pixels_on_proxy_of(with_short_edges(mesh, float(stored.longest_edge)), stored, points)
+
+
+def pixels_on_proxy_of(short: ShortEdged, stored: StoredTransfer, points: SurfacePoints) -> sp.csr_array:
+    """Interpolate likewise; the mesh already has edges no longer than `stored.longest_edge`."""
     carried, faces = short.carried(*points), short.surface.faces
     return blend_of_pixels(*carried, faces, stored.corners, stored.weights, len(stored.blocked))
 

@@ -90,6 +90,28 @@ def size_of(cluster: Cluster, graph: ViewGraph) -> tuple[float, float]:
     return inside[0] + float(shared.sum()), inside[1] + float(between.sum() + around.sum() / 2)
 
 
+def typical_views(graph: ViewGraph, clusters: list[Cluster], most_pixels: float) -> Cluster:
+    """Choose views from all clusters in equal parts, each with those that it has most surface in common with.
+
+    Every cluster gives the view with the most correspondences inside it, then those that have most with the
+    ones it has given, as long as there is room; at least two, if it has so many. There is no halo.
+    """
+    room, chosen = most_pixels / len(clusters), []
+    for cluster in clusters:
+        own = np.array(cluster.own)
+        links = graph.links[own][:, own].toarray()
+        given = [int(np.argmax(links.sum(axis=1)))]
+        while len(given) < len(own):
+            common = links[given].sum(axis=0)
+            common[given] = -1
+            following = int(np.argmax(common))
+            if len(given) > 1 and graph.pixels[own[[*given, following]]].sum() > room:
+                break
+            given.append(following)
+        chosen += own[given].tolist()
+    return Cluster(tuple(sorted(chosen)), ())
+
+
 def _divided(graph: ViewGraph, views: np.ndarray, most_pixels: float) -> list[np.ndarray]:
     if len(views) < 2 or graph.pixels[views].sum() <= most_pixels:
         return [views]

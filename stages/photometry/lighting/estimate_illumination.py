@@ -37,6 +37,7 @@ def find_illumination(
     settings: LightingSettings,
     threads: int,
     step: Step,
+    known_gains: np.ndarray | None = None,
 ) -> Illumination:
     """Estimate light, its distance, view gains, specular reflection, and the pixels' data for the albedo.
 
@@ -55,9 +56,11 @@ def find_illumination(
         Never changes the result.
     step : callable
         Called after every step of the search.
+    known_gains : ndarray, shape (n, 3), or None
+        Gains of the views, estimated from more views.
     """
     use_threads(threads)
-    photos = ObservationsWithGains.of(views, images, viewing, settings)
+    photos = ObservationsWithGains.of(views, images, viewing, settings, known_gains)
     far = _from_infinitely_far(photos.lit, scenes[0], step)
     now = _at_best_distance(far, scenes, step).without_specular()
     if now.reflectance is not None and now.light is not far.light:

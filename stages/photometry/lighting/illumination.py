@@ -42,13 +42,18 @@ class ObservationsWithGains:
 
     @classmethod
     def of(
-        cls, views: StackedViews, images: list[np.ndarray], viewing: Viewing, settings: LightingSettings
+        cls,
+        views: StackedViews,
+        images: list[np.ndarray],
+        viewing: Viewing,
+        settings: LightingSettings,
+        known_gains: np.ndarray | None = None,
     ) -> ObservationsWithGains:
-        """Divide estimated gains out of scaled images, 3 of (N,). If no pixel is trusted, all are."""
+        """Divide known or estimated gains out of scaled images, 3 of (N,). If no pixel is trusted: all."""
         image = np.stack(images, axis=1)
         if not viewing.trusted.any():
             viewing = replace(viewing, trusted=np.ones_like(viewing.trusted))
-        gains = view_gains(views, image, viewing.trusted, settings.gains)
+        gains = view_gains(views, image, viewing.trusted, settings.gains, known_gains)
         of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
         linked = LinkedPatches.of(views, viewing.trusted, settings.highlights)
         as_seen = Observations.of(linked, viewing, image / of_pixel, gains.spread, settings)
@@ -106,17 +111,28 @@ class Explanation:
 
 @dataclass(frozen=True, eq=False)
 class LightAndShading:
-    """Radiance, (G, M, 3), at least 0, and the shading of all pixels by it, (N, 3), float32."""
+    """Light in its unit.
+
+    Attributes
+    ----------
+    radiance : ndarray, shape (G, M, 3)
+        At least 0.
+    shading : ndarray, shape (N, 3), float32
+        Of all pixels, view gains included.
+    unit : ndarray, shape (3,), float32
+        By which light and shading were divided.
+    """
 
     radiance: np.ndarray
     shading: np.ndarray
+    unit: np.ndarray
 
     @classmethod
     def of_mean_one(cls, radiance: np.ndarray, shading: np.ndarray) -> LightAndShading:
         """Normalise the light so that the mean shading, view gains included, is 1 in each channel."""
         mean = shading.mean(axis=0, dtype=np.float64).astype(np.float32)
         mean = np.where(mean > 0, mean, np.float32(1))
-        return cls(radiance / mean, shading / mean)
+        return cls(radiance / mean, shading / mean, mean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +166,8 @@ class Illumination:
         Reflectance of the brightest material, given or estimated; 0 if neither, or if albedo is absolute.
     reflectance : Reflectance or None
         Record of its estimation, if it was estimated.
+    explained : Explanation
+        What explains the photos.
     """
 
     light: LightAndShading
@@ -164,6 +182,7 @@ class Illumination:
     directions: np.ndarray
     cells: np.ndarray
     brightest: float
+    explained: Explanation
     turn_deg: float | None = None
     reflectance: Reflectance | None = None
 
@@ -191,6 +210,7 @@ class Illumination:
             directions=directions.directions,
             cells=directions.cells,
             brightest=brightest,
+            explained=explained,
             turn_deg=turn_deg,
             reflectance=explained.reflectance,
         )
@@ -219,5 +239,6 @@ def reflectance_under(
 def _albedo_data(explained: Explanation, of_pixel: np.ndarray, shading: np.ndarray) -> AlbedoData:
     """Collect observed and diffuse radiance, view gains included, and the pixels trusted under this light."""
     photos = explained.photos
-    lit = photos.viewing.without(unlit(shading, photos.settings.trusted_pixels))
+    typical = float(np.median(shading))
+    lit = photos.viewing.without(unlit(shading, typical, photos.settings.trusted_pixels))
     return AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit.trusted, explained.glossy)

@@ -98,5 +98,5 @@ def _in_unit_of(known: KnownLight, now: Explanation, of_pixel: np.ndarray) -> Li
     radiance, shading = now.light.radiance, now.shading() * of_pixel
     if known.scale is None:
         return LightAndShading.of_mean_one(radiance, shading)
-    unit = np.float32(known.scale)
-    return LightAndShading(radiance / unit, shading / unit)
+    unit = np.full(3, known.scale, np.float32)
+    return LightAndShading(radiance / unit, shading / unit, unit)

@@ -13,7 +13,7 @@ from stages.photometry.light_search.search import Search, disagreements, estimat
 from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.shared_or_own_lights import weight_of_own_lights
 from stages.photometry.lighting.trusted_pixels import Viewing
-from stages.photometry.specular.chromaticity_clusters import chromaticity_clusters
+from stages.photometry.specular.chromaticity_clusters import ChromaticityClusters
 from stages.photometry.specular.highlights import (
     LinkedPatches,
     brightening,
@@ -21,6 +21,7 @@ from stages.photometry.specular.highlights import (
     without_highlights,
 )
 from stages.photometry.specular.specular_reflection import (
+    GlossyPaints,
     Mirror,
     SpecularReflection,
     highlights_of,
@@ -173,17 +174,23 @@ class Observations:
         """Estimate the reflection of the clusters whose differences mirrored light explains; None without."""
         light = found.radiance[0]
         how, shading = self.settings.specular.clusters, self.shading(scene, found)
-        cluster = chromaticity_clusters(self.views, self.diffuse, shading, self.viewing.trusted, how)
-        members = (cluster == number for number in range(int(cluster.max()) + 1))
-        specular = [own for own in members if self._is_specular(differences.within(own).strength(light))]
-        if not specular:
+        clusters, cluster = ChromaticityClusters.of(
+            self.views, self.diffuse, shading, self.viewing.trusted, how
+        )
+        numbers = tuple(
+            number
+            for number in range(int(cluster.max()) + 1)
+            if self._is_specular(differences.within(cluster == number).strength(light))
+        )
+        if not numbers:
             return None
-        glossy = np.any(specular, axis=0)
+        glossy = np.isin(cluster, numbers)
         own = differences.within(glossy)
         of_all = own.strength(light)
         if of_all is None:  # impossible: one of the clusters alone has enough correspondences
             return None
-        return SpecularReflection(of_all.strength, of_all.roughness, of_all.left, glossy), own
+        paints = GlossyPaints(clusters, numbers)
+        return SpecularReflection(of_all.strength, of_all.roughness, of_all.left, glossy, paints), own
 
     def specular(
         self,

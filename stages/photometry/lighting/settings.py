@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import ValidationInfo, field_validator, model_validator
 
 from pipeline import Settings, UserError, group, setting
+from stages.photometry.clusters.settings import LEAST_PIXELS
 from stages.photometry.light_search.settings import LightSearchSettings
 from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSettings, SpecularSettings
 from stages.photometry.transport.settings import (
@@ -185,6 +186,14 @@ class LightingSettings(LightSearchSettings):
         "the albedo is absolute.",
     )
 
+    pixels: int = setting(
+        4_000_000,
+        "Masked pixels, at most, of the views that the light is estimated from: all, or some from every part "
+        "of the scene. Of more views, the pixels are then lit in clusters of at most as many. Memory is "
+        "about 0.4 kB for each.",
+        unit="pixels",
+        ge=LEAST_PIXELS,
+    )
     gains: ViewGainSettings = group(
         ViewGainSettings, "Gains of the views from corresponding pixels, and the spread that remains."
     )

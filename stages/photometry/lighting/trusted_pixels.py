@@ -49,6 +49,9 @@ def unclipped(linear: np.ndarray, how: TrustedPixelSettings) -> np.ndarray:
     return np.all(linear < how.saturation, axis=1)
 
 
-def unlit(shading: np.ndarray, how: TrustedPixelSettings) -> np.ndarray:
-    """Select the pixels with too little shading, (N, 3), to constrain the albedo: (N,), bool."""
-    return shading.mean(axis=1) <= how.unlit * np.median(shading)
+def unlit(shading: np.ndarray, typical: float, how: TrustedPixelSettings) -> np.ndarray:
+    """Select the pixels with too little shading, (N, 3), to constrain the albedo: (N,), bool.
+
+    `typical`: the median shading of the scene.
+    """
+    return shading.mean(axis=1) <= how.unlit * typical

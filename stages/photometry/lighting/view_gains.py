@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,8 +32,68 @@ class ViewGains:
     spread: float
 
 
+@dataclass(frozen=True, eq=False)
+class LogView:
+    """Logarithms of a view's pixels, (N_i, 3), and which of them are bright and trusted, (N_i, 3), bool."""
+
+    logs: np.ndarray
+    bright: np.ndarray
+
+    @classmethod
+    def of(cls, image: np.ndarray, trusted: np.ndarray, how: ViewGainSettings) -> LogView:
+        """Take the logarithm of an image, (N_i, 3), above a floor by its bright pixels."""
+        bright = np.percentile(image, how.bright_percentile, axis=0) if len(image) else np.zeros(3)
+        floor = np.clip(how.dark * bright, how.darkest, how.dark)
+        return cls(np.log(np.maximum(image, floor)), trusted[:, None] & (image > floor))
+
+
+@dataclass(frozen=True, eq=False)
+class PairRatio:
+    """Median logarithm of view i over view j, (3,), and the number of correspondences it is of, (3,).
+
+    Channels with too few have a number of 0.
+    """
+
+    i: int
+    j: int
+    medians: np.ndarray
+    counts: np.ndarray
+
+    @classmethod
+    def of(
+        cls, i: int, j: int, one: LogView, other: LogView, here: np.ndarray, there: np.ndarray, fewest: int
+    ) -> PairRatio:
+        """Compare the corresponding pixels `here`, (m,), of one view and `there` of the other."""
+        both = one.bright[here] & other.bright[there]
+        counts, medians = both.sum(axis=0), np.zeros(3)
+        for c in np.flatnonzero(counts >= fewest):
+            own = both[:, c]
+            medians[c] = np.median(one.logs[here[own], c] - other.logs[there[own], c])
+        return cls(i, j, medians, np.where(counts >= fewest, counts, 0))
+
+
+def log_gains(view_count: int, ratios: Sequence[PairRatio]) -> np.ndarray:
+    """Solve for the log gains of all views, (n, 3): least squares over the pairs, weighted by number."""
+    gains = np.zeros((view_count, 3))
+    for c in range(3):
+        rows, values = [], []
+        for ratio in ratios:
+            if ratio.counts[c]:
+                row = np.zeros(view_count)
+                row[ratio.i], row[ratio.j] = 1, -1
+                rows.append(np.sqrt(ratio.counts[c]) * row)
+                values.append(np.sqrt(ratio.counts[c]) * ratio.medians[c])
+        if rows:
+            gains[:, c] = np.linalg.lstsq(rows, values, rcond=None)[0]
+    return gains
+
+
 def view_gains(
-    views: StackedViews, image: np.ndarray, trusted: np.ndarray, how: ViewGainSettings
+    views: StackedViews,
+    image: np.ndarray,
+    trusted: np.ndarray,
+    how: ViewGainSettings,
+    known: np.ndarray | None = None,
 ) -> ViewGains:
     """Estimate the gain of every view and channel from corresponding pixels.
 
@@ -44,6 +105,8 @@ def view_gains(
     trusted : ndarray, shape (N,), bool
         Pixels that count: neither clipped nor seen at a grazing angle.
     how : ViewGainSettings
+    known : ndarray, shape (n, 3), or None
+        Gains that were estimated from more views; the spread alone is measured then.
 
     Notes
     -----
@@ -55,42 +118,29 @@ def view_gains(
     3. The spread is measured on what the gains leave, averaged over patches: fine texture that is
        misregistered by half a pixel averages out, moving light does not.
     """
-    floor = np.repeat(_floors(views, image, how), np.diff(views.starts), axis=0)
-    logs, bright = np.log(np.maximum(image, floor)), trusted[:, None] & (image > floor)
-    channels = ((logs[:, c], bright[:, c]) for c in range(3))
-    gains = np.stack([_log_gains(views, *each, how.fewest_correspondences) for each in channels], axis=1)
+    own = [LogView.of(image[views.view(k)], trusted[views.view(k)], how) for k in range(views.view_count)]
+    if known is None:
+        ratios = [
+            PairRatio.of(
+                i,
+                j,
+                own[i],
+                own[j],
+                one - views.starts[i],
+                other - views.starts[j],
+                how.fewest_correspondences,
+            )
+            for (i, j), (one, other) in zip(sorted(views.correspondences), views.linked_pixels(), strict=True)
+        ]
+        gains = log_gains(views.view_count, ratios)
+    else:
+        gains = np.log(known)
+    logs, bright = np.concatenate([one.logs for one in own]), np.concatenate([one.bright for one in own])
+    del own
     logs -= np.repeat(gains, np.diff(views.starts), axis=0)
     left = _left(views, logs, bright, how)
     spread = TO_DEVIATION * float(np.median(np.abs(left))) if left.size else 0.0
     return ViewGains(np.exp(gains), spread)
-
-
-def _floors(views: StackedViews, image: np.ndarray, how: ViewGainSettings) -> np.ndarray:
-    """Compute the threshold of dark pixels in every view and channel, (n, 3)."""
-    bright = [
-        np.percentile(image[views.view(k)], how.bright_percentile, axis=0)
-        if np.diff(views.starts)[k]
-        else np.zeros(3)
-        for k in range(views.view_count)
-    ]
-    return np.clip(how.dark * np.array(bright), how.darkest, how.dark)
-
-
-def _log_gains(
-    views: StackedViews, logs: np.ndarray, bright: np.ndarray, fewest_correspondences: int
-) -> np.ndarray:
-    """Solve for the log gain of every view in one channel, (n,): 0 where it is dark."""
-    rows, medians = [], []
-    for (i, j), (one, other) in zip(sorted(views.correspondences), views.linked_pixels(), strict=True):
-        both = bright[one] & bright[other]
-        correspondences = np.count_nonzero(both)
-        if correspondences < fewest_correspondences:
-            continue
-        row = np.zeros(views.view_count)
-        row[i], row[j] = 1, -1
-        rows.append(np.sqrt(correspondences) * row)
-        medians.append(np.sqrt(correspondences) * np.median(logs[one[both]] - logs[other[both]]))
-    return np.linalg.lstsq(rows, medians, rcond=None)[0] if rows else np.zeros(views.view_count)
 
 
 def _left(views: StackedViews, logs: np.ndarray, bright: np.ndarray, how: ViewGainSettings) -> np.ndarray:

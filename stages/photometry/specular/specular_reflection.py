@@ -7,11 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from stages.photometry.specular.chromaticity_clusters import ChromaticityClusters
 from stages.photometry.specular.ggx_lobes import mirrored_light
 from stages.photometry.specular.highlights import trusted_correspondences
 from stages.photometry.specular.settings import SpecularSettings
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.directional_transport import DirectionalTransport
+
+
+@dataclass(frozen=True, eq=False)
+class GlossyPaints:
+    """Clusters of albedo, and the numbers of those that are glossy."""
+
+    clusters: ChromaticityClusters
+    numbers: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +38,15 @@ class SpecularReflection:
         Share of the view differences of that surface that remains: 1 would be no reflection.
     glossy : ndarray, shape (N,), bool
         Pixels of that surface.
+    paints : GlossyPaints or None
+        Clusters of albedo that it consists of; None: it is all surface.
     """
 
     strength: np.ndarray
     roughness: float
     left: float
     glossy: np.ndarray
+    paints: GlossyPaints | None = None
 
     def image(self, mirror: Mirror) -> np.ndarray:
         """Compute the specular component of the image, (N, 3), float32."""

@@ -64,6 +64,12 @@ class LitScene:
             sphere=sphere,
         )
 
+    def with_pixels(self, normals: np.ndarray, blend: sp.csr_array) -> LitScene:
+        """Replace the pixels by others, of normals (N, 3) and a blend of vertices (N, P)."""
+        offsets = blend @ offsets_in(self.sphere, self.proxy.positions)
+        normals = np.ascontiguousarray(normals, np.float32)
+        return replace(self, pixels=replace(self.pixels, normals=normals, offsets=offsets, blend=blend))
+
     def at(self, pixels: np.ndarray) -> LitScene:
         """Select some of the pixels."""
         return replace(self, pixels=self.pixels.at(pixels))
