@@ -31,8 +31,9 @@ class CorrespondenceSettings(Settings):
     neighbours: int = setting(
         8,
         "Other views that each view is linked to: those that show its surface sharpest, all parts of it "
-        "counted, and those that choose it. 0: all views are linked to each other. Time and memory of all "
-        "later stages grow with it; of 25 views, five, eight or twelve gave the same error as all.",
+        "counted, and those that choose it; only of more than `all_up_to` views. 0: all are linked. Time "
+        "and memory of all later stages grow with it; of 25 views, five, eight or twelve gave the same error "
+        "as all.",
         unit="views",
         ge=0,
     )

@@ -110,8 +110,9 @@ def run(job: Job[DecompositionSettings]) -> None:
             solutions = [solve_whole(task, clusters[0], step)]
         else:
             drafts = [begin_cluster(task, cluster, step) for cluster in clusters]
+            classes = settings.detail.classes
             common = DetailStatistics.merged(
-                [draft.statistics for draft in drafts], [draft.pixels for draft in drafts]
+                [draft.statistics for draft in drafts], classes.most * classes.fewest_pixels
             )
             solutions = [
                 finish_cluster(task, cluster, draft, common)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 BYTES_AT_ANY_SIZE = 400_000_000  # of specular reflection and of the picture of the light
 BYTES_PER_PIXEL = 400  # masked
-VIEWS_HELD = 24  # while pairs are compared: more save reading, fewer memory
+PIXELS_HELD = 8_000_000  # while pairs of views are compared: more save reading, fewer memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,18 +79,31 @@ def run(job: Job[LightingSettings]) -> None:
         some = typical_views(graph, clusters, job.settings.pixels)
         if _from_some(job, cameras, stored, short, graph, some, clusters):
             return
-        job.say("Views have lights of their own: they are estimated from all views at once.")
+        job.warn(
+            "Views differ by more than one light explains: their lights are estimated from all at once, "
+            "with memory for all. Where that is too much, choose fewer views (raycast.views), or set "
+            "lighting.lights=shared."
+        )
     _from_all(job, cameras, stored, short, graph, every)
 
 
 def estimated_memory(job: Job[LightingSettings]) -> int:
     """Estimate the memory from masked pixels; measured values are up to a third off it."""
-    from stages.formats.artefacts.view_files import masked_pixels
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.photometry.clusters.cluster_views import view_graph
+    from stages.photometry.clusters.view_clusters import clusters_of, size_of, typical_views
 
-    pixels = masked_pixels(job.inputs)
-    if "known_light" not in job.inputs and job.settings.lights != "per-view":
-        pixels = min(pixels, 2 * job.settings.pixels)  # of a cluster with its halo
-    return BYTES_OF_LIBRARIES + BYTES_AT_ANY_SIZE + BYTES_PER_PIXEL * pixels
+    graph, how = view_graph(job.inputs, read_cameras(job.inputs["cameras"])), job.settings
+    clusters = clusters_of(graph, how.pixels)
+    if len(clusters) == 1 or "known_light" in job.inputs or how.lights == "per-view":
+        return _bytes(graph.pixels.sum())
+    some = typical_views(graph, clusters, how.pixels)
+    return _bytes(max(size_of(one, graph)[0] for one in (some, *clusters)))
+
+
+def _bytes(pixels: float) -> int:
+    """Estimate the memory of so many pixels that are held at once."""
+    return BYTES_OF_LIBRARIES + BYTES_AT_ANY_SIZE + int(BYTES_PER_PIXEL * pixels)
 
 
 def _from_all(
@@ -160,6 +173,7 @@ def _from_some(
     job.note(light_found_on=[cameras[view].name for view in some.own])
     scale, clipped, untrusted, trusted = opened.scale, 0, 0, False
     typical = float(np.median(found.light.shading))
+    found = found.without_pixels()
     del opened, scenes, seen
     with job.progress("clusters", len(clusters)) as step:
         for cluster in clusters:
@@ -196,11 +210,10 @@ def _light_cluster(
 
     opened = _open(job, cameras, cluster, graph.side, scale)
     blend, _ = without_opposed(opened.normals, _blend(job, opened, stored, short), stored.normals)
-    scene = found.explained.scene.with_pixels(opened.normals, blend)
     own_gains = gains[sorted({*cluster.own, *cluster.halo})]
     image = np.stack(opened.images, axis=1)
     shading, data = further_pixels(
-        found, typical, opened.views.stack, image, opened.viewing, scene, own_gains
+        found, typical, opened.views.stack, image, opened.viewing, opened.normals, blend, own_gains
     )
     own = opened.views.own
     kept = AlbedoData(data.observed[own], data.diffuse[own], data.trusted[own], data.glossy)
@@ -224,7 +237,7 @@ def _gains_of_all(job: Job[LightingSettings], cameras: list[Camera], scale: floa
             linear, normals, towards, unclipped = _read_view(job, cameras[number])
             viewing = _viewing(job, unclipped, normals, towards)
             held[number] = LogView.of(linear / np.float32(scale), viewing.trusted, job.settings.gains)
-            if len(held) > VIEWS_HELD:
+            while len(held) > 2 and sum(len(one.logs) for one in held.values()) > PIXELS_HELD:
                 held.popitem(last=False)
         held.move_to_end(number)
         return held[number]
@@ -361,7 +374,7 @@ def _probes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityPro
 
 
 def within(settings: LightingSettings, memory: int) -> LightingSettings:
-    """Estimate the light on as many pixels as the memory, bytes, has room for."""
+    """Estimate the light on fewer pixels where the memory, bytes, has no room for as many."""
     pixels = max((memory - BYTES_OF_LIBRARIES - BYTES_AT_ANY_SIZE) // (2 * BYTES_PER_PIXEL), LEAST_PIXELS)
     return settings.model_copy(update={"pixels": min(settings.pixels, pixels)})
 
@@ -388,5 +401,5 @@ LIGHTING = Stage(
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
     memory=estimated_memory,
     within=within,
-    saves_memory=FEWER_OR_SMALLER_VIEWS,
+    saves_memory=f"lower lighting.pixels, or {FEWER_OR_SMALLER_VIEWS}",
 )

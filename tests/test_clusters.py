@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,20 +15,27 @@ import stages
 from benchmarks.paper.laboratory import results_of
 from pipeline import UserError
 from pipeline.command.terminal import Terminal
+from stages import lighting
 from stages.command.arguments import Run
 from stages.command.request import memory_of, request_of
 from stages.decomposition_under_light import BYTES_PER_OWN_PIXEL, within
 from stages.formats.artefacts.camera_file import read_cameras
 from stages.formats.artefacts.correspondence_files import CorrespondenceFiles, numbered_correspondences
+from stages.formats.artefacts.transfer_file import read_transfer
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
+from stages.formats.meshes.triangle_meshes import read_mesh
+from stages.geometry.short_edges import with_short_edges
+from stages.lighting import LIGHTING, LightingSettings
 from stages.photometry.clusters.cluster_views import open_cluster, view_graph
-from stages.photometry.clusters.view_clusters import Cluster, ViewGraph, clusters_of, size_of
+from stages.photometry.clusters.view_clusters import Cluster, ViewGraph, clusters_of, size_of, typical_views
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.detail.scene_statistics import DetailStatistics, OctaveStatistics
 from stages.photometry.detail.shading_uncertainty import ShownChange
 from stages.photometry.detail.statistics_by_class import mean_of_curves
 from stages.photometry.detail.texture_limit import TextureLimit
+from stages.photometry.lighting.estimate_illumination import find_illumination
+from stages.photometry.lighting.further_views import further_pixels
 from stages.photometry.lighting.view_gains import PairRatio, log_gains
 
 
@@ -82,8 +90,10 @@ def test_equal_statistics_have_themselves_as_mean():
     octave = OctaveStatistics(
         ShownChange(size, np.linspace(-1, 0, 5)), 0.3, np.array([0.1, 0.2, 0.3]), TextureLimit(size, axes)
     )
-    one = DetailStatistics((octave, octave), 0.8, np.ones(3), 0.01)
-    both = DetailStatistics.merged([one, one], [3, 5])
+    one = DetailStatistics((octave, octave), 0.8, np.ones(3), 0.01, 3000, 2000)
+    nothing = replace(octave, of_change=9.0, noise=np.zeros(3))  # of too few pixels to tell
+    few = DetailStatistics((nothing, nothing), 5.0, 9 * np.ones(3), 0.0, 50, 0)
+    both = DetailStatistics.merged([one, few, replace(one, measured=5000)], 1000)
     at = np.exp(np.linspace(-10, 0, 30))
     for own, other in zip(one.octaves, both.octaves, strict=True):
         assert other.of_change == pytest.approx(own.of_change)
@@ -205,30 +215,57 @@ def lit(workspace, pixels):
     return dict(done.paths), done.facts["lighting"]
 
 
-def test_pixels_that_are_lit_in_clusters_are_as_those_that_are_lit_at_once(workspace, at_once):
-    """Clusters so small that the light is estimated on all views, as at once."""
-    (parts, facts), (whole, _) = lit(workspace, 3500), at_once
-    assert len(facts["light_found_on"]) == 6
-    np.testing.assert_allclose(maps(parts, "shading"), maps(whole, "shading"), rtol=1e-4, atol=1e-6)
-    for camera in read_cameras(whole["cameras"]):
-        one, other = (np.load(paths["observations"] / f"{camera.name}.npz") for paths in (whole, parts))
-        np.testing.assert_allclose(other["observed"], one["observed"], rtol=1e-4, atol=1e-6)
-        assert np.mean(other["trusted"] != one["trusted"]) < 0.01
-        off = np.abs(other["diffuse"] - one["diffuse"]).mean()  # highlights of halos lack their own halos
-        assert off < 0.005 * one["diffuse"].mean()
-    own, other = (
-        json.loads(paths["lighting"].read_text(encoding="utf-8"))["views"] for paths in (whole, parts)
+@pytest.mark.parametrize("gloss", [0.0, 0.4])
+def test_further_views_are_lit_as_those_that_the_light_was_found_on(gloss, tmp_path, make_job):
+    """All views taken for further ones: shading and data come out as they did, gloss and bounces too."""
+    given = SCENE | {"render": {**SCENE["render"], "gloss": gloss, "glossy_parts": []}}
+    done = results_of(stages.experiment({}), {}, given, tmp_path / "w", "transfer", 2, Terminal())
+    inputs = {name: done.paths[name] for name in LIGHTING.takes}
+    how = LightingSettings(samples=4000)
+    job, cameras = make_job(tmp_path, LIGHTING, how, **inputs), read_cameras(done.paths["cameras"])
+    graph, stored = view_graph(inputs, cameras), read_transfer(done.paths["transfer"])
+    opened = lighting._open(job, cameras, Cluster(tuple(range(6)), ()), graph.side, None)
+    short = with_short_edges(read_mesh(done.paths["mesh"]), float(stored.longest_edge))
+    scenes, seen = lighting._scenes(job, opened, stored, short), (opened.views.stack, opened.images)
+    found = find_illumination(*seen, scenes, opened.viewing, how, 2, lambda: None)
+    shading, data = further_pixels(
+        found.without_pixels(),
+        float(np.median(found.light.shading)),
+        opened.views.stack,
+        np.stack(opened.images, axis=1),
+        opened.viewing,
+        opened.normals,
+        scenes[0].pixels.blend,
+        found.gains.gains,
     )
-    assert [view["gain"] for view in other] == [pytest.approx(view["gain"], rel=1e-5) for view in own]
+    assert (found.specular is not None) == (gloss > 0)
+    np.testing.assert_allclose(shading, found.light.shading, rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(data.observed, found.observations.observed, rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(data.diffuse, found.observations.diffuse, rtol=1e-5, atol=1e-7)
+    np.testing.assert_array_equal(data.trusted, found.observations.trusted)
+
+
+@given(st.integers(2, 60), st.integers(100, 6000), st.integers(100, 6000))
+def test_the_views_that_a_light_is_found_on_have_room_and_come_from_everywhere(views, most, room):
+    graph = street(views)
+    clusters = clusters_of(graph, most)
+    chosen = typical_views(graph, clusters, room).own
+    assert list(chosen) == sorted(set(chosen)) and len(chosen) >= min(2, views)
+    assert graph.pixels[list(chosen)].sum() <= max(room, 200)
+    if graph.pixels.sum() <= room:
+        assert chosen == tuple(range(views))
+    if 200 * len(clusters) <= room:
+        assert all(set(one.own) & set(chosen) for one in clusters)
 
 
 def test_a_light_found_on_some_views_is_near_that_of_all(workspace, at_once):
-    paths, facts = lit(workspace, 5500)
+    paths, facts = lit(workspace, 8000)
     assert 2 <= len(facts["light_found_on"]) < 6
     whole, parts = maps(at_once[0], "shading"), maps(paths, "shading")
     assert np.isfinite(parts).all() and (parts >= 0).all()
     scale = (whole * parts).sum(axis=0) / (parts**2).sum(axis=0)
-    assert np.sqrt(np.mean((whole - scale * parts) ** 2)) < 0.15 * whole.mean()
+    photo = np.sqrt(np.mean((whole - whole.mean(axis=0)) ** 2))
+    assert np.sqrt(np.mean((whole - scale * parts) ** 2)) < 0.5 * photo  # few pixels determine it roughly
 
 
 @given(st.integers(2, 12), st.integers(0, 5))

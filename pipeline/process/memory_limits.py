@@ -45,7 +45,7 @@ def compare_with_allowed_memory(stage: AnyStage, job: Job[Settings], allowed: in
     job.note(estimated_bytes=needed)
     if allowed is not None and needed > allowed:
         _tell(stage, job, needed, f"--memory allows {_gigabytes(allowed)}", FAR_BEYOND_ALLOWED * allowed)
-    elif free is not None and needed > free:
+    if free is not None and needed > free:
         _tell(stage, job, needed, f"{_gigabytes(free)} are free", FAR_BEYOND * free)
 
 

@@ -53,8 +53,9 @@ class Given:
     threads
         Processor threads; by default all. Never changes a result.
     memory
-        Memory that a stage may take, as in `--memory 6GB`: the albedo of many views is then solved in more
-        and smaller clusters, which is part of its settings. By default clusters are of a size of their own.
+        Memory that a stage may take, as in `--memory 6GB`: light and albedo of many views are then found in
+        smaller clusters, where need be, which is part of their settings (lighting.pixels and
+        decomposition.clusters.pixels).
     json
         Answer in JSON on the output stream.
     """

@@ -1,1 +1,1 @@
-"""Decomposition of many views in clusters: partition of the view graph, pinned values of other views."""
+"""Decomposition of many views in clusters: partition of the view graph, halos of corresponding pixels."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+GOLDEN = (5**0.5 - 1) / 2
 APART = 1e-6  # of the most links of a pair: joins views without common surface, so that parts come out apart
 
 
@@ -71,7 +72,7 @@ def clusters_of(graph: ViewGraph, most_pixels: float) -> list[Cluster]:
     of its normalised Laplacian (Shi and Malik 2000), so that few correspondences are cut.
     """
     parts = _divided(graph, np.arange(len(graph.pixels)), most_pixels)
-    return [Cluster.of(part, graph.links) for part in parts]
+    return [Cluster.of(part, graph.links) for part in sorted(parts, key=min)]
 
 
 def size_of(cluster: Cluster, graph: ViewGraph) -> tuple[float, float]:
@@ -91,25 +92,42 @@ def size_of(cluster: Cluster, graph: ViewGraph) -> tuple[float, float]:
 
 
 def typical_views(graph: ViewGraph, clusters: list[Cluster], most_pixels: float) -> Cluster:
-    """Choose views from all clusters in equal parts, each with those that it has most surface in common with.
+    """Choose views from all parts of the scene, as many as there is room for; there is no halo.
 
-    Every cluster gives the view with the most correspondences inside it, then those that have most with the
-    ones it has given, as long as there is room; at least two, if it has so many. There is no halo.
+    Of every cluster in turn, in an order that skips about the scene, the view with the most correspondences
+    inside it and the one that has most with that; then further views that have most with those of their
+    cluster that are chosen. The first two are taken whatever their size.
     """
-    room, chosen = most_pixels / len(clusters), []
-    for cluster in clusters:
-        own = np.array(cluster.own)
-        links = graph.links[own][:, own].toarray()
-        given = [int(np.argmax(links.sum(axis=1)))]
-        while len(given) < len(own):
-            common = links[given].sum(axis=0)
-            common[given] = -1
-            following = int(np.argmax(common))
-            if len(given) > 1 and graph.pixels[own[[*given, following]]].sum() > room:
-                break
-            given.append(following)
-        chosen += own[given].tolist()
-    return Cluster(tuple(sorted(chosen)), ())
+    order = np.argsort((np.arange(len(clusters)) * GOLDEN) % 1, kind="stable")
+    within = [np.array(clusters[k].own) for k in order]
+    links = [graph.links[own][:, own].toarray() for own in within]
+    given: list[list[int]] = [[] for _ in within]
+    chosen: list[int] = []
+    room = most_pixels
+    while True:
+        before = len(chosen)
+        for own, linked, places in zip(within, links, given, strict=True):
+            for place in _following(linked, places):
+                view = int(own[place])
+                if len(chosen) >= 2 and graph.pixels[view] > room:
+                    break
+                places.append(place)
+                chosen.append(view)
+                room -= graph.pixels[view]
+        if len(chosen) == before:
+            return Cluster(tuple(sorted(chosen)), ())
+
+
+def _following(linked: np.ndarray, places: list[int]) -> list[int]:
+    """Find the best two of a cluster's views to begin with, else the next."""
+    if len(places) == len(linked):
+        return []
+    if not places:
+        first = int(np.argmax(linked.sum(axis=1)))
+        return [first, *_following(linked, [first])]
+    common = linked[places].sum(axis=0)
+    common[places] = -1
+    return [int(np.argmax(common))]
 
 
 def _divided(graph: ViewGraph, views: np.ndarray, most_pixels: float) -> list[np.ndarray]:
@@ -130,4 +148,5 @@ def _fiedler_vector(links: sp.csr_array) -> np.ndarray:
     scale = 1 / np.sqrt(weight.sum(axis=1))
     laplacian = np.eye(len(weight)) - scale[:, None] * weight * scale
     vector = np.linalg.eigh(laplacian)[1][:, 1] * scale
-    return vector * np.sign(vector[np.argmax(np.abs(vector))])  # eigenvectors have no sign of their own
+    large = np.abs(vector) > np.abs(vector).max() / 2
+    return vector * np.sign(vector[np.argmax(large)])  # eigenvectors have no sign of their own

@@ -101,7 +101,9 @@ def with_detail(
     detailed = np.where(has_value[:, None], np.maximum(detailed + added, 0), detailed).astype(np.float32)
     variance = filled[:, 3] / np.maximum(scene.response, how.variance.least_response) ** 2
     between, typical = _variance_between_views(scene, detailed)
-    statistics = known or DetailStatistics(octaves, typical_light, scene.typical_noise, typical)
+    statistics = known or DetailStatistics(
+        octaves, typical_light, scene.typical_noise, typical, *scene.measured_and_linked
+    )
     return Detail(detailed, (variance + between).astype(np.float32), statistics)
 
 

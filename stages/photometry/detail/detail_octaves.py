@@ -88,10 +88,16 @@ class DetailScene:
         return measured[:: max(1, -(-len(measured) // self.how.sample_pixels))]
 
     @property
+    def measured_and_linked(self) -> tuple[int, int]:
+        """Number of trusted pixels that are measured, and of those of them with correspondences."""
+        measured = self.trusted & self.counted
+        return int(np.count_nonzero(measured)), int(np.count_nonzero(self.others.count[measured]))
+
+    @property
     def linked_share(self) -> float:
         """Share of the trusted pixels that have correspondences."""
-        measured = self.trusted & self.counted
-        return float(np.count_nonzero(self.others.count[measured])) / max(int(measured.sum()), 1)
+        measured, linked = self.measured_and_linked
+        return float(linked) / max(measured, 1)
 
     @cached_property
     def maps(self) -> np.ndarray:

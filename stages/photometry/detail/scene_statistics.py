@@ -57,22 +57,38 @@ class DetailStatistics:
         Median of `relative_noise_variance`, in three axes.
     between_views : float
         Mean square difference of log albedo between views.
+    measured, linked : int
+        Trusted pixels that were measured, and those of them with correspondences.
     """
 
     octaves: tuple[OctaveStatistics, ...]
     typical_light: float
     typical_noise: np.ndarray
     between_views: float
+    measured: int = 1
+    linked: int = 1
 
     @classmethod
-    def merged(cls, several: Sequence[DetailStatistics], weights: Sequence[float]) -> DetailStatistics:
-        """Average the statistics of parts of a scene: deviations as root mean squares, the rest as means."""
+    def merged(cls, several: Sequence[DetailStatistics], fewest: int) -> DetailStatistics:
+        """Average the statistics of parts of a scene: deviations as root mean squares, the rest as means.
+
+        Parts count by the pixels that were measured. Those with fewer than `fewest` do not, unless all have:
+        nothing can be told from them.
+        """
+        measured = np.array([one.measured for one in several], float)
+        weights = np.where(measured >= fewest, measured, 0.0)
+        weights = weights if weights.any() else measured + 1
+        linked = np.array([one.linked for one in several], float)
         by_octave = zip(*(one.octaves for one in several), strict=True)
         return cls(
-            tuple(OctaveStatistics.merged(octave, weights) for octave in by_octave),
+            tuple(OctaveStatistics.merged(octave, weights.tolist()) for octave in by_octave),
             float(np.average([one.typical_light for one in several], weights=weights)),
             np.average([one.typical_noise for one in several], axis=0, weights=weights),
-            float(np.average([one.between_views for one in several], weights=weights)),
+            float(
+                np.average([one.between_views for one in several], weights=linked if linked.any() else None)
+            ),
+            int(measured.sum()),
+            int(linked.sum()),
         )
 
     @property

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sp
 
 from stages.photometry.albedo_data import AlbedoData
-from stages.photometry.lighting.illumination import Illumination
+from stages.photometry.light_search.light_estimate import LightEstimate
+from stages.photometry.lighting.illumination import Explanation, Illumination
 from stages.photometry.lighting.observations import Observations
 from stages.photometry.lighting.trusted_pixels import Viewing, unlit
 from stages.photometry.specular.highlights import LinkedPatches
@@ -22,7 +24,8 @@ def further_pixels(
     views: StackedViews,
     image: np.ndarray,
     viewing: Viewing,
-    scene: LitScene,
+    normals: np.ndarray,
+    blend: sp.csr_array,
     gains: np.ndarray,
 ) -> tuple[np.ndarray, AlbedoData]:
     """Compute shading and data for the albedo, of pixels that the light was not estimated from.
@@ -37,9 +40,9 @@ def further_pixels(
     image : ndarray, shape (N, 3), float32
         In the unit of the images that the light was estimated from.
     viewing : Viewing
-        If no pixel is trusted, all are.
-    scene : LitScene
-        That of the light, with these pixels.
+    normals : ndarray, shape (N, 3)
+    blend : csr_array, shape (N, P)
+        Of the proxy's vertices; empty where the back of the mesh is seen.
     gains : ndarray, shape (n, 3)
 
     Returns
@@ -55,33 +58,48 @@ def further_pixels(
     own, light = found.explained, found.explained.light
     if found.apart:
         raise ValueError("further views have the light of the others only if that is one for all")
-    if not viewing.trusted.any():
-        viewing = replace(viewing, trusted=np.ones_like(viewing.trusted))
     of_pixel = np.repeat(gains, np.diff(views.starts), axis=0).astype(np.float32)
-    observed = (image / of_pixel).astype(np.float32)
-    photos = replace(
+    scene = own.scene.with_pixels(normals, blend)
+    shading = light.shading(scene, views.starts, np.zeros(views.view_count, np.int64))
+    photos = _observed(own, views, (image / of_pixel).astype(np.float32), viewing)
+    if viewing.trusted.any():
+        photos = photos.in_one_light(LinkedPatches.of(views, viewing.trusted, photos.settings.highlights))
+        if own.specular is not None and own.removed_under is not None:
+            photos = _without_gloss(own.specular, own.removed_under, photos, normals, blend)
+    shading = (shading * of_pixel / found.light.unit).astype(np.float32)
+    lit = photos.viewing.trusted & ~unlit(shading, typical_shading, photos.settings.trusted_pixels)
+    return shading, AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit, own.glossy)
+
+
+def _observed(own: Explanation, views: StackedViews, image: np.ndarray, viewing: Viewing) -> Observations:
+    return replace(
         own.photos,
         views=views,
         viewing=viewing,
-        observed=observed,
-        diffuse=observed,
+        observed=image,
+        diffuse=image,
         light_of_view=np.zeros(views.view_count, np.int64),
     )
-    photos = photos.in_one_light(LinkedPatches.of(views, viewing.trusted, photos.settings.highlights))
-    shading = photos.shading(scene, light)
-    if own.specular is not None:
-        here = replace(own.specular, glossy=_glossy(own.specular, photos, shading))
-        photos = photos.without_specular(here, photos.mirror(scene, light))
-    shading = (shading * of_pixel / found.light.unit).astype(np.float32)
-    lit = photos.viewing.without(unlit(shading, typical_shading, photos.settings.trusted_pixels))
-    data = AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit.trusted, own.glossy)
-    return shading, data
 
 
-def _glossy(specular: SpecularReflection, photos: Observations, shading: np.ndarray) -> np.ndarray:
+def _without_gloss(
+    specular: SpecularReflection,
+    removed_under: tuple[LitScene, LightEstimate],
+    photos: Observations,
+    normals: np.ndarray,
+    blend: sp.csr_array,
+) -> Observations:
+    """Remove the reflection of the light that it was estimated with."""
+    scene, light = removed_under[0].with_pixels(normals, blend), removed_under[1]
+    here = replace(specular, glossy=_glossy(specular, photos, scene))
+    return photos.without_specular(here, photos.mirror(scene, light))
+
+
+def _glossy(specular: SpecularReflection, photos: Observations, scene: LitScene) -> np.ndarray:
     """Select the pixels of glossy paints, (N,), bool."""
     if specular.paints is None:
-        return np.ones(len(shading), bool)
-    clusters, numbers = specular.paints.clusters, specular.paints.numbers
-    cluster = clusters.assigned(photos.views, photos.diffuse, shading, photos.viewing.trusted)
-    return np.isin(cluster, numbers)
+        return np.ones(len(photos.observed), bool)
+    paints = specular.paints
+    shading = photos.shading(scene, paints.light)
+    cluster = paints.clusters.assigned(photos.views, photos.diffuse, shading, photos.viewing.trusted)
+    return np.isin(cluster, paints.numbers)

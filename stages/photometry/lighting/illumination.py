@@ -80,6 +80,8 @@ class Explanation:
         Index of the scene.
     disagreements : list of float
         One per scene.
+    removed_under : tuple of LitScene and LightEstimate, or None
+        Scene and light of the reflection that was removed from the photos.
     """
 
     photos: Observations
@@ -90,6 +92,7 @@ class Explanation:
     reflectance: Reflectance | None = None
     number: int = 0
     disagreements: list[float] = field(default_factory=list)
+    removed_under: tuple[LitScene, LightEstimate] | None = None
 
     @property
     def glossy(self) -> float:
@@ -102,7 +105,8 @@ class Explanation:
         if self.specular is None:
             return self
         mirror = self.photos.mirror(self.scene, self.light)
-        return replace(self, photos=self.photos.without_specular(self.specular, mirror))
+        photos = self.photos.without_specular(self.specular, mirror)
+        return replace(self, photos=photos, removed_under=(self.scene, self.light))
 
     def shading(self) -> np.ndarray:
         """Compute the shading of all pixels, view gains divided out, (N, 3), float32."""
@@ -213,6 +217,27 @@ class Illumination:
             explained=explained,
             turn_deg=turn_deg,
             reflectance=explained.reflectance,
+        )
+
+    def without_pixels(self) -> Illumination:
+        """Drop all that is per pixel: what further views need is kept."""
+        none = np.zeros(0, np.int64)
+        explained = self.explained
+        photos = replace(
+            explained.photos, observed=np.zeros((0, 3), np.float32), diffuse=np.zeros((0, 3), np.float32)
+        )
+        removed = explained.removed_under and (
+            explained.removed_under[0].at(none),
+            explained.removed_under[1],
+        )
+        nothing = np.zeros((0, 3), np.float32)
+        return replace(
+            self,
+            light=replace(self.light, shading=nothing),
+            observations=AlbedoData(nothing, nothing, none.astype(bool), self.observations.glossy),
+            explained=replace(
+                explained, photos=photos, scene=explained.scene.at(none), removed_under=removed
+            ),
         )
 
 

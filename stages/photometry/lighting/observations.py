@@ -189,7 +189,7 @@ class Observations:
         of_all = own.strength(light)
         if of_all is None:  # impossible: one of the clusters alone has enough correspondences
             return None
-        paints = GlossyPaints(clusters, numbers)
+        paints = GlossyPaints(clusters, numbers, found)
         return SpecularReflection(of_all.strength, of_all.roughness, of_all.left, glossy, paints), own
 
     def specular(

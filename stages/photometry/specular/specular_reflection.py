@@ -17,10 +17,20 @@ from stages.photometry.transport.directional_transport import DirectionalTranspo
 
 @dataclass(frozen=True, eq=False)
 class GlossyPaints:
-    """Clusters of albedo, and the numbers of those that are glossy."""
+    """Glossy clusters of albedo.
+
+    Attributes
+    ----------
+    clusters : ChromaticityClusters
+    numbers : tuple of int
+        Of those that are glossy.
+    light : LightEstimate
+        Under which they were found, in the scene of the reflection.
+    """
 
     clusters: ChromaticityClusters
     numbers: tuple[int, ...]
+    light: Any
 
 
 @dataclass(frozen=True, eq=False)
