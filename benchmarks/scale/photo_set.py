@@ -52,7 +52,7 @@ class PhotoSet:
 
     def true_albedo(self, name: str) -> np.ndarray:
         """Read the albedo of a view, (h, w, 3), float16; 0 where there is no wall."""
-        return np.load(self.folder / "truth" / f"{name}.npy")
+        return np.load(self.folder / "truth" / f"{name}.npy", allow_pickle=False)
 
 
 def photo_set(folder: Path, views: int, width_px: int, height_px: int) -> PhotoSet:

@@ -11,7 +11,7 @@ class ClusterSettings(Settings):
     """Settings of clusters of views that are solved together."""
 
     pixels: int = setting(
-        4_000_000,
+        10_000_000,
         "Masked pixels of the views of a cluster, at most. Memory is about 0.6 kB for each, and for each of "
         "another view that corresponds to one: half as many more, or as many. Fewer take more time, since "
         "what clusters share is solved in each.",
@@ -19,7 +19,7 @@ class ClusterSettings(Settings):
         ge=LEAST_PIXELS,
     )
     sample_pixels: int = setting(
-        4_000_000,
+        10_000_000,
         "Pixels, at most, whose median brightness of the shading is what all clusters call typical.",
         unit="pixels",
         ge=LEAST_PIXELS,
