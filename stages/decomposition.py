@@ -114,7 +114,7 @@ def _by_transfer(
     from stages.formats.artefacts.view_files import read_surface_points, ways_to_cameras
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.vertex_interpolation import pixels_on_proxy
-    from stages.photometry import transfer_solutions
+    from stages.photometry import solutions
     from stages.photometry.transport.pixel_transfer import Bounces
 
     settings = job.settings
@@ -129,7 +129,7 @@ def _by_transfer(
         settings.reflectance_scale.brightest_quantile,
     )
     with job.progress("rounds", settings.stopping.max_rounds) as step:
-        solved = transfer_solutions.solve_by_transfer(
+        solved = solutions.solve_by_transfer(
             views, images, transfer, _solver(job, views), bounces, settings.harmonics, job.threads, step
         )
     incidence = np.einsum("nk,nk->n", normals, ways_to_cameras(cameras, masks))

@@ -5,8 +5,8 @@ import pytest
 
 from benchmarks.scale.__main__ import main
 from benchmarks.scale.daylight import SKY, Daylight, sun_directions
-from benchmarks.scale.growth import slope
 from benchmarks.scale.street import build_street
+from benchmarks.solver.growth import slope
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.occluders import Occluders
 from stages.geometry.rays import RayCaster

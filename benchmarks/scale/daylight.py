@@ -12,7 +12,7 @@ import numpy as np
 
 from stages.geometry.occluders import Occluders
 from stages.photometry.transport.directional_transport import even_directions
-from stages.synthetic.lights import ClearSky
+from stages.synthetic.lights import ClearSky, direction_at, radiance_beside_sun
 
 SKY = ClearSky(sun_azimuth_deg=-35.0, sun_elevation_deg=42.0)
 DIRECTIONS = 192  # of the sky, all around
@@ -48,7 +48,7 @@ class Daylight:
         own = cls(occluders, direct)
         lit += own.sunlight(points, normals)
         directions = even_directions(DIRECTIONS).astype(np.float32)
-        radiance = sky_radiance(directions)
+        radiance = radiance_beside_sun(SKY, directions).astype(np.float32)
         weight = 4 / DIRECTIONS  # solid angle over π
         met = []
         for direction, shines in zip(directions, radiance, strict=True):
@@ -88,20 +88,9 @@ def _first_met(
 
 def sun_directions() -> np.ndarray:
     """List directions to points of the sun's disc, (4, 3), float32."""
-    a, e = np.deg2rad([SKY.sun_azimuth_deg, SKY.sun_elevation_deg])
-    towards = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
+    towards = direction_at(SKY.sun_azimuth_deg, SKY.sun_elevation_deg)
     right = np.cross([0, 0, 1], towards)
     right /= np.linalg.norm(right)
     up, radius = np.cross(towards, right), np.deg2rad(SKY.sun_radius_deg)
     rays = np.array([towards + radius * (x * right + y * up) for x, y in DISC])
     return (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
-
-
-def sky_radiance(directions: np.ndarray) -> np.ndarray:
-    """Evaluate the sky without its sun, and the ground beyond, in directions (n, 3): (n, 3), float32."""
-    height = np.sqrt(np.clip(directions[:, 2:], 0, 1))
-    towards = sun_directions().mean(axis=0)
-    angle = np.rad2deg(np.arccos(np.clip(directions @ (towards / np.linalg.norm(towards)), -1, 1)))
-    sky = (1 - height) * np.array(SKY.horizon) + height * np.array(SKY.zenith)
-    sky *= 1 + SKY.glow * np.exp(-angle / 12)[:, None]
-    return np.where(directions[:, 2:] > 0, sky, np.array(SKY.ground)).astype(np.float32)

@@ -69,11 +69,6 @@ def grow(photos: PhotoSet, arguments: Sequence[str], from_photos: bool) -> Grown
     return Grown(photos.views, stages, None if from_photos else _error(photos, workspace / "output/albedo"))
 
 
-def slope(views: Sequence[int], values: Sequence[float]) -> float:
-    """Fit the slope of log values on log views, at least two: 1 for linear growth."""
-    return float(np.polyfit(np.log(views), np.log(values), 1)[0])
-
-
 def _taken(record: dict[str, float]) -> Taken:
     return Taken(record["seconds"], record["cpu_seconds"], int(record["peak_bytes"]))
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from benchmarks.paper.tables import markdown
-from benchmarks.scale.growth import Grown, Taken, slope
+from benchmarks.scale.growth import Grown, Taken
+from benchmarks.solver.growth import slope
 
 HEAD = """# Growth with the number of views
 

@@ -1,4 +1,4 @@
-"""Solutions of a decomposition, and the solvers of `mode: paper`."""
+"""Solutions for light and albedo together, and their solvers: `mode: paper`, and `light: harmonics`."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ from stages.photometry.albedo.confidence import confidence
 from stages.photometry.albedo.settings import ConfidenceSettings
 from stages.photometry.energy_history import descent_as_json, rounds_as_json
 from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, solve
+from stages.photometry.joint.settings import HarmonicsSettings
+from stages.photometry.joint.transfer_alternation import solve_with_transfer
 from stages.photometry.paper.alternation import Outcome, decompose_channels
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.paper.harmonics import real_harmonics
 from stages.photometry.paper.settings import PaperSettings
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.directional_transport import even_directions
+from stages.photometry.transport.pixel_transfer import Bounces, PixelTransfer
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,3 +123,19 @@ def solution_of(descent: FastDescent, views: StackedViews, weights: EnergyWeight
     histories = rounds_as_json(descent, weights)
     outcomes = [descent.outcome] * len(histories)
     return SolvedWithLight(views, descent.albedo, descent.shading, histories, outcomes, light=descent.light)
+
+
+def solve_by_transfer(
+    views: StackedViews,
+    images: list[np.ndarray],
+    transfer: PixelTransfer,
+    solver: FastSolver,
+    bounces: Bounces,
+    how: HarmonicsSettings,
+    threads: int,
+    step: Callable[[], None],
+) -> SolvedWithLight:
+    """Estimate light and albedo together, with `light: harmonics`."""
+    descent, views = solve_with_transfer(views, images, transfer, solver, bounces, how, threads, step)
+    solved = solution_of(descent, views, solver.weights)
+    return replace(solved, albedo_tv=solved.albedo)

@@ -125,8 +125,7 @@ def lamps_around(places: tuple[Placed, ...], target: np.ndarray, radius: float) 
     """
     lamps = []
     for place in places:
-        a, e = np.deg2rad([place.azimuth_deg, place.elevation_deg])
-        towards_lamp = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
+        towards_lamp = direction_at(place.azimuth_deg, place.elevation_deg)
         centre = target + LAMP_DISTANCE * radius * towards_lamp
         radiance = place.shading / _shading_of_square(place.side_radii / LAMP_DISTANCE)
         lamps.append(Lamp(tuple(centre), tuple(target), place.side_radii * radius, (radiance,) * 3))
@@ -157,6 +156,27 @@ def dome_picture(dome: Dome, rows: int = 128) -> Environment:
     return Environment(np.ascontiguousarray(np.broadcast_to(radiance[:, None], (rows, 2 * rows, 3))))
 
 
+def direction_at(azimuth_deg: float, elevation_deg: float) -> np.ndarray:
+    """Compute the unit vector, (3,), at an azimuth, 0 along −y and positive towards +x, and an elevation."""
+    a, e = np.deg2rad([azimuth_deg, elevation_deg])
+    return np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
+
+
+def angle_to_sun_deg(sky: ClearSky, directions: np.ndarray) -> np.ndarray:
+    """Measure the angles between unit directions, (..., 3), and the sun: (...)."""
+    towards = direction_at(sky.sun_azimuth_deg, sky.sun_elevation_deg)
+    return np.rad2deg(np.arccos(np.clip(directions @ towards, -1, 1)))
+
+
+def radiance_beside_sun(sky: ClearSky, directions: np.ndarray) -> np.ndarray:
+    """Evaluate a clear sky without the sun's disc, and the ground below, in unit directions: (..., 3)."""
+    up = directions[..., 2:]
+    height = np.sqrt(np.clip(up, 0, 1))
+    radiance = (1 - height) * np.array(sky.horizon) + height * np.array(sky.zenith)
+    radiance = radiance * (1 + sky.glow * np.exp(-angle_to_sun_deg(sky, directions) / 12))[..., None]
+    return np.where(up > 0, radiance, np.array(sky.ground))
+
+
 def clear_sky_picture(sky: ClearSky, rows: int = 512) -> Environment:
     """Make an environment map of a clear sky.
 
@@ -170,13 +190,7 @@ def clear_sky_picture(sky: ClearSky, rows: int = 512) -> Environment:
     directions = np.stack(
         [level * np.sin(azimuth), -level * np.cos(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1
     )
-    a, e = np.deg2rad([sky.sun_azimuth_deg, sky.sun_elevation_deg])
-    towards_sun = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
-    from_sun_deg = np.rad2deg(np.arccos(np.clip(directions @ towards_sun, -1, 1)))
-    height = np.sqrt(np.clip(np.sin(elevation), 0, 1))[..., None]
-    radiance = (1 - height) * np.array(sky.horizon) + height * np.array(sky.zenith)
-    radiance = radiance * (1 + sky.glow * np.exp(-from_sun_deg / 12))[..., None]
-    radiance = np.where((elevation > 0)[..., None], radiance, np.array(sky.ground))
+    radiance, from_sun_deg = radiance_beside_sun(sky, directions), angle_to_sun_deg(sky, directions)
     disc = np.clip((sky.sun_radius_deg - from_sun_deg) / (360 / rows) + 0.5, 0, 1)
     solid_angle = level * (np.pi / rows) ** 2
     radiance += disc[..., None] * np.array(sky.sun) * np.pi / (disc * solid_angle).sum()

@@ -65,8 +65,8 @@ class DetailStatistics:
     typical_light: float
     typical_noise: np.ndarray
     between_views: float
-    measured: int = 1
-    linked: int = 1
+    measured: int
+    linked: int
 
     @classmethod
     def merged(cls, several: Sequence[DetailStatistics], fewest: int) -> DetailStatistics:
