@@ -59,6 +59,33 @@ class Opened:
     unclipped: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is known of all views before their pixels are opened.
+
+    Attributes
+    ----------
+    cameras : list of Camera
+    graph : ViewGraph
+    stored : StoredTransfer
+    short : ShortEdged
+        The mesh, with edges as short as those of the transfer.
+    """
+
+    cameras: list[Camera]
+    graph: ViewGraph
+    stored: StoredTransfer
+    short: ShortEdged
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The views that one light is estimated from, and the clusters in which the pixels of all are lit."""
+
+    some: Cluster
+    clusters: list[Cluster]
+
+
 def run(job: Job[LightingSettings]) -> None:
     """Estimate the light from all views, or from some, and save it, shading and data of all pixels."""
     from stages.formats.artefacts.camera_file import read_cameras
@@ -66,39 +93,44 @@ def run(job: Job[LightingSettings]) -> None:
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.short_edges import with_short_edges
     from stages.photometry.clusters.cluster_views import view_graph
-    from stages.photometry.clusters.view_clusters import Cluster, clusters_of, typical_views
 
     cameras, stored = read_cameras(job.inputs["cameras"]), read_transfer(job.inputs["transfer"])
-    graph, short = (
-        view_graph(job.inputs, cameras),
-        with_short_edges(read_mesh(job.inputs["mesh"]), float(stored.longest_edge)),
-    )
-    every = Cluster(tuple(range(len(cameras))), ())
-    clusters = clusters_of(graph, job.settings.pixels)
-    if len(clusters) > 1 and "known_light" not in job.inputs and job.settings.lights != "per-view":
-        some = typical_views(graph, clusters, job.settings.pixels)
-        if _from_some(job, cameras, stored, short, graph, some, clusters):
+    short = with_short_edges(read_mesh(job.inputs["mesh"]), float(stored.longest_edge))
+    scene = Scene(cameras, view_graph(job.inputs, cameras), stored, short)
+    parts = _parts(job, scene.graph)
+    if parts is not None:
+        if _from_some(job, scene, parts):
             return
         job.warn(
             "Views differ by more than one light explains: their lights are estimated from all at once, "
             "with memory for all. Where that is too much, choose fewer views (raycast.views), or set "
             "lighting.lights=shared."
         )
-    _from_all(job, cameras, stored, short, graph, every)
+    _from_all(job, scene)
 
 
 def estimated_memory(job: Job[LightingSettings]) -> int:
     """Estimate the memory from masked pixels; measured values are up to a third off it."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.photometry.clusters.cluster_views import view_graph
-    from stages.photometry.clusters.view_clusters import clusters_of, size_of, typical_views
+    from stages.photometry.clusters.view_clusters import size_of
 
-    graph, how = view_graph(job.inputs, read_cameras(job.inputs["cameras"])), job.settings
+    graph = view_graph(job.inputs, read_cameras(job.inputs["cameras"]))
+    parts = _parts(job, graph)
+    if parts is None:
+        return _bytes(graph.pixels.sum())
+    return _bytes(max(size_of(one, graph)[0] for one in (parts.some, *parts.clusters)))
+
+
+def _parts(job: Job[LightingSettings], graph: ViewGraph) -> Parts | None:
+    """Divide the views, unless they are few, or their light is known or not one."""
+    from stages.photometry.clusters.view_clusters import clusters_of, typical_views
+
+    how = job.settings
     clusters = clusters_of(graph, how.pixels)
     if len(clusters) == 1 or "known_light" in job.inputs or how.lights == "per-view":
-        return _bytes(graph.pixels.sum())
-    some = typical_views(graph, clusters, how.pixels)
-    return _bytes(max(size_of(one, graph)[0] for one in (some, *clusters)))
+        return None
+    return Parts(typical_views(graph, clusters, how.pixels), clusters)
 
 
 def _bytes(pixels: float) -> int:
@@ -108,26 +140,25 @@ def _bytes(pixels: float) -> int:
 
 def _from_all(
     job: Job[LightingSettings],
-    cameras: list[Camera],
-    stored: StoredTransfer,
-    short: ShortEdged,
-    graph: ViewGraph,
-    every: Cluster,
+    scene: Scene,
 ) -> None:
     """Estimate the light from all views at once."""
     import numpy as np
 
     from stages.formats.images.photos import read_environment
+    from stages.photometry.clusters.view_clusters import Cluster
     from stages.photometry.lighting import lighting_record as record
     from stages.photometry.lighting.estimate_illumination import find_illumination
     from stages.photometry.lighting.illumination_by_known_light import illumination_by
 
+    cameras, stored = scene.cameras, scene.stored
+    every = Cluster(tuple(range(len(cameras))), ())
     known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
-    opened, how = _open(job, cameras, every, graph.side, None), job.settings
+    opened, how = _open(job, scene, every, None), job.settings
     record.warn_of_clipping(job, int(np.count_nonzero(~opened.unclipped)), len(opened.unclipped))
     if known is not None:
         stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
-    scenes = _scenes(job, opened, stored, short)
+    scenes = _scenes(job, opened, stored, scene.short)
     seen = opened.views.stack, opened.images
     if known is not None:
         light = _as_known(known, how, cameras, opened.scale)
@@ -148,12 +179,8 @@ def _from_all(
 
 def _from_some(
     job: Job[LightingSettings],
-    cameras: list[Camera],
-    stored: StoredTransfer,
-    short: ShortEdged,
-    graph: ViewGraph,
-    some: Cluster,
-    clusters: list[Cluster],
+    scene: Scene,
+    parts: Parts,
 ) -> bool:
     """Estimate one light from some views and light all with it; False if they have lights of their own."""
     import numpy as np
@@ -161,9 +188,10 @@ def _from_some(
     from stages.photometry.lighting import lighting_record as record
     from stages.photometry.lighting.estimate_illumination import find_illumination
 
-    opened, how = _open(job, cameras, some, graph.side, None), job.settings
+    cameras, stored, some = scene.cameras, scene.stored, parts.some
+    opened, how = _open(job, scene, some, None), job.settings
     gains = _gains_of_all(job, cameras, opened.scale)
-    scenes, seen = _scenes(job, opened, stored, short), (opened.views.stack, opened.images)
+    scenes, seen = _scenes(job, opened, stored, scene.short), (opened.views.stack, opened.images)
     with job.progress("steps", _steps(how, len(scenes))) as step:
         found = find_illumination(
             *seen, scenes, opened.viewing, how, job.threads, step, gains[list(some.own)]
@@ -175,12 +203,12 @@ def _from_some(
     typical = float(np.median(found.light.shading))
     found = found.without_pixels()
     del opened, scenes, seen
-    with job.progress("clusters", len(clusters)) as step:
-        for cluster in clusters:
-            counts = _light_cluster(job, cameras, stored, short, graph, cluster, found, typical, gains, scale)
+    with job.progress("clusters", len(parts.clusters)) as step:
+        for cluster in parts.clusters:
+            counts = _light_cluster(job, scene, cluster, found, typical, gains, scale)
             clipped, untrusted, trusted = clipped + counts[0], untrusted + counts[1], trusted or counts[2] > 0
             step()
-    record.warn_of_clipping(job, clipped, int(graph.pixels.sum()))
+    record.warn_of_clipping(job, clipped, int(scene.graph.pixels.sum()))
     record.note_light(job, stored, found, untrusted)
     record.report_light(job, stored, found)
     views = record.AllViews(cameras, np.zeros(len(cameras), np.int64), gains, trusted)
@@ -190,10 +218,7 @@ def _from_some(
 
 def _light_cluster(
     job: Job[LightingSettings],
-    cameras: list[Camera],
-    stored: StoredTransfer,
-    short: ShortEdged,
-    graph: ViewGraph,
+    scene: Scene,
     cluster: Cluster,
     found: Illumination,
     typical: float,
@@ -208,8 +233,10 @@ def _light_cluster(
     from stages.photometry.lighting.lighting_record import write_pixels
     from stages.photometry.transport.pixel_transfer import without_opposed
 
-    opened = _open(job, cameras, cluster, graph.side, scale)
-    blend, _ = without_opposed(opened.normals, _blend(job, opened, stored, short), stored.normals)
+    opened = _open(job, scene, cluster, scale)
+    blend, _ = without_opposed(
+        opened.normals, _blend(job, opened, scene.stored, scene.short), scene.stored.normals
+    )
     own_gains = gains[sorted({*cluster.own, *cluster.halo})]
     image = np.stack(opened.images, axis=1)
     shading, data = further_pixels(
@@ -292,9 +319,8 @@ def _viewing(
 
 def _open(
     job: Job[LightingSettings],
-    cameras: list[Camera],
+    scene: Scene,
     cluster: Cluster,
-    side: float,
     scale: float | None,
 ) -> Opened:
     """Open the views of a cluster; without a scale, images are divided by their own."""
@@ -303,7 +329,7 @@ def _open(
     from stages.formats.artefacts.view_files import scaled_channels
     from stages.photometry.clusters.cluster_views import open_cluster
 
-    views = open_cluster(job.inputs, cameras, cluster, side)
+    views = open_cluster(job.inputs, scene.cameras, cluster, scene.graph.side)
     parts = []
     with job.progress("views", len(views.cameras)) as step:
         found = job.executor.map(lambda camera: _read_view(job, camera), views.cameras)
@@ -312,10 +338,7 @@ def _open(
             step()
     pixels, normals, towards, unclipped = (np.concatenate(own) for own in zip(*parts, strict=True))
     del parts
-    if scale is None:
-        images, scale = scaled_channels(pixels)
-    else:
-        images = [np.ascontiguousarray(pixels[:, c], np.float32) / np.float32(scale) for c in range(3)]
+    images, scale = scaled_channels(pixels, scale)
     viewing = _viewing(job, unclipped, normals, towards)
     return Opened(views, images, scale, normals, viewing, unclipped)
 

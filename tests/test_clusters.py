@@ -224,8 +224,9 @@ def test_further_views_are_lit_as_those_that_the_light_was_found_on(gloss, tmp_p
     how = LightingSettings(samples=4000)
     job, cameras = make_job(tmp_path, LIGHTING, how, **inputs), read_cameras(done.paths["cameras"])
     graph, stored = view_graph(inputs, cameras), read_transfer(done.paths["transfer"])
-    opened = lighting._open(job, cameras, Cluster(tuple(range(6)), ()), graph.side, None)
     short = with_short_edges(read_mesh(done.paths["mesh"]), float(stored.longest_edge))
+    scene = lighting.Scene(cameras, graph, stored, short)
+    opened = lighting._open(job, scene, Cluster(tuple(range(6)), ()), None)
     scenes, seen = lighting._scenes(job, opened, stored, short), (opened.views.stack, opened.images)
     found = find_illumination(*seen, scenes, opened.viewing, how, 2, lambda: None)
     shading, data = further_pixels(

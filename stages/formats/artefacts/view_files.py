@@ -103,26 +103,28 @@ def read_surface_points(
     return faces, barycentric
 
 
-def scaled_channels(pixels: np.ndarray) -> tuple[list[np.ndarray], float]:
+def scaled_channels(pixels: np.ndarray, scale: float | None = None) -> tuple[list[np.ndarray], float]:
     """Divide all images by one number, so that δ means something.
 
     Parameters
     ----------
     pixels : ndarray, shape (N, c)
         Linear values of all masked pixels.
+    scale : float or None
+        That number, from images that these belong to; None: their own.
 
     Returns
     -------
     tuple of list of ndarray, shape (N,), float32, and float
-        The channels, and the 99th percentile of all values by which they were divided (of those above 0,
-        where these are fewer than one in a hundred).
+        The channels, and the scale by which they were divided: where none was given, the 99th percentile of
+        all values (of those above 0, where these are fewer than one in a hundred).
 
     Raises
     ------
     UserError
         The images are black.
     """
-    bright = float(np.percentile(pixels, 99))
+    bright = float(np.percentile(pixels, 99)) if scale is None else scale
     if bright <= 0:
         if not (pixels > 0).any():
             raise UserError(
