@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from stages.formats.artefacts.light_npz import StoredLight
+    from stages.formats.artefacts.view_files import Each
     from stages.photometry.albedo.albedo_given_light import SmoothAlbedos
     from stages.photometry.albedo_data import AlbedoData
     from stages.photometry.clusters.cluster_views import ClusterViews
@@ -50,8 +51,8 @@ class ClusterTask:
         Of all views.
     side : float
         Mean side of all views, taken as squares, px.
-    typical_light : float
-        Median brightness of the shading in all views.
+    typical_light : float or None
+        Median brightness of the shading in all views; None: of the cluster, which has all.
     solver : FastSolver
     settings : DecompositionSettings
     threads : int
@@ -63,7 +64,7 @@ class ClusterTask:
     scratch: Path
     cameras: list[Camera]
     side: float
-    typical_light: float
+    typical_light: float | None
     solver: FastSolver
     settings: DecompositionSettings
     threads: int
@@ -71,12 +72,13 @@ class ClusterTask:
 
 @dataclass(frozen=True, eq=False)
 class OpenedCluster:
-    """Data of the pixels that take part in a cluster, (N, …)."""
+    """Data of the pixels that take part in a cluster, (N, …); `each`: `map`, or that of an executor."""
 
     views: ClusterViews
     light: StoredLight
     shading: np.ndarray
     observed: AlbedoData
+    each: Each
 
 
 def run(job: Job[DecompositionSettings]) -> None:
@@ -88,7 +90,7 @@ def run(job: Job[DecompositionSettings]) -> None:
     from stages.photometry.detail.scene_statistics import DetailStatistics
     from stages.photometry.joint.fast_alternation import FastSolver
 
-    cameras, settings = read_cameras(job.inputs["cameras"]), job.settings
+    cameras, settings, each = read_cameras(job.inputs["cameras"]), job.settings, job.executor.map
     graph = view_graph(job.inputs, cameras)
     clusters = clusters_of(graph, settings.clusters.pixels)
     weights = weights_at(settings, graph.side, graph.links_per_pixel)
@@ -98,7 +100,7 @@ def run(job: Job[DecompositionSettings]) -> None:
         job.scratch,
         cameras,
         graph.side,
-        _typical_light(job, cameras, int(graph.pixels.sum())),
+        _typical_light(job, cameras, int(graph.pixels.sum())) if len(clusters) > 1 else None,
         FastSolver(weights, settings.stopping, settings.fast),
         settings,
         job.threads,
@@ -107,15 +109,15 @@ def run(job: Job[DecompositionSettings]) -> None:
         job.say(f"{len(cameras)} views in {len(clusters)} clusters, one after the other.")
     with job.progress("rounds", 2 * settings.stopping.max_rounds * len(clusters)) as step:
         if len(clusters) == 1:
-            solutions = [solve_whole(task, clusters[0], step)]
+            solutions = [solve_whole(task, clusters[0], step, each)]
         else:
-            drafts = [begin_cluster(task, cluster, step) for cluster in clusters]
+            drafts = [begin_cluster(task, cluster, step, each) for cluster in clusters]
             classes = settings.detail.classes
             common = DetailStatistics.merged(
                 [draft.statistics for draft in drafts], classes.most * classes.fewest_pixels
             )
             solutions = [
-                finish_cluster(task, cluster, draft, common)
+                finish_cluster(task, cluster, draft, common, each)
                 for cluster, draft in zip(clusters, drafts, strict=True)
             ]
     job.note(
@@ -127,19 +129,21 @@ def run(job: Job[DecompositionSettings]) -> None:
     write_solutions(job, solutions)
 
 
-def solve_whole(task: ClusterTask, cluster: Cluster, step: Callable[[], None]) -> Solution:
+def solve_whole(task: ClusterTask, cluster: Cluster, step: Callable[[], None], each: Each = map) -> Solution:
     """Solve the only cluster, write its maps, and report."""
-    opened = _opened(task, cluster)
+    opened = _opened(task, cluster, each)
     smooth = _smooth(task, opened, step)
     detail = _with_detail(task, opened, smooth.by_edge.albedo, None)
     return _written(task, opened, detail, _draft(task, opened, smooth, detail.statistics))
 
 
-def begin_cluster(task: ClusterTask, cluster: Cluster, step: Callable[[], None]) -> Solution:
+def begin_cluster(
+    task: ClusterTask, cluster: Cluster, step: Callable[[], None], each: Each = map
+) -> Solution:
     """Solve a cluster for its smooth albedo, and measure its own statistics; the albedo goes to `scratch`."""
     import numpy as np
 
-    opened = _opened(task, cluster)
+    opened = _opened(task, cluster, each)
     smooth = _smooth(task, opened, step)
     np.save(_kept_file(task, cluster), smooth.by_edge.albedo)
     statistics = _with_detail(task, opened, smooth.by_edge.albedo, None).statistics
@@ -147,12 +151,12 @@ def begin_cluster(task: ClusterTask, cluster: Cluster, step: Callable[[], None])
 
 
 def finish_cluster(
-    task: ClusterTask, cluster: Cluster, draft: Solution, common: DetailStatistics
+    task: ClusterTask, cluster: Cluster, draft: Solution, common: DetailStatistics, each: Each = map
 ) -> Solution:
     """Add the detail to a cluster's smooth albedo, by statistics of all clusters; write its maps."""
     import numpy as np
 
-    opened = _opened(task, cluster)
+    opened = _opened(task, cluster, each)
     albedo = np.load(_kept_file(task, cluster), allow_pickle=False)
     return _written(task, opened, _with_detail(task, opened, albedo, common), draft)
 
@@ -180,7 +184,7 @@ def _typical_light(job: Job[DecompositionSettings], cameras: list[Camera], pixel
     return typical_light_of(np.concatenate(list(job.executor.map(some, cameras))))
 
 
-def _opened(task: ClusterTask, cluster: Cluster) -> OpenedCluster:
+def _opened(task: ClusterTask, cluster: Cluster, each: Each) -> OpenedCluster:
     """Open masks, correspondences, shading and observations of a cluster."""
     import numpy as np
 
@@ -190,9 +194,9 @@ def _opened(task: ClusterTask, cluster: Cluster) -> OpenedCluster:
 
     light = read_light(task.inputs["found_light"])
     views = open_cluster(task.inputs, task.cameras, cluster, task.side)
-    shading = views.maps(task.inputs["shading"]) / light.mean_shading.astype(np.float32)
-    observed = AlbedoData(**views.arrays(task.inputs["observations"], KINDS), glossy=light.glossy)
-    return OpenedCluster(views, light, shading, observed)
+    shading = views.maps(task.inputs["shading"], each) / light.mean_shading.astype(np.float32)
+    observed = AlbedoData(**views.arrays(task.inputs["observations"], KINDS, each), glossy=light.glossy)
+    return OpenedCluster(views, light, shading, observed, each)
 
 
 def _smooth(task: ClusterTask, opened: OpenedCluster, step: Callable[[], None]) -> SmoothAlbedos:
@@ -200,14 +204,16 @@ def _smooth(task: ClusterTask, opened: OpenedCluster, step: Callable[[], None]) 
     import numpy as np
 
     from stages.photometry.albedo.albedo_given_light import smooth_albedos_under_light
+    from stages.photometry.albedo.appearance import typical_light_of
 
+    typical = task.typical_light
     smooth = smooth_albedos_under_light(
         opened.views.stack,
         opened.shading,
         opened.observed,
         task.settings.edges,
         task.solver,
-        task.typical_light,
+        typical_light_of(opened.shading) if typical is None else typical,
         task.threads,
         step,
     )
@@ -283,7 +289,7 @@ def _write(task: ClusterTask, opened: OpenedCluster, name: str, stacked: np.ndar
     from stages.formats.artefacts.view_files import write_maps
 
     views = opened.views
-    write_maps(task.outputs[name], views.own_cameras, views.own_masks, stacked[views.own])
+    write_maps(task.outputs[name], views.own_cameras, views.own_masks, stacked[views.own], opened.each)
 
 
 def estimated_memory(job: Job[DecompositionSettings]) -> int:
