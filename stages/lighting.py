@@ -5,7 +5,6 @@ Many views have their light estimated from some of them; the pixels of all are t
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,12 +20,10 @@ if TYPE_CHECKING:
 
     from stages.formats.artefacts.transfer_file import StoredTransfer
     from stages.geometry.short_edges import ShortEdged
-    from stages.photometry.clusters.cluster_views import ClusterViews
     from stages.photometry.clusters.view_clusters import Cluster, ViewGraph
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
-    from stages.photometry.lighting.trusted_pixels import Viewing
-    from stages.photometry.lighting.view_gains import LogView
+    from stages.photometry.lighting.opened_views import Opened
     from stages.photometry.transport.lit_scenes import LitScene
     from stages.photometry.transport.sky_visibility import VisibilityProbes
     from stages.scene.cameras import Camera
@@ -34,29 +31,6 @@ if TYPE_CHECKING:
 
 BYTES_AT_ANY_SIZE = 400_000_000  # of specular reflection and of the picture of the light
 BYTES_PER_PIXEL = 400  # masked
-PIXELS_HELD = 8_000_000  # while pairs of views are compared: more save reading, fewer memory
-
-
-@dataclass(frozen=True, eq=False)
-class Opened:
-    """Views read from disk: stacked pixels, images divided by a common scale.
-
-    Attributes
-    ----------
-    views : ClusterViews
-    images : list of 3 ndarray, shape (N,), float32
-    scale : float
-    normals : ndarray, shape (N, 3)
-    viewing : Viewing
-    unclipped : ndarray, shape (N,), bool
-    """
-
-    views: ClusterViews
-    images: list[np.ndarray]
-    scale: float
-    normals: np.ndarray
-    viewing: Viewing
-    unclipped: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,11 +124,12 @@ def _from_all(
     from stages.photometry.lighting import lighting_record as record
     from stages.photometry.lighting.estimate_illumination import find_illumination
     from stages.photometry.lighting.illumination_by_known_light import illumination_by
+    from stages.photometry.lighting.opened_views import open_views
 
     cameras, stored = scene.cameras, scene.stored
     every = Cluster(tuple(range(len(cameras))), ())
     known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
-    opened, how = _open(job, scene, every, None), job.settings
+    opened, how = open_views(job, cameras, scene.graph.side, every, None), job.settings
     record.warn_of_clipping(job, int(np.count_nonzero(~opened.unclipped)), len(opened.unclipped))
     if known is not None:
         stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
@@ -187,10 +162,11 @@ def _from_some(
 
     from stages.photometry.lighting import lighting_record as record
     from stages.photometry.lighting.estimate_illumination import find_illumination
+    from stages.photometry.lighting.opened_views import gains_of_all, open_views
 
     cameras, stored, some = scene.cameras, scene.stored, parts.some
-    opened, how = _open(job, scene, some, None), job.settings
-    gains = _gains_of_all(job, cameras, opened.scale)
+    opened, how = open_views(job, cameras, scene.graph.side, some, None), job.settings
+    gains = gains_of_all(job, cameras, opened.scale)
     scenes, seen = _scenes(job, opened, stored, scene.short), (opened.views.stack, opened.images)
     with job.progress("steps", _steps(how, len(scenes))) as step:
         found = find_illumination(
@@ -231,9 +207,10 @@ def _light_cluster(
     from stages.photometry.albedo_data import AlbedoData
     from stages.photometry.lighting.further_views import further_pixels
     from stages.photometry.lighting.lighting_record import write_pixels
+    from stages.photometry.lighting.opened_views import open_views
     from stages.photometry.transport.pixel_transfer import without_opposed
 
-    opened = _open(job, scene, cluster, scale)
+    opened = open_views(job, scene.cameras, scene.graph.side, cluster, scale)
     blend, _ = without_opposed(
         opened.normals, _blend(job, opened, scene.stored, scene.short), scene.stored.normals
     )
@@ -248,36 +225,6 @@ def _light_cluster(
     usable = opened.viewing.trusted[own]
     untrusted = int(np.count_nonzero(~(usable & kept.trusted)))
     return int(np.count_nonzero(~opened.unclipped[own])), untrusted, int(np.count_nonzero(usable))
-
-
-def _gains_of_all(job: Job[LightingSettings], cameras: list[Camera], scale: float) -> np.ndarray:
-    """Estimate the gains of all views, (n, 3), pair by pair; few views are in memory at a time."""
-    import numpy as np
-
-    from stages.formats.artefacts.correspondence_files import CorrespondenceFiles
-    from stages.photometry.lighting.view_gains import LogView, PairRatio, log_gains
-
-    held: OrderedDict[int, LogView] = OrderedDict()
-
-    def log_view(number: int) -> LogView:
-        if number not in held:
-            linear, normals, towards, unclipped = _read_view(job, cameras[number])
-            viewing = _viewing(job, unclipped, normals, towards)
-            held[number] = LogView.of(linear / np.float32(scale), viewing.trusted, job.settings.gains)
-            while len(held) > 2 and sum(len(one.logs) for one in held.values()) > PIXELS_HELD:
-                held.popitem(last=False)
-        held.move_to_end(number)
-        return held[number]
-
-    files, ratios = CorrespondenceFiles.of(job.inputs["correspondences"], cameras), []
-    with job.progress("gains", len(files.pairs)) as step:
-        for i, j in sorted(files.pairs):
-            block = files.read(i, j)
-            here, there = np.flatnonzero(np.diff(block.indptr)), block.indices
-            fewest = job.settings.gains.fewest_correspondences
-            ratios.append(PairRatio.of(i, j, log_view(i), log_view(j), here, there, fewest))
-            step()
-    return np.exp(log_gains(len(cameras), ratios))
 
 
 def _steps(how: LightingSettings, scenes: int) -> int:
@@ -295,52 +242,6 @@ def _steps(how: LightingSettings, scenes: int) -> int:
 def _tries(how: LightingSettings) -> int:
     """Estimate the number of reflectances that are tried."""
     return len(how.reflectance.tried) // 2 if how.reflectance_is_found else 0
-
-
-def _read_view(
-    job: Job[LightingSettings], camera: Camera
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Read linear values, normals, ways to the camera, (N_i, 3) each, and unclipped pixels, of a view."""
-    from stages.formats.artefacts.view_files import read_views, ways_to_cameras
-    from stages.photometry.lighting.trusted_pixels import unclipped
-
-    ((mask, normal, linear),) = read_views(job.inputs, [camera])
-    towards = ways_to_cameras([camera], [mask])
-    return linear, normal[mask], towards, unclipped(linear, job.settings.trusted_pixels)
-
-
-def _viewing(
-    job: Job[LightingSettings], unclipped: np.ndarray, normals: np.ndarray, towards: np.ndarray
-) -> Viewing:
-    from stages.photometry.lighting.trusted_pixels import Viewing
-
-    return Viewing.of(unclipped, normals, towards, job.settings.trusted_pixels)
-
-
-def _open(
-    job: Job[LightingSettings],
-    scene: Scene,
-    cluster: Cluster,
-    scale: float | None,
-) -> Opened:
-    """Open the views of a cluster; without a scale, images are divided by their own."""
-    import numpy as np
-
-    from stages.formats.artefacts.view_files import scaled_channels
-    from stages.photometry.clusters.cluster_views import open_cluster
-
-    views = open_cluster(job.inputs, scene.cameras, cluster, scene.graph.side)
-    parts = []
-    with job.progress("views", len(views.cameras)) as step:
-        found = job.executor.map(lambda camera: _read_view(job, camera), views.cameras)
-        for kept, view in zip(views.kept, found, strict=True):
-            parts.append([values[kept] for values in view])
-            step()
-    pixels, normals, towards, unclipped = (np.concatenate(own) for own in zip(*parts, strict=True))
-    del parts
-    images, scale = scaled_channels(pixels, scale)
-    viewing = _viewing(job, unclipped, normals, towards)
-    return Opened(views, images, scale, normals, viewing, unclipped)
 
 
 def _blend(

@@ -36,6 +36,7 @@ from stages.photometry.detail.statistics_by_class import mean_of_curves
 from stages.photometry.detail.texture_limit import TextureLimit
 from stages.photometry.lighting.estimate_illumination import find_illumination
 from stages.photometry.lighting.further_views import further_pixels
+from stages.photometry.lighting.opened_views import open_views
 from stages.photometry.lighting.view_gains import PairRatio, log_gains
 
 
@@ -225,8 +226,7 @@ def test_further_views_are_lit_as_those_that_the_light_was_found_on(gloss, tmp_p
     job, cameras = make_job(tmp_path, LIGHTING, how, **inputs), read_cameras(done.paths["cameras"])
     graph, stored = view_graph(inputs, cameras), read_transfer(done.paths["transfer"])
     short = with_short_edges(read_mesh(done.paths["mesh"]), float(stored.longest_edge))
-    scene = lighting.Scene(cameras, graph, stored, short)
-    opened = lighting._open(job, scene, Cluster(tuple(range(6)), ()), None)
+    opened = open_views(job, cameras, graph.side, Cluster(tuple(range(6)), ()), None)
     scenes, seen = lighting._scenes(job, opened, stored, short), (opened.views.stack, opened.images)
     found = find_illumination(*seen, scenes, opened.viewing, how, 2, lambda: None)
     shading, data = further_pixels(
