@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
+from pipeline.process.tasks import LocalTasks, Tasks
 from pipeline.settings import Settings
 
 S_co = TypeVar("S_co", bound=Settings, covariant=True)  # a function for any stage's job takes Job[Settings]
@@ -57,9 +58,11 @@ class Job(Generic[S_co]):
     threads : int
         Threads to use; never changes the result.
     executor : Executor
-        Threads for per-view work, in functions that may run concurrently.
+        Threads of this process, for what reads into its memory or writes from it.
     machine : mapping of str to str
         Result of `Stage.machine`: the choices that this machine imposes.
+    cluster : Tasks or None
+        Workers elsewhere, if there are any.
     """
 
     settings: S_co
@@ -73,6 +76,12 @@ class Job(Generic[S_co]):
     machine: Mapping[str, str] = field(default_factory=dict)
     facts: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    cluster: Tasks | None = None
+
+    @property
+    def tasks(self) -> Tasks:
+        """Where picklable functions of paths and settings run: elsewhere, or on threads of this process."""
+        return self.cluster or LocalTasks(self.executor, self.threads)
 
     @contextmanager
     def progress(self, label: str, total: int | None = None) -> Iterator[Callable[..., None]]:

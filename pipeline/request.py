@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pipeline.cluster import ClusterRequest
 from pipeline.errors import UserError
 from pipeline.settings import Settings, near
 from pipeline.stage import AnyStage, Flow, Source, former_names
@@ -70,7 +71,9 @@ class Request:
     threads : int
         Never changes a result.
     memory : int or None
-        Bytes that a stage may take; None: what is free.
+        Bytes that a stage may take, and each worker; None: what is free.
+    cluster : ClusterRequest or None
+        Where the tasks of stages run; None: on threads of this process.
     absent : mapping of str to Absent
         Those of the sources whose files are fetched only if a stage reads them.
     """
@@ -82,6 +85,7 @@ class Request:
     workspace: Path
     threads: int = 1
     memory: int | None = None
+    cluster: ClusterRequest | None = None
     selection: Selection = field(default_factory=Selection)
     absent: Mapping[str, Absent] = field(default_factory=dict)
 

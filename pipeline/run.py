@@ -15,6 +15,7 @@ from pipeline.cache.key import Ingredients
 from pipeline.cache.output import Output
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store
+from pipeline.cluster import ClusterOnDemand, clear_up_workers
 from pipeline.errors import UserError
 from pipeline.files.workspace_lock import locked
 from pipeline.job import Job, Progress
@@ -80,7 +81,8 @@ def run(request: Request, listener: Listener) -> list[Done]:
         store = Store(request.workspace)
         _clear_up(request, store)
         try:
-            return _run_in_order(request, store, listener)
+            with _cluster(request) as cluster:
+                return _run_in_order(request, store, listener, cluster)
         finally:
             store.memo.save()
 
@@ -94,6 +96,7 @@ def clear_up(request: Request) -> list[str]:
 
 
 def _clear_up(request: Request, store: Store) -> list[str]:
+    clear_up_workers(request.workspace)
     _output(request, store).clear_up()
     return store.clear_up()
 
@@ -102,14 +105,19 @@ def _output(request: Request, store: Store) -> Output:
     return Output(request.workspace, store, [stage.name for stage in request.flow])
 
 
-def _run_in_order(request: Request, store: Store, listener: Listener) -> list[Done]:
+def _cluster(request: Request) -> ClusterOnDemand:
+    tools = sorted({tool for stage in request.flow for tool in stage.tools})
+    return ClusterOnDemand(request.cluster, request.threads, tools, request.workspace)
+
+
+def _run_in_order(request: Request, store: Store, listener: Listener, cluster: ClusterOnDemand) -> list[Done]:
     available = _read_sources_aloud(request, store, listener)
     output = _output(request, store)
     done = []
     for stage in request.flow[: request.last_index() + 1]:
         decision = decide(stage, request, store, available)
         listener.deciding(decision)
-        record = decision.record or _run_stage(decision, request, store, listener)
+        record = decision.record or _run_stage(decision, request, store, listener, cluster)
         store.set_current(stage.name, record.key)
         output.show(stage, record)
         available |= record.outputs
@@ -128,7 +136,9 @@ def _read_sources_aloud(request: Request, store: Store, listener: Listener) -> d
         listener.end()
 
 
-def _run_stage(decision: Decision, request: Request, store: Store, listener: Listener) -> Record:
+def _run_stage(
+    decision: Decision, request: Request, store: Store, listener: Listener, cluster: ClusterOnDemand
+) -> Record:
     """Run one stage and publish its result."""
     stage, made_from = decision.stage, decision.made_from
     if stage.name not in request.selected():
@@ -141,7 +151,9 @@ def _run_stage(decision: Decision, request: Request, store: Store, listener: Lis
     _fetch_absent_sources(stage, request, listener)
     partial = store.begin(stage.name)
     with _kept_only_if_finished(partial), _threads(request.threads) as executor:
-        job = _job(stage, made_from, request, store, listener, executor, partial)
+        job = replace(
+            _job(stage, made_from, request, store, listener, executor, partial), cluster=cluster.tasks()
+        )
         with (
             memory_errors_told(stage),
             logged(stage, job, partial / "log.txt", request.workspace / "logs"),

@@ -64,7 +64,7 @@ def surface_points(camera: Camera, paths: Mapping[str, Path], count: int) -> Sur
 
 
 def sharpness_in_view(
-    points: SurfacePoints, camera: Camera, paths: Mapping[str, Path], epsilon: float
+    camera: Camera, points: SurfacePoints, paths: Mapping[str, Path], epsilon: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Open a view and measure how sharply it shows points. Picklable."""
     from stages.formats.images.exr import read_exr
@@ -87,13 +87,11 @@ def linked_pairs(job: Job[CorrespondenceSettings], cameras: list[Camera]) -> lis
     if not settings.neighbours or len(cameras) <= max(settings.all_up_to, settings.neighbours + 1):
         return every
     paths = {kind: job.inputs[kind] for kind in ("depth", "normal", "mask")}
-    own = list(job.executor.map(lambda one: surface_points(one, paths, settings.sample), cameras))
+    own = list(job.tasks.small(surface_points, cameras, paths, settings.sample))
     points, view_of_point = SurfacePoints.together(own), np.repeat(views, [len(one.points) for one in own])
     rows, columns, found = [], [], []
     with job.progress("views compared", len(cameras)) as step:
-        measured = job.executor.map(
-            lambda one: sharpness_in_view(points, one, paths, settings.epsilon), cameras
-        )
+        measured = job.tasks.small(sharpness_in_view, cameras, points, paths, settings.epsilon)
         for view, (seen, values) in zip(views, measured, strict=True):
             rows.append(seen)
             columns.append(np.full(len(seen), view))
@@ -106,7 +104,7 @@ def linked_pairs(job: Job[CorrespondenceSettings], cameras: list[Camera]) -> lis
     return pairs
 
 
-def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsilon: float, file: Path) -> int:
+def link_pair(pair: tuple[Camera, Camera, Path], depth: Path, mask: Path, epsilon: float) -> int:
     """Find, save and count the correspondences of a pair of views (Eq. 8).
 
     Picklable. Memory: 120 B per pixel of the two views.
@@ -120,6 +118,7 @@ def link_pair(camera_i: Camera, camera_j: Camera, depth: Path, mask: Path, epsil
     def opened(camera: Camera) -> tuple[Camera, np.ndarray, np.ndarray]:
         return camera, read_exr(depth / f"{camera.name}.exr"), read_mask(mask / f"{camera.name}.png")
 
+    camera_i, camera_j, file = pair
     correspondences = find_correspondences(*opened(camera_i), *opened(camera_j), epsilon=epsilon)
     sp.save_npz(file, correspondences)
     return int(correspondences.nnz)
@@ -132,21 +131,17 @@ def run(job: Job[CorrespondenceSettings]) -> None:
     settings = job.settings
     cameras = read_cameras(job.inputs["cameras"])
     folder = job.outputs["correspondences"]
-    pairs, futures = [], []
-    for i, j in linked_pairs(job, cameras):
-        camera_i, camera_j = cameras[i], cameras[j]
-        file = f"{i:04d}_{j:04d}.npz"
-        pairs.append({"i": camera_i.name, "j": camera_j.name, "file": file})
-        paths = (job.inputs["depth"], job.inputs["mask"])
-        futures.append(
-            job.executor.submit(link_pair, camera_i, camera_j, *paths, settings.epsilon, folder / file)
-        )
+    pairs = [(cameras[i], cameras[j], folder / f"{i:04d}_{j:04d}.npz") for i, j in linked_pairs(job, cameras)]
+    paths = job.inputs["depth"], job.inputs["mask"]
     counts = []
     with job.progress("correspondences", len(pairs)) as step:
-        for future in futures:
-            counts.append(future.result())
+        for count in job.tasks.small(link_pair, pairs, *paths, settings.epsilon):
+            counts.append(count)
             step()
-    rows = [{**pair, "links": count} for pair, count in zip(pairs, counts, strict=True)]
+    rows = [
+        {"i": one.name, "j": other.name, "file": file.name, "links": count}
+        for (one, other, file), count in zip(pairs, counts, strict=True)
+    ]
     (folder / "index.json").write_text(json_text(rows, indent=1) + "\n", encoding="utf-8")
     total = sum(counts)
     job.note(pairs=len(pairs), links=total, pairs_without_links=counts.count(0))

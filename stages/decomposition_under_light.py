@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,7 +57,7 @@ class ClusterTask:
     solver : FastSolver
     settings : DecompositionSettings
     threads : int
-        Never changes the result.
+        Of one cluster; never changes the result.
     """
 
     inputs: Mapping[str, Path]
@@ -72,7 +73,7 @@ class ClusterTask:
 
 @dataclass(frozen=True, eq=False)
 class OpenedCluster:
-    """Data of the pixels that take part in a cluster, (N, …); `each`: `map`, or that of an executor."""
+    """Data of the pixels that take part in a cluster, (N, …); `each`: the map of an executor."""
 
     views: ClusterViews
     light: StoredLight
@@ -90,7 +91,7 @@ def run(job: Job[DecompositionSettings]) -> None:
     from stages.photometry.detail.scene_statistics import DetailStatistics
     from stages.photometry.joint.fast_alternation import FastSolver
 
-    cameras, settings, each = read_cameras(job.inputs["cameras"]), job.settings, job.executor.map
+    cameras, settings, tasks = read_cameras(job.inputs["cameras"]), job.settings, job.tasks
     graph = view_graph(job.inputs, cameras)
     clusters = clusters_of(graph, settings.clusters.pixels)
     weights = weights_at(settings, graph.side, graph.links_per_pixel)
@@ -103,23 +104,21 @@ def run(job: Job[DecompositionSettings]) -> None:
         _typical_light(job, cameras, int(graph.pixels.sum())) if len(clusters) > 1 else None,
         FastSolver(weights, settings.stopping, settings.fast),
         settings,
-        job.threads,
+        job.threads if len(clusters) == 1 else tasks.threads,
     )
-    if len(clusters) > 1:
-        job.say(f"{len(cameras)} views in {len(clusters)} clusters, one after the other.")
-    with job.progress("rounds", 2 * settings.stopping.max_rounds * len(clusters)) as step:
-        if len(clusters) == 1:
-            solutions = [solve_whole(task, clusters[0], step, each)]
-        else:
-            drafts = [begin_cluster(task, cluster, step, each) for cluster in clusters]
+    if len(clusters) == 1:
+        with job.progress("rounds", 2 * settings.stopping.max_rounds) as step:
+            solutions = [solve_whole(task, clusters[0], step)]
+    else:
+        job.say(f"{len(cameras)} views in {len(clusters)} clusters.")
+        with job.progress("clusters", 2 * len(clusters)) as step:
+            drafts = _told(tasks.large(begin_cluster, clusters, task), step)
             classes = settings.detail.classes
             common = DetailStatistics.merged(
                 [draft.statistics for draft in drafts], classes.most * classes.fewest_pixels
             )
-            solutions = [
-                finish_cluster(task, cluster, draft, common, each)
-                for cluster, draft in zip(clusters, drafts, strict=True)
-            ]
+            begun = list(zip(clusters, drafts, strict=True))
+            solutions = _told(tasks.large(finish_cluster, begun, common, task), step)
     job.note(
         weights={"lambda": weights.smoothness, "mu": weights.consistency},
         uncertainty=solutions[0].statistics.uncertainty.as_json(),
@@ -129,36 +128,45 @@ def run(job: Job[DecompositionSettings]) -> None:
     write_solutions(job, solutions)
 
 
-def solve_whole(task: ClusterTask, cluster: Cluster, step: Callable[[], None], each: Each = map) -> Solution:
+def solve_whole(task: ClusterTask, cluster: Cluster, step: Callable[[], None]) -> Solution:
     """Solve the only cluster, write its maps, and report."""
-    opened = _opened(task, cluster, each)
-    smooth = _smooth(task, opened, step)
-    detail = _with_detail(task, opened, smooth.by_edge.albedo, None)
-    return _written(task, opened, detail, _draft(task, opened, smooth, detail.statistics))
+    with _opened(cluster, task) as opened:
+        smooth = _smooth(task, opened, step)
+        detail = _with_detail(task, opened, smooth.by_edge.albedo, None)
+        return _written(task, opened, detail, _draft(task, opened, smooth, detail.statistics))
 
 
-def begin_cluster(
-    task: ClusterTask, cluster: Cluster, step: Callable[[], None], each: Each = map
-) -> Solution:
-    """Solve a cluster for its smooth albedo, and measure its own statistics; the albedo goes to `scratch`."""
+def begin_cluster(cluster: Cluster, task: ClusterTask) -> Solution:
+    """Solve a cluster for its smooth albedo, and measure its own statistics; the albedo goes to `scratch`.
+
+    Picklable.
+    """
     import numpy as np
 
-    opened = _opened(task, cluster, each)
-    smooth = _smooth(task, opened, step)
-    np.save(_kept_file(task, cluster), smooth.by_edge.albedo)
-    statistics = _with_detail(task, opened, smooth.by_edge.albedo, None).statistics
-    return _draft(task, opened, smooth, statistics)
+    with _opened(cluster, task) as opened:
+        smooth = _smooth(task, opened, lambda: None)
+        np.save(_kept_file(task, cluster), smooth.by_edge.albedo)
+        statistics = _with_detail(task, opened, smooth.by_edge.albedo, None).statistics
+        return _draft(task, opened, smooth, statistics)
 
 
-def finish_cluster(
-    task: ClusterTask, cluster: Cluster, draft: Solution, common: DetailStatistics, each: Each = map
-) -> Solution:
-    """Add the detail to a cluster's smooth albedo, by statistics of all clusters; write its maps."""
+def finish_cluster(begun: tuple[Cluster, Solution], common: DetailStatistics, task: ClusterTask) -> Solution:
+    """Add the detail to a cluster's smooth albedo, by statistics of all; write its maps. Picklable."""
     import numpy as np
 
-    opened = _opened(task, cluster, each)
-    albedo = np.load(_kept_file(task, cluster), allow_pickle=False)
-    return _written(task, opened, _with_detail(task, opened, albedo, common), draft)
+    cluster, draft = begun
+    with _opened(cluster, task) as opened:
+        albedo = np.load(_kept_file(task, cluster), allow_pickle=False)
+        return _written(task, opened, _with_detail(task, opened, albedo, common), draft)
+
+
+def _told(made: Iterator[Solution], step: Callable[[], None]) -> list[Solution]:
+    """Collect solutions, and show the progress."""
+    solutions = []
+    for one in made:
+        solutions.append(one)
+        step()
+    return solutions
 
 
 def _kept_file(task: ClusterTask, cluster: Cluster) -> Path:
@@ -184,8 +192,11 @@ def _typical_light(job: Job[DecompositionSettings], cameras: list[Camera], pixel
     return typical_light_of(np.concatenate(list(job.executor.map(some, cameras))))
 
 
-def _opened(task: ClusterTask, cluster: Cluster, each: Each) -> OpenedCluster:
+@contextmanager
+def _opened(cluster: Cluster, task: ClusterTask) -> Iterator[OpenedCluster]:
     """Open masks, correspondences, shading and observations of a cluster."""
+    from concurrent.futures import ThreadPoolExecutor
+
     import numpy as np
 
     from stages.formats.artefacts.light_npz import read_light
@@ -194,9 +205,11 @@ def _opened(task: ClusterTask, cluster: Cluster, each: Each) -> OpenedCluster:
 
     light = read_light(task.inputs["found_light"])
     views = open_cluster(task.inputs, task.cameras, cluster, task.side)
-    shading = views.maps(task.inputs["shading"], each) / light.mean_shading.astype(np.float32)
-    observed = AlbedoData(**views.arrays(task.inputs["observations"], KINDS, each), glossy=light.glossy)
-    return OpenedCluster(views, light, shading, observed, each)
+    with ThreadPoolExecutor(task.threads) as executor:
+        each = executor.map
+        shading = views.maps(task.inputs["shading"], each) / light.mean_shading.astype(np.float32)
+        observed = AlbedoData(**views.arrays(task.inputs["observations"], KINDS, each), glossy=light.glossy)
+        yield OpenedCluster(views, light, shading, observed, each)
 
 
 def _smooth(task: ClusterTask, opened: OpenedCluster, step: Callable[[], None]) -> SmoothAlbedos:

@@ -61,7 +61,7 @@ def run(job: Job[FullResolutionSettings]) -> None:
     ]
     sizes = set()
     with job.progress("views", len(views)) as step:
-        for size in job.executor.map(write_view, views):
+        for size in job.tasks.small(write_view, views):
             sizes.add(size)
             step()
     job.note(views=len(views), sizes_px=sorted(sizes))

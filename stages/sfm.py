@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage, UserError
 from stages.motion.sfm_settings import SfmSettings
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from stages.motion.pairs import Pair
     from stages.motion.photo_set import Photo
-
-T = TypeVar("T")
 
 
 def run(job: Job[SfmSettings]) -> None:
@@ -60,9 +58,9 @@ def _survey(job: Job[SfmSettings]) -> list[Photo]:
         job.warn(unread)
     photos: list[Photo] = []
     with job.progress("reading photos", len(names)) as step:
-        copies = [job.scratch / copy_name(index) for index in range(len(names))]
+        named = [(name, job.scratch / copy_name(index)) for index, name in enumerate(names)]
         bounds = settings.max_size_px, settings.linear_white_samples
-        for found in _each(job, survey, [folder] * len(names), names, copies, *bounds):
+        for found in job.tasks.small(survey, named, folder, *bounds):
             if isinstance(found, str):
                 job.warn(f"Left out: {found}")
             else:
@@ -70,8 +68,8 @@ def _survey(job: Job[SfmSettings]) -> list[Photo]:
             step()
     exposure = exposure_for_matching(photos, settings.linear_white_percentile)
     linear = [photo for photo in photos if photo.linear_sample is not None]
-    paths = [folder / photo.name for photo in linear]
-    list(_each(job, write_linear_copy, paths, [p.copy for p in linear], settings.max_size_px, exposure))
+    for _ in job.tasks.small(write_linear_copy, linear, folder, settings.max_size_px, exposure):
+        pass
     readable = len(photos)
     photos = _without_copies(job, photos)
     if len(photos) < 2:
@@ -323,13 +321,6 @@ def _publish(
         mean_track_length=round(model.compute_mean_track_length(), 3),
         focal_px=[round(model.cameras[i].mean_focal_length(), 2) for i in sorted(used)],
     )
-
-
-def _each(job: Job[SfmSettings], work: Callable[..., T], *columns: Any) -> Iterator[T]:
-    """`work` on every row of the columns, in order, by the job's executor; single values are repeated."""
-    rows = max(len(column) for column in columns if isinstance(column, list))
-    filled = [column if isinstance(column, list) else [column] * rows for column in columns]
-    return job.executor.map(work, *filled)
 
 
 SFM = Stage(

@@ -84,7 +84,7 @@ def run(job: Job[UndistortSettings]) -> None:
     ]
     with job.progress("undistorting", len(views)) as step:
         found = []
-        for one in job.executor.map(undistort_view, views):
+        for one in job.tasks.small(undistort_view, views):
             found.append(one)
             step()
     names = [image.name for image in images]

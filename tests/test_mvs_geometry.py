@@ -300,7 +300,7 @@ def agreeing(views: int) -> MvsSettings:
 def test_fused_points_lie_on_the_surface_once_each(scene):
     kept = {view: TRACED[view].depth > 0 for view in range(len(VIEWS))}
     agreement = agreeing(3)
-    cloud = fuse_views(scene, agreement, kept, lambda: None)
+    cloud = fuse_views(scene, agreement, kept, {}, lambda: None)
     on_ball = np.abs(np.linalg.norm(cloud.x_in_world - stereo_scene.CENTRE, axis=1) - stereo_scene.RADIUS)
     on_wall = np.abs(cloud.x_in_world @ stereo_scene.WALL_NORMAL - stereo_scene.WALL_OFFSET)
     assert np.quantile(np.minimum(on_ball, on_wall), 0.99) < 0.01
@@ -315,7 +315,7 @@ def test_fusion_leaves_out_what_a_single_view_says(scene):
     lying.planes[2] = scene.planes[2] * np.float32(1.1)
     kept = {2: TRACED[2].depth > 0, 1: TRACED[1].depth > 0, 3: TRACED[3].depth > 0}
     agreement = agreeing(2)
-    cloud = fuse_views(lying, agreement, kept, lambda: None)
+    cloud = fuse_views(lying, agreement, kept, {}, lambda: None)
     on_ball = np.abs(np.linalg.norm(cloud.x_in_world - stereo_scene.CENTRE, axis=1) - stereo_scene.RADIUS)
     on_wall = np.abs(cloud.x_in_world @ stereo_scene.WALL_NORMAL - stereo_scene.WALL_OFFSET)
     assert np.mean(np.minimum(on_ball, on_wall) > 0.05) < 0.03

@@ -53,9 +53,15 @@ class Given:
     threads
         Processor threads; by default all. Never changes a result.
     memory
-        Memory that a stage may take, as in `--memory 6GB`: light and albedo of many views are then found in
-        smaller clusters, where need be, which is part of their settings (lighting.pixels and
-        decomposition.clusters.pixels).
+        Memory that a stage may take, and each worker, as in `--memory 6GB`: light and albedo of many views
+        are then found in smaller clusters, where need be, which is part of their settings (lighting.pixels
+        and decomposition.clusters.pixels).
+    workers
+        Run the tasks of stages (views, pairs, clusters of views) in so many processes of this machine. Needs
+        Dask. Never changes a result.
+    scheduler
+        Run them on the workers of a Dask scheduler, as in `--scheduler tcp://HOST:8786`. All machines must
+        share the workspace and the photos under the same paths.
     json
         Answer in JSON on the output stream.
     """
@@ -72,6 +78,8 @@ class Given:
     assignments: Annotated[UseAppendAction[tuple[str, ...]], optional("STAGE.SETTING=VALUE", "set")] = ()
     threads: Annotated[int | None, optional("N")] = None
     memory: Annotated[str | None, optional("SIZE")] = None
+    workers: Annotated[int | None, optional("N")] = None
+    scheduler: Annotated[str | None, optional("ADDRESS")] = None
     json: bool = False
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from pipeline.process.library_messages import library_messages_in
 from pipeline.request import Absent, Request, Selection, check_flow
 from pipeline.stage import settings_of
 from stages.command.arguments import Given, Relight, Run
+from stages.command.machine import cluster_of, memory_of, threads_of
 from stages.scene.datasets import Dataset, find_dataset
 from stages.scene.wording import listed
 
@@ -31,9 +31,6 @@ SOURCE_OF_FLAG = {
 LIGHTS = ("light", "known_light", "environment")
 FILES = {"mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
-MOST_THREADS = 1024
-PREFIXES = ("", "K", "M", "G", "T")
-LEAST_MEMORY, MOST_MEMORY = 500_000_000, 10**15  # the libraries alone take half of the least
 WORKSPACES = Path("workspaces")  # below the current folder
 # Generic names of folders of photos: projects named by them would share a workspace.
 SAY_NOTHING = {"images", "img", "photos", "photo", "pictures", "input", "jpg", "jpeg", "png", "tif", "tiff"}
@@ -108,6 +105,7 @@ def _request(
         kinds=kinds,
         workspace=workspace,
         threads=threads_of(command),
+        cluster=cluster_of(command),
         memory=memory,
         selection=selection,
         absent=absent_sources(command, config),
@@ -291,43 +289,3 @@ def only_workspace() -> Path:
             f"DIR.{there}"
         )
     return found[0]
-
-
-def threads_of(command: Given) -> int:
-    """Choose the number of threads: the one given, else all processors available to this process.
-
-    Raises
-    ------
-    UserError
-        The given number is below one, or more than libraries can start.
-    """
-    if command.threads is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if not 1 <= command.threads <= MOST_THREADS:
-        raise UserError(
-            f"--threads is {command.threads}; expected 1 to {MOST_THREADS}, or none for all processors."
-        )
-    return command.threads
-
-
-def memory_of(command: Given) -> int | None:
-    """Read the memory that a stage may take, bytes; None where none was given.
-
-    Raises
-    ------
-    UserError
-        It is no size, or less than the libraries need.
-    """
-    if command.memory is None:
-        return None
-    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([KMGT]?)(i?)B?", command.memory.strip(), re.IGNORECASE)
-    size = 0.0
-    if match:
-        number, prefix, binary = match.groups()
-        size = float(number) * (1024 if binary else 1000) ** PREFIXES.index(prefix.upper())
-    if not LEAST_MEMORY <= size <= MOST_MEMORY:
-        raise UserError(
-            f"--memory is {shortened(command.memory)}; expected a size of at least "
-            f"{LEAST_MEMORY // 10**6} MB, as in --memory 6GB."
-        )
-    return int(size)

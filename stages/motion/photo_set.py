@@ -46,13 +46,15 @@ class Photo:
     position: Position | None = None
 
 
-def survey(folder: Path, name: str, copy: Path, max_size_px: int, samples: int) -> Photo | str:
+def survey(named: tuple[str, Path], folder: Path, max_size_px: int, samples: int) -> Photo | str:
     """Decode a photo, which shows whether it is whole, and write the reduced copy for feature detection.
 
-    Returns the sentence that says what is wrong if it cannot be read: it runs in a worker, and a sentence
-    travels better than an exception. A linear photo's copy has to wait for the exposure of the set, which
-    about so many `samples` of each are enough for: `write_linear_copy`.
+    `named`: its name and the path of the copy. Returns the sentence that says what is wrong if it cannot be
+    read: it runs in a worker, and a sentence travels better than an exception. A linear photo's copy has to
+    wait for the exposure of the set, which about so many `samples` of each are enough for:
+    `write_linear_copy`.
     """
+    name, copy = named
     path = folder / name
     try:
         linear = read_photo(path)
@@ -67,9 +69,11 @@ def survey(folder: Path, name: str, copy: Path, max_size_px: int, samples: int) 
     return Photo(name, width, height, copy, None, sample)
 
 
-def write_linear_copy(path: Path, copy: Path, max_size_px: int, exposure: float) -> None:
+def write_linear_copy(photo: Photo, folder: Path, max_size_px: int, exposure: float) -> None:
     """Write the reduced copy of an EXR or HDR photo, brought into [0, 1] by `exposure`."""
-    write_reduced(np.nan_to_num(read_photo(path) * np.float32(exposure)), copy, max_size_px)
+    write_reduced(
+        np.nan_to_num(read_photo(folder / photo.name) * np.float32(exposure)), photo.copy, max_size_px
+    )
 
 
 def focal_prior(path: Path) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 
@@ -32,15 +32,27 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
         names = ", ".join(workspace.image_names[view] for view in lonely)
         job.warn(f"No other view shares surface with {names}: without depth there.")
     views = [view for view in range(len(workspace.cameras)) if view not in lonely]
-    passes = 5 if job.settings.geometric_iterations else 4
+    settings, tasks = job.settings, job.tasks
+    kept, used = ArrayStore(job.scratch / "kept"), ArrayStore(job.scratch / "used")
+    passes = 4 if settings.geometric_iterations else 3
     with job.progress("depth maps", passes * len(views)) as step:
-        find_planes(job, scene, views, step)
-        if job.settings.geometric_iterations:
-            reconcile(job, scene, views, step)
-        kept = confirm(job, scene, workspace, views, step)
-        cloud = stereo.fuse_views(scene, job.settings, kept, step)
+        for _ in tasks.large(match_view, views, scene, settings, tasks.threads):
+            step()
+        if settings.geometric_iterations:
+            after = ArrayStore(job.scratch / "planes_after")
+            for _ in tasks.large(reconcile_view, views, scene, after, settings, tasks.threads):
+                step()
+            scene.planes = after
+        coverage = {}
+        confirmed = tasks.large(confirm_view, views, scene, kept, settings, tasks.threads)
+        for view, share in zip(views, confirmed, strict=True):
+            coverage[workspace.image_names[view]] = round(share, 4)
+            step()
+        for view, name in enumerate(workspace.image_names):
+            write_view(scene, kept, view, job.outputs["depth_maps"], name)
+        cloud = stereo.fuse_views(scene, settings, kept, used, step)
     job.note(
-        coverage={workspace.image_names[view]: round(float(kept[view].mean()), 4) for view in views},
+        coverage=coverage,
         cpu_seconds=round(time.process_time() - began, 1),
     )
     return cloud
@@ -60,7 +72,7 @@ def plan_scene(job: Job[MvsSettings], workspace: Workspace) -> tuple[stereo.Scen
         plans.append(stereo.ViewPlan(sources, near, far))
     scene = stereo.Scene(
         cameras,
-        workspace.image_reader(),
+        workspace.images(),
         plans,
         planes=ArrayStore(job.scratch / "planes"),
         costs=ArrayStore(job.scratch / "costs"),
@@ -77,37 +89,37 @@ def _range_of(
     return depth_range(camera, x_in_world, settings.range_outliers, settings.range_margin)
 
 
-def find_planes(job: Job[MvsSettings], scene: stereo.Scene, views: list[int], step: Any) -> None:
-    """Sweep, then refine by matching alone; leaves planes and costs in the scene."""
-    settings = job.settings
-    for view in views:
-        scene.planes[view] = stereo.sweep_view(scene, view, settings)
-        step()
-        scene.planes[view], scene.costs[view] = stereo.refine_view(scene, view, settings, geometric=False)
-        step()
+def match_view(view: int, scene: stereo.Scene, settings: MvsSettings, threads: int) -> None:
+    """Sweep a view, then refine it by matching alone; planes and costs go to the scene's files. Picklable."""
+    use_threads(threads)
+    scene.planes[view] = stereo.sweep_view(scene, view, settings)
+    scene.planes[view], scene.costs[view] = stereo.refine_view(scene, view, settings, geometric=False)
 
 
-def reconcile(job: Job[MvsSettings], scene: stereo.Scene, views: list[int], step: Any) -> None:
-    """Refine with the others' maps; puts new planes and costs into the scene."""
-    after = ArrayStore(job.scratch / "planes_after")
-    for view in views:  # by the maps of the round before, so that the order does not matter
-        after[view], scene.costs[view] = stereo.refine_view(scene, view, job.settings, geometric=True)
-        step()
-    scene.planes = after
+def reconcile_view(
+    view: int, scene: stereo.Scene, after: ArrayStore, settings: MvsSettings, threads: int
+) -> None:
+    """Refine a view with the others' maps of the round before: the order does not matter. Picklable."""
+    use_threads(threads)
+    after[view], scene.costs[view] = stereo.refine_view(scene, view, settings, geometric=True)
 
 
-def confirm(
-    job: Job[MvsSettings], scene: stereo.Scene, workspace: Workspace, views: list[int], step: Any
-) -> dict[int, np.ndarray]:
-    """Keep what other views confirm and write it; views without sources get empty maps."""
-    settings, kept = job.settings, {}
-    folder = job.outputs["depth_maps"]
-    for view, camera in enumerate(workspace.cameras):
-        depth, normals = np.zeros(camera.shape, np.float32), np.zeros((*camera.shape, 3), np.float32)
-        if view in views:
-            kept[view] = stereo.confirm_view(scene, view, settings)
-            depth = np.where(kept[view], depth_from_planes(scene.planes[view]), depth)
-            normals = np.where(kept[view][..., None], stereo.world_normals(scene, view), normals)
-            step()
-        write_depth_maps(folder, workspace.image_names[view], camera, depth, normals)
-    return kept
+def confirm_view(
+    view: int, scene: stereo.Scene, kept: ArrayStore, settings: MvsSettings, threads: int
+) -> float:
+    """Keep the pixels of a view that others confirm; returns their share. Picklable."""
+    use_threads(threads)
+    confirmed = stereo.confirm_view(scene, view, settings)
+    kept[view] = confirmed
+    return float(confirmed.mean())
+
+
+def write_view(scene: stereo.Scene, kept: ArrayStore, view: int, folder: Path, name: str) -> None:
+    """Write the depth and normals that are kept; empty maps of a view without sources."""
+    camera = scene.cameras[view]
+    depth, normals = np.zeros(camera.shape, np.float32), np.zeros((*camera.shape, 3), np.float32)
+    if view in kept:
+        inside = kept[view]
+        depth = np.where(inside, depth_from_planes(scene.planes[view]), depth)
+        normals = np.where(inside[..., None], stereo.world_normals(scene, view), normals)
+    write_depth_maps(folder, name, camera, depth, normals)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
+from collections import OrderedDict
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -41,22 +42,51 @@ class Workspace:
     points: SparsePoints
     colours: np.ndarray
 
-    def image_reader(self):
-        """Make a function from a view's index to its image, (h, w, 3), uint8, RGB; it caches the last few."""
-        return lru_cache(maxsize=IMAGES_HELD)(self._read_image)
+    def images(self) -> ImageReader:
+        """Make a reader of the images."""
+        return ImageReader(self.folder / "images", self.image_names, [one.shape for one in self.cameras])
 
-    def _read_image(self, view: int) -> np.ndarray:
-        path = self.folder / "images" / self.image_names[view]
+
+@dataclass(eq=False)
+class ImageReader:
+    """A picklable function from a view's index to its image, (h, w, 3), uint8, RGB; it holds the last few."""
+
+    folder: Path
+    names: list[str]
+    shapes: list[tuple[int, int]]
+    _held: OrderedDict[int, np.ndarray] = field(default_factory=OrderedDict)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_held": OrderedDict()}
+
+    def __call__(self, view: int) -> np.ndarray:
+        """Read the image of a view, unless it is held.
+
+        Raises
+        ------
+        UserError
+            It is missing or unreadable, or of another size than its camera.
+        """
+        if view not in self._held:
+            self._held[view] = self._read(view)
+            if len(self._held) > IMAGES_HELD:
+                self._held.popitem(last=False)
+        self._held.move_to_end(view)
+        return self._held[view]
+
+    def _read(self, view: int) -> np.ndarray:
+        path = self.folder / self.names[view]
         data = np.fromfile(path, np.uint8) if path.is_file() else np.zeros(0, np.uint8)
         image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if data.size else None
         if image is None:
             raise UserError(
                 f"{path} is missing or unreadable, though the model in sparse/ has a pose for it."
             )
-        if image.shape[:2] != self.cameras[view].shape:
+        height, width = self.shapes[view]
+        if image.shape[:2] != (height, width):
             raise UserError(
-                f"{path} has {image.shape[1]}×{image.shape[0]} pixels, its camera {self.cameras[view].width}×"
-                f"{self.cameras[view].height}; expected an undistorted workspace where the two agree."
+                f"{path} has {image.shape[1]}×{image.shape[0]} pixels, its camera {width}×{height}; expected "
+                "an undistorted workspace where the two agree."
             )
         return np.ascontiguousarray(image[..., ::-1])
 

@@ -6,7 +6,7 @@ lie on disk: what must be held at once is one view's cost volume and the arrays 
 
 from __future__ import annotations
 
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable, Mapping, MutableMapping
 from dataclasses import dataclass, field
 
 import cv2
@@ -152,16 +152,22 @@ def confirm_view(scene: Scene, view: int, settings: MvsSettings) -> np.ndarray:
 
 
 def fuse_views(
-    scene: Scene, settings: MvsSettings, kept: MutableMapping[int, np.ndarray], step: Callable[[], None]
+    scene: Scene,
+    settings: MvsSettings,
+    kept: Mapping[int, np.ndarray],
+    used: MutableMapping[int, np.ndarray],
+    step: Callable[[], None],
 ) -> FusedPoints:
-    """Fuse all views in order; `kept` holds the pixels to use, (h, w), bool; `step` is called per view.
+    """Fuse all views in order; `step` is called per view.
 
-    `fusion_views` must agree, or all where there are fewer.
+    `fusion_views` must agree, or all where there are fewer. `kept` holds the pixels to use, (h, w), bool;
+    `used`, those that are in the cloud already, or are not to be: it is filled here.
     """
-    fewest = min(settings.fusion_views, len(scene.cameras))
-    used = {view: ~kept[view] for view in kept}
+    fewest, views_with_depth = min(settings.fusion_views, len(scene.cameras)), sorted(kept)
+    for view in views_with_depth:
+        used[view] = ~kept[view]
     parts = []
-    for view in sorted(kept):
+    for view in views_with_depth:
         chosen = [view, *(j for j in scene.plans[view].sources if j in kept)]
         views = _depth_views(scene, chosen, kept, used)
         parts.append(fuse_view(views, settings, fewest))

@@ -1,0 +1,76 @@
+"""What a command may take of the machine: threads, memory, workers."""
+
+from __future__ import annotations
+
+import os
+import re
+
+from pipeline import UserError
+from pipeline.cluster import ClusterRequest
+from pipeline.errors import shortened
+from stages.command.arguments import Given
+
+MOST_THREADS = 1024
+PREFIXES = ("", "K", "M", "G", "T")
+LEAST_MEMORY, MOST_MEMORY = 500_000_000, 10**15  # the libraries alone take half of the least
+
+
+def threads_of(command: Given) -> int:
+    """Choose the number of threads: the one given, else all processors available to this process.
+
+    Raises
+    ------
+    UserError
+        The given number is below one, or more than libraries can start.
+    """
+    if command.threads is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if not 1 <= command.threads <= MOST_THREADS:
+        raise UserError(
+            f"--threads is {command.threads}; expected 1 to {MOST_THREADS}, or none for all processors."
+        )
+    return command.threads
+
+
+def cluster_of(command: Given) -> ClusterRequest | None:
+    """Read where the tasks of stages run; None: on threads of this process.
+
+    Raises
+    ------
+    UserError
+        Workers and a scheduler were given, or the number of workers is below one or enormous.
+    """
+    workers, scheduler = command.workers, command.scheduler
+    if workers is None and scheduler is None:
+        return None
+    if workers is not None and scheduler is not None:
+        raise UserError(
+            f"--workers {workers} and --scheduler {scheduler} were given; expected workers of this machine "
+            "or those of a scheduler. Leave out one."
+        )
+    if workers is not None and not 1 <= workers <= MOST_THREADS:
+        raise UserError(f"--workers is {workers}; expected 1 to {MOST_THREADS}, or none.")
+    return ClusterRequest(workers, scheduler)
+
+
+def memory_of(command: Given) -> int | None:
+    """Read the memory that a stage may take, bytes; None where none was given.
+
+    Raises
+    ------
+    UserError
+        It is no size, or less than the libraries need.
+    """
+    if command.memory is None:
+        return None
+    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([KMGT]?)(i?)B?", command.memory.strip(), re.IGNORECASE)
+    size = 0.0
+    if match:
+        number, prefix, binary = match.groups()
+        size = float(number) * (1024 if binary else 1000) ** PREFIXES.index(prefix.upper())
+    if not LEAST_MEMORY <= size <= MOST_MEMORY:
+        raise UserError(
+            f"--memory is {shortened(command.memory)}; expected a size of at least "
+            f"{LEAST_MEMORY // 10**6} MB, as in --memory 6GB."
+        )
+    return int(size)

@@ -1,0 +1,154 @@
+"""Tasks on the workers of a Dask cluster: the same bytes as on threads, also where workers are lost."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from pipeline import UserError, cluster
+from pipeline.cluster import ClusterOnDemand, ClusterRequest
+from pipeline.process.tasks import LocalTasks
+from stages.command.arguments import Run
+from stages.command.machine import cluster_of
+from tests.faults import small_runs
+from tests.faults.small_runs import one_line, results, words
+
+DISTRIBUTED = ("sfm", "undistort", "mvs", "correspondence", "decomposition")
+AT_WORK_S = 0.3  # from when a stage begins until its tasks run
+TRANSFER = (  # eight views in clusters, so that every stage has tasks
+    "--set", "decomposition.mode=transfer", "--set", "decomposition.clusters.pixels=10000",
+    "--set", "lighting.pixels=10000", "--set", "lighting.lights=shared", "--set", "lighting.samples=4000",
+    "--set", "transfer.max_vertices=3000", "--set", "correspondence.all_up_to=2",
+    "--set", "correspondence.neighbours=2",
+)  # fmt: skip
+
+
+def divided(number: int, by: int) -> float:
+    if by == 0:
+        raise UserError(f"{number} cannot be divided by 0")
+    return number / by
+
+
+def worker_number(_: int, folder: Path) -> int:
+    """End the first worker that comes here."""
+    first = folder / "came"
+    if not first.exists():
+        first.touch()
+        os._exit(1)
+    return os.getpid()
+
+
+@pytest.fixture(scope="module")
+def two_workers(tmp_path_factory):
+    with ClusterOnDemand(ClusterRequest(2), 2, ["numpy"], tmp_path_factory.mktemp("two")) as there:
+        yield there.tasks()
+
+
+def test_tasks_give_the_same_in_order_wherever_they_run(two_workers):
+    here = LocalTasks(None, 2)  # type: ignore[arg-type]  # large tasks take no executor
+    for tasks in (here, two_workers):
+        assert list(tasks.large(divided, range(20), 4)) == [number / 4 for number in range(20)]
+        with pytest.raises(UserError, match="3 cannot be divided"):
+            list(tasks.large(divided, [3, 4], 0))
+
+
+def test_tasks_of_a_lost_worker_are_done_again(two_workers, tmp_path):
+    done = list(two_workers.small(worker_number, range(6), tmp_path))
+    assert len(done) == 6 and os.getpid() not in done
+
+
+def test_two_processes_share_the_threads_of_the_machine(two_workers):
+    assert two_workers.threads == 1
+
+
+def test_other_versions_and_folders_that_workers_do_not_see_are_refused(two_workers, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "tool_version", lambda name: "0.0")  # here, not in the workers
+    with pytest.raises(UserError, match=r"numpy \d.* \(here 0\.0\).*same versions"):
+        cluster._check_workers(two_workers.client, ["numpy"], tmp_path)
+    monkeypatch.undo()
+    elsewhere = str(tmp_path / "on another machine")
+    monkeypatch.setattr(cluster.tempfile, "mkstemp", lambda prefix, dir: (os.dup(0), elsewhere))
+    with pytest.raises(UserError, match="does not see"):
+        cluster._check_workers(two_workers.client, ["numpy"], tmp_path)
+
+
+def test_a_scheduler_that_does_not_answer_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "PATIENCE_S", 1)
+    request = ClusterRequest(scheduler="tcp://127.0.0.1:9")
+    with (
+        ClusterOnDemand(request, 2, [], tmp_path) as nobody,
+        pytest.raises(UserError, match="was not reached"),
+    ):
+        nobody.tasks()
+
+
+@pytest.mark.parametrize(
+    "given", [Run(workers=0), Run(workers=2000), Run(workers=2, scheduler="tcp://here:8786")]
+)
+def test_an_impossible_cluster_is_refused(given):
+    with pytest.raises(UserError, match="expected"):
+        cluster_of(given)
+
+
+@pytest.fixture(scope="module")
+def on_threads(tmp_path_factory) -> Path:
+    """A workspace made on threads of one process."""
+    folder = tmp_path_factory.mktemp("workers")
+    small_runs.link_photos(folder / "photos", 8)
+    done = small_runs.do(words("run", folder / "threads", *TRANSFER))
+    assert done.returncode == 0, done.stderr
+    return folder / "threads"
+
+
+def test_workers_give_the_same_digests_as_threads(on_threads):
+    there = on_threads.parent / "two"
+    done = small_runs.do(words("run", there, *TRANSFER, "--workers", "2"))
+    assert done.returncode == 0, done.stderr
+    assert results(there) == results(on_threads)
+    assert small_runs.leftovers(there) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", ["1", "4"])
+def test_any_number_of_workers_gives_the_same_digests(on_threads, workers):
+    there = on_threads.parent / f"workers_{workers}"
+    done = small_runs.do(words("run", there, *TRANSFER, "--workers", workers))
+    assert done.returncode == 0, done.stderr
+    assert results(there) == results(on_threads)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", DISTRIBUTED)
+def test_a_worker_killed_in_a_stage_changes_nothing(on_threads, stage):
+    there = on_threads.parent / f"killed_in_{stage}"
+    before = () if stage == DISTRIBUTED[0] else ("--to", DISTRIBUTED[DISTRIBUTED.index(stage) - 1])
+    if before:
+        assert small_runs.do(words("run", there, *TRANSFER, *before)).returncode == 0
+    running = subprocess.Popen(
+        words("run", there, *TRANSFER, "--workers", "2", "--to", stage),
+        cwd=small_runs.ROOT, env=small_runs.environment(), stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    while not list((there / "cache" / stage).glob(".partial-*/log.txt")):  # its workers are there
+        assert running.poll() is None, one_line(running.communicate()[1])
+        time.sleep(0.01)
+    time.sleep(AT_WORK_S)
+    killed = kill_a_worker(running.pid)
+    stderr = running.communicate()[1]
+    assert running.returncode == 0, stderr
+    assert killed, "no worker was found"
+    assert small_runs.do(words("run", there, *TRANSFER)).returncode == 0
+    assert results(there) == results(on_threads)
+
+
+def kill_a_worker(run: int) -> bool:
+    """Kill one of the workers of a run."""
+    for child in psutil.Process(run).children(recursive=True):
+        if "spawn_main" in " ".join(child.cmdline()):
+            child.kill()
+            return True
+    return False
