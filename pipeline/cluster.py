@@ -170,7 +170,11 @@ class DaskTasks:
         finally:
             self.client.cancel([future for future in futures if future is not None])
 
-    large = small
+    def large(
+        self, work: Callable[..., Made], items: Iterable[Item], *shared: Any, at_a_time: int = 1
+    ) -> Iterator[Made]:
+        """Run tasks on the workers, as many at a time as they have threads."""
+        return self.small(work, items, *shared)
 
 
 def _same(value: Made) -> Made:

@@ -109,8 +109,7 @@ def link_pair(pair: tuple[Camera, Camera, Path], depth: Path, mask: Path, epsilo
 
     Picklable. Memory: 120 B per pixel of the two views.
     """
-    import scipy.sparse as sp
-
+    from stages.formats.artefacts.correspondence_files import write_matrix
     from stages.formats.images.exr import read_exr
     from stages.formats.images.photos import read_mask
     from stages.geometry.covisibility.correspondences import find_correspondences
@@ -120,7 +119,7 @@ def link_pair(pair: tuple[Camera, Camera, Path], depth: Path, mask: Path, epsilo
 
     camera_i, camera_j, file = pair
     correspondences = find_correspondences(*opened(camera_i), *opened(camera_j), epsilon=epsilon)
-    sp.save_npz(file, correspondences)
+    write_matrix(file, correspondences)
     return int(correspondences.nnz)
 
 
@@ -154,7 +153,7 @@ def run(job: Job[CorrespondenceSettings]) -> None:
 
 CORRESPONDENCE = Stage(
     name="correspondence",
-    version=2,
+    version=3,
     about="Which pixels of two views show the same surface point: one sparse matrix per pair.",
     settings=CorrespondenceSettings,
     takes=("depth", "normal", "mask", "cameras"),

@@ -239,7 +239,9 @@ def _with_detail(
 ) -> Detail:
     """Add the detail to a smooth albedo, by common statistics, or by its own."""
     from stages.photometry.detail.albedo_detail import with_detail
+    from stages.solvers.kernels.threading_layer import use_threads
 
+    use_threads(task.threads)
     observed, views = opened.observed, opened.views
     return with_detail(
         views.stack,

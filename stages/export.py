@@ -80,7 +80,7 @@ def warn_of_dark_pictures(job: Job[ExportSettings], kind: str, white: float, mid
 
 
 def run(job: Job[ExportSettings]) -> None:
-    """Encode the maps, one view at a time."""
+    """Encode the maps, view by view."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.images.contact_sheet import contact_sheet
     from stages.formats.images.photos import write_png8
@@ -94,13 +94,17 @@ def run(job: Job[ExportSettings]) -> None:
         whites[kind] = found[0]
         warn_of_dark_pictures(job, kind, *found)
     in_sheet = set(evenly(names, settings.sheet_views))
+
+    def export_view(camera: Camera) -> list[np.ndarray] | None:
+        albedo, shading = (export_maps(job, kind, camera.name, whites[kind]) for kind in whites)
+        export_dense_view(job, camera, albedo)
+        return sheet_row(job, camera, albedo, shading) if camera.name in in_sheet else None
+
     rows = {}
     with job.progress("pictures", len(cameras)) as step:
-        for camera in cameras:
-            albedo, shading = (export_maps(job, kind, camera.name, whites[kind]) for kind in whites)
-            export_dense_view(job, camera, albedo)
-            if camera.name in in_sheet:
-                rows[camera.name] = sheet_row(job, camera, albedo, shading)
+        for name, row in zip(names, job.executor.map(export_view, cameras), strict=True):
+            if row is not None:
+                rows[name] = row
             step()
     write_png8(
         job.outputs["contact_sheet"],

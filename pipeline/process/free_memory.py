@@ -7,19 +7,27 @@ for a fine level, and make up a tenth of the solver's memory.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 LARGE_BYTES = 2**20  # far above frequent allocations, far below an array over a large level's pixels
+USUAL_BYTES = 2**25  # the most that glibc raises the limit to by itself
 MMAP_THRESHOLD = -3  # M_MMAP_THRESHOLD of glibc's malloc.h
 
 
-def keep_large_blocks_apart() -> None:
-    """Fix the limit from which freed blocks return to the system at once, at `LARGE_BYTES`.
+@contextmanager
+def large_blocks_apart() -> Iterator[None]:
+    """Return freed blocks from `LARGE_BYTES` on to the system at once, within a block of code.
 
-    glibc otherwise raises the limit with every such block that is freed, up to 32 MiB. Applies to the whole
-    process; does nothing with another C library.
+    glibc otherwise raises the limit with every such block that is freed, up to `USUAL_BYTES`, which is the
+    limit afterwards: where arrays come and go, as those of single views, the system takes longer to clear
+    their pages than the arithmetic does. Applies to the whole process; does nothing with another C library.
     """
     _of_glibc("mallopt", lambda mallopt: mallopt(MMAP_THRESHOLD, LARGE_BYTES))
+    try:
+        yield
+    finally:
+        _of_glibc("mallopt", lambda mallopt: mallopt(MMAP_THRESHOLD, USUAL_BYTES))
 
 
 def give_back_free_memory() -> None:

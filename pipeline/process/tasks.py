@@ -7,7 +7,7 @@ runs makes no difference.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -31,8 +31,13 @@ class Tasks(Protocol):
     def small(self, work: Callable[..., Made], items: Iterable[Item], *shared: Any) -> Iterator[Made]:
         """Run ``work(item, *shared)``, one thread each and many at a time; results in the items' order."""
 
-    def large(self, work: Callable[..., Made], items: Iterable[Item], *shared: Any) -> Iterator[Made]:
-        """Run the same, `threads` threads each; as many at a time as there are workers."""
+    def large(
+        self, work: Callable[..., Made], items: Iterable[Item], *shared: Any, at_a_time: int = 1
+    ) -> Iterator[Made]:
+        """Run the same, `threads` threads each; as many at a time as there are workers.
+
+        `at_a_time`: on this machine, how many share the threads, while their memory is small.
+        """
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,12 @@ class LocalTasks:
         """Run tasks on the executor's threads."""
         return self.executor.map(lambda item: work(item, *shared), items)
 
-    def large(self, work: Callable[..., Made], items: Iterable[Item], *shared: Any) -> Iterator[Made]:
-        """Run tasks one after the other, each on all threads."""
-        return (work(item, *shared) for item in items)
+    def large(
+        self, work: Callable[..., Made], items: Iterable[Item], *shared: Any, at_a_time: int = 1
+    ) -> Iterator[Made]:
+        """Run tasks one after the other, or some at a time, on all threads together."""
+        if at_a_time == 1:
+            yield from (work(item, *shared) for item in items)
+            return
+        with ThreadPoolExecutor(at_a_time) as executor:
+            yield from executor.map(lambda item: work(item, *shared), items)

@@ -9,13 +9,15 @@ import numpy as np
 
 from pipeline import Job, UserError
 from stages.formats.artefacts.array_store import ArrayStore
-from stages.solvers.kernels.threading_layer import use_threads
+from stages.solvers.kernels.threading_layer import loops_may_run_at_once, use_threads
 from stages.stereo.depth import dense_stereo as stereo
 from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.depth.inverse_depth import depth_from_planes
 from stages.stereo.mvs_settings import MvsSettings
 from stages.stereo.view_selection import SparsePoints, depth_range, points_from_poses, select_sources
 from stages.stereo.workspace import Workspace, write_depth_maps
+
+AT_ONCE = 2  # views: while one is read and prepared, another keeps the threads busy
 
 
 def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
@@ -33,18 +35,21 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
         job.warn(f"No other view shares surface with {names}: without depth there.")
     views = [view for view in range(len(workspace.cameras)) if view not in lonely]
     settings, tasks = job.settings, job.tasks
+    at_once = min(AT_ONCE, tasks.threads) if loops_may_run_at_once() else 1
+    each = max(1, tasks.threads // at_once)
     kept, used = ArrayStore(job.scratch / "kept"), ArrayStore(job.scratch / "used")
     passes = 4 if settings.geometric_iterations else 3
     with job.progress("depth maps", passes * len(views)) as step:
-        for _ in tasks.large(match_view, views, scene, settings, tasks.threads):
+        for _ in tasks.large(match_view, views, scene, settings, each, at_a_time=at_once):
             step()
         if settings.geometric_iterations:
             after = ArrayStore(job.scratch / "planes_after")
-            for _ in tasks.large(reconcile_view, views, scene, after, settings, tasks.threads):
+            reconciled = tasks.large(reconcile_view, views, scene, after, settings, each, at_a_time=at_once)
+            for _ in reconciled:
                 step()
             scene.planes = after
         coverage = {}
-        confirmed = tasks.large(confirm_view, views, scene, kept, settings, tasks.threads)
+        confirmed = tasks.large(confirm_view, views, scene, kept, settings, each, at_a_time=at_once)
         for view, share in zip(views, confirmed, strict=True):
             coverage[workspace.image_names[view]] = round(share, 4)
             step()

@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.process.free_memory import large_blocks_apart
 from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, finish, from_coarse_to_fine
 from stages.photometry.joint.problem_assembly import EdgeWeights, finest_level
 from stages.photometry.stack import StackedViews
 
 
+@large_blocks_apart()
 def albedo_under_light(
     views: StackedViews,
     images: list[np.ndarray],

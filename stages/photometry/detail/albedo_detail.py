@@ -6,6 +6,7 @@ A Wiener filter per octave and colour axis: residual energy against that of shad
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +25,7 @@ from stages.photometry.detail.octaves import response_to_noise
 from stages.photometry.detail.scene_statistics import DetailStatistics, OctaveStatistics
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.pixelwise import pixelwise
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,20 +93,41 @@ def with_detail(
     """
     counted = np.ones(len(trusted), bool) if counted is None else counted
     typical_light = float(np.median(shading[counted])) if known is None else known.typical_light
-    light = np.maximum(shading, UNLIT * max(typical_light, 1e-6))
-    detailed = np.maximum(albedo, 0).astype(np.float32)
-    explained = detailed * light
+    least = UNLIT * max(typical_light, 1e-6)
+    light, smooth, explained = pixelwise(partial(_model, least), albedo, shading)
     scene = DetailScene(views, image, light, explained, trusted, how, counted, known)
     kept, variance, octaves = _kept(scene)
     filled, has_value = scene.others.filled_in(np.column_stack([kept, variance]))
-    added = (explained + how.log_offset) * np.expm1(channels_of(filled[:, :3])) / light
-    detailed = np.where(has_value[:, None], np.maximum(detailed + added, 0), detailed).astype(np.float32)
+    add_kept = partial(_with_kept, how.log_offset)
+    detailed = pixelwise(add_kept, smooth, explained, light, filled[:, :3], has_value)
     variance = filled[:, 3] / np.maximum(scene.response, how.variance.least_response) ** 2
     between, typical = _variance_between_views(scene, detailed)
     statistics = known or DetailStatistics(
         octaves, typical_light, scene.typical_noise, typical, *scene.measured_and_linked
     )
     return Detail(detailed, (variance + between).astype(np.float32), statistics)
+
+
+def _model(
+    least: float, albedo: np.ndarray, shading: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bound the shading and the smooth albedo from below; returns both and their product."""
+    light = np.maximum(shading, least)
+    smooth = np.maximum(albedo, 0).astype(np.float32)
+    return light, smooth, smooth * light
+
+
+def _with_kept(
+    offset: float,
+    smooth: np.ndarray,
+    explained: np.ndarray,
+    light: np.ndarray,
+    kept: np.ndarray,
+    has_value: np.ndarray,
+) -> np.ndarray:
+    """Add what is kept of the residual to the smooth albedo, where there is any."""
+    added = (explained + offset) * np.expm1(channels_of(kept)) / light
+    return np.where(has_value[:, None], np.maximum(smooth + added, 0), smooth).astype(np.float32)
 
 
 def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> tuple[np.ndarray, float]:
@@ -118,7 +141,7 @@ def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> tuple[np.
     if not seen.any():
         return np.full(len(albedo), typical, np.float32), typical
     difference = np.where(seen, (logs - scene.others.mean(logs))[:, 0], 0)
-    square = scene.seen_by_others.mean(difference**2, scene.how.variance.window_px)
+    square = scene.seen_by_others.mean(difference, scene.how.variance.window_px, np.square)
     if scene.known is None and (measured := seen & scene.counted).any():
         typical = float(square[measured].mean())
     return np.where(seen, square, np.float32(typical)), typical
@@ -132,7 +155,7 @@ def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, tuple[OctaveStati
     if not between_views and scene.known is None:
         noise[:] = noise_without_others(scene)
     kept = np.zeros((len(scene.maps), 3), np.float32)
-    residual = scene.pixels.mean(scene.maps[:, 0] ** 2, how.variance.window_px)
+    residual = scene.pixels.mean(scene.maps[:, 0], how.variance.window_px, np.square)
     variance = limits.level**2 + how.variance.residual_share * residual
     found: list[OctaveStatistics] = []
     octaves = enumerate(pairwise(scene.pixels.octaves(scene.maps, how.sigmas_px)))

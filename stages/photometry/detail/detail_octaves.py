@@ -25,6 +25,7 @@ from stages.photometry.detail.shading_uncertainty import (
 )
 from stages.photometry.detail.texture_limit import TextureLimit
 from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.pixelwise import pixelwise
 
 CHROMA_NOISE = 6.0  # variance of log R/G, 2 σ², over that of the mean logarithm, σ²/3, for equal noise in all
 TINY = 1e-12  # against division by 0, of squares
@@ -73,13 +74,18 @@ class DetailScene:
     @cached_property
     def noise_scale(self) -> np.ndarray:
         """Noise relative to that at median brightness, (N, 3)."""
-        variance = relative_noise_variance(self.explained, self.how.log_offset)
-        return relative_noise(variance, self.typical_noise, self.how.noise)
+        offset, typical, how = self.how.log_offset, self.typical_noise, self.how.noise
+
+        def relative(explained: np.ndarray) -> np.ndarray:
+            return relative_noise(relative_noise_variance(explained, offset), typical, how)
+
+        return pixelwise(relative, self.explained)
 
     @cached_property
     def response(self) -> np.ndarray:
         """Derivative of ``log(I + d)`` by log shading, (N,): small in dark pixels."""
-        return (self.explained / (self.explained + self.how.log_offset)).mean(axis=1)
+        offset = self.how.log_offset
+        return pixelwise(lambda explained: (explained / (explained + offset)).mean(axis=1), self.explained)
 
     @cached_property
     def sample(self) -> np.ndarray:
@@ -103,9 +109,13 @@ class DetailScene:
     def maps(self) -> np.ndarray:
         """Axes of the residual, mean logarithm of I/S, mean logarithm of S: (N, 5)."""
         offset, most = self.how.log_offset, self.how.largest_residual
-        left = axes_of(np.clip(log_quotient(self.image, self.explained, offset), -most, most))
-        quotient = log_quotient(self.image, self.light, offset).mean(axis=1)
-        return np.column_stack([left, quotient, log_shading(self.light)]).astype(np.float32)
+
+        def columns(image: np.ndarray, explained: np.ndarray, light: np.ndarray) -> np.ndarray:
+            left = axes_of(np.clip(log_quotient(image, explained, offset), -most, most))
+            quotient = log_quotient(image, light, offset).mean(axis=1)
+            return np.column_stack([left, quotient, log_shading(light)]).astype(np.float32)
+
+        return pixelwise(columns, self.image, self.explained, self.light)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +150,7 @@ class DetailOctave:
         """Reduce the shading's change, in the fine octaves, to that which the photos show."""
         how = scene.how
         left, quotient, change = bands[:, AXES].copy(), bands[:, QUOTIENT], bands[:, LIT] * scene.response
-        stated = size = scene.pixels.mean(change**2, max(sigma_px, how.least_shading_window_px))
+        stated = size = scene.pixels.mean(change, max(sigma_px, how.least_shading_window_px), np.square)
         shown, some = None, scene.sample
         if scene.known is not None:
             shown = scene.known.octaves[number].shown
@@ -148,7 +158,7 @@ class DetailOctave:
             finer_px = 0.0 if number == 0 else sigma_px / 2
             shown = ShownChange.of(change[some], left[some, 0], stated[some], finer_px, how)
         if shown is not None:
-            excess = shown.at(stated)
+            excess = pixelwise(shown.at, stated)
             left[:, 0] -= excess * change
             quotient = quotient - excess * change
             size = (1 + excess) ** 2 * stated
@@ -169,7 +179,7 @@ class DetailOctave:
         some = some[scene.others.count[some] > 0]
         of_both = scene.noise_scale[some] * np.sqrt(1 + 1 / scene.others.count[some])[:, None]
         difference = (self.left - self.left_by_others)[some] / of_both
-        texture = scene.pixels.mean(coarser**2, self.wide_px)[some]  # brightness has the least noise
+        texture = scene.pixels.mean(coarser, self.wide_px, np.square)[some]  # brightness has the least noise
         return np.array([noise_between_views(axis, texture, scene.how.classes) for axis in difference.T])
 
     @cached_property
@@ -189,34 +199,52 @@ class DetailOctave:
             or that of this scene.
         """
         scene, how, others = self.scene, self.scene.how, self.scene.others
-        band, noise = self._fused(np.square(noise.astype(np.float32) * scene.noise_scale))
-        of_axes = np.square(np.array(how.uncertainty.of_axes, np.float32))
-        uncertain = error**2 * self.size[:, None] * of_axes + noise
-        energy = scene.pixels.mean(np.abs(band) ** how.energy_power, self.wide_px) ** (2 / how.energy_power)
-        energy = others.with_own(energy / how.energy_of_normal)
-        uncertain = others.with_own(scene.pixels.mean(uncertain, self.wide_px))
-        signal = np.maximum(energy - uncertain, 0)
-        change = scene.pixels.mean(self.stated, self.wide_px)
-        limit = limit or TextureLimit.of(signal[scene.sample], change[scene.sample], how)
-        share = np.minimum(signal, limit.at(change)) / np.maximum(energy, TINY)
-        expected = share**2 * uncertain + (1 - share) ** 2 * energy
-        return np.where(scene.trusted[:, None], share * band, 0), expected[:, 0], limit
+        of_axes, power = np.square(np.array(how.uncertainty.of_axes, np.float32)), how.energy_power
+        band, noise = self._fused(noise.astype(np.float32))
 
-    def _fused(self, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def uncertainty(size: np.ndarray, noise: np.ndarray) -> np.ndarray:
+            return error**2 * size[:, None] * of_axes + noise
+
+        def energy_of(mean: np.ndarray) -> np.ndarray:
+            return mean ** (2 / power) / how.energy_of_normal
+
+        uncertain = pixelwise(uncertainty, self.size, noise)
+        energy = scene.pixels.mean(band, self.wide_px, lambda own: np.abs(own) ** power)
+        energy = others.with_own(pixelwise(energy_of, energy))
+        uncertain = others.with_own(scene.pixels.mean(uncertain, self.wide_px))
+        change, some = scene.pixels.mean(self.stated, self.wide_px), scene.sample
+        limit = limit or TextureLimit.of(np.maximum(energy[some] - uncertain[some], 0), change[some], how)
+        kept, expected = pixelwise(limit.filtered, band, energy, uncertain, change, scene.trusted)
+        return kept, expected, limit
+
+    def _fused(self, typical: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fuse the band with that of other views; returns it and the variance of its noise, (N, 3) each.
 
-        Weights are inverse variances. That of the others is the noise over their number, plus
-        misregistration: the excess of the differences between views over noise.
+        `typical`: standard deviation of the noise at median brightness, (3,), float32. Weights are inverse
+        variances. That of the others is the noise over their number, plus misregistration: the excess of the
+        differences between views over noise.
         """
-        others = self.scene.others
+        scene, others = self.scene, self.scene.others
+        noise = pixelwise(lambda scale: np.square(typical * scale), scene.noise_scale)
         if not (others.count.any() and noise.any()):
             return self.left, noise
-        count = np.maximum(others.count, 1)[:, None]
-        difference = np.where(others.count[:, None] > 0, self.left_by_others - self.left, 0)
-        apart = self.scene.seen_by_others.mean(difference**2, self.wide_px)
-        of_others = noise / count + np.maximum(apart - noise * (1 + 1 / count), 0)
-        weight = np.where(others.count[:, None] > 0, noise / np.maximum(noise + of_others, TINY), 0)
-        return self.left + weight * difference, (1 - weight) ** 2 * noise + weight**2 * of_others
+        difference = pixelwise(_difference_to_others, others.count, self.left_by_others, self.left)
+        apart = scene.seen_by_others.mean(difference, self.wide_px, np.square)
+        return pixelwise(_weighted_by_variance, others.count, self.left, difference, noise, apart)
+
+
+def _difference_to_others(count: np.ndarray, others: np.ndarray, own: np.ndarray) -> np.ndarray:
+    return np.where(count[:, None] > 0, others - own, 0)
+
+
+def _weighted_by_variance(
+    count: np.ndarray, own: np.ndarray, difference: np.ndarray, noise: np.ndarray, apart: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Average a band and that of other views, by inverse variance; returns it and its variance."""
+    number = np.maximum(count, 1)[:, None]
+    of_others = noise / number + np.maximum(apart - noise * (1 + 1 / number), 0)
+    weight = np.where(count[:, None] > 0, noise / np.maximum(noise + of_others, TINY), 0)
+    return own + weight * difference, (1 - weight) ** 2 * noise + weight**2 * of_others
 
 
 def noise_without_others(scene: DetailScene) -> np.ndarray:

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.pixelwise import on_threads, pixelwise
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +41,13 @@ class OtherViews:
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Average over the corresponding pixels, (N, c), float32; 0 where there is none."""
-        known = np.where(self.trusted[:, None], values, 0).astype(np.float32)
-        return _sum_over_correspondences(self.views, known) / np.maximum(self.correspondences, 1)[:, None]
+        known = pixelwise(_values_where, self.trusted, values)
+        total = _sum_over_correspondences(self.views, known)
+        return pixelwise(_quotient, total, self.correspondences)
 
     def with_own(self, values: np.ndarray) -> np.ndarray:
         """Average over a pixel and its correspondences, (N, c), float32."""
-        own = self.count[:, None]
-        return np.where(own > 0, (values + own * self.mean(values)) / (1 + own), values).astype(np.float32)
+        return pixelwise(_mean_with_others, values, self.count, self.mean(values))
 
     def filled_in(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fill in untrusted pixels from corresponding ones: highlights, passers-by, grazing angles.
@@ -69,8 +71,27 @@ class OtherViews:
 def _sum_over_correspondences(views: StackedViews, values: np.ndarray) -> np.ndarray:
     """Sum the values of all corresponding pixels, shape as `values`, float32."""
     total = np.zeros_like(values)
+    linked: list[list[tuple[sp.csr_array | sp.csc_array, int]]] = [[] for _ in range(views.view_count)]
     for (i, j), block in views.correspondences.items():
-        one, other = views.view(i), views.view(j)
-        total[one] += block @ values[other]
-        total[other] += block.T @ values[one]
+        linked[i].append((block, j))
+        linked[j].append((block.T, i))
+
+    def sum_view(number: int) -> None:
+        for block, other in linked[number]:
+            total[views.view(number)] += block @ values[views.view(other)]
+
+    on_threads(sum_view, range(views.view_count))
     return total
+
+
+def _values_where(known: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.where(known[:, None], values, 0).astype(np.float32)
+
+
+def _quotient(total: np.ndarray, count: np.ndarray) -> np.ndarray:
+    return total / np.maximum(count, 1)[:, None]
+
+
+def _mean_with_others(values: np.ndarray, count: np.ndarray, others: np.ndarray) -> np.ndarray:
+    own = count[:, None]
+    return np.where(own > 0, (values + own * others) / (1 + own), values).astype(np.float32)

@@ -77,6 +77,26 @@ class TextureLimit:
         """Whether there is a limit."""
         return bool(np.isfinite(self.log_limit).all())
 
+    def filtered(
+        self,
+        band: np.ndarray,
+        energy: np.ndarray,
+        uncertain: np.ndarray,
+        change: np.ndarray,
+        trusted: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Filter a band, (N, c), by the Wiener share of its signal within the limit.
+
+        Returns
+        -------
+        tuple of ndarray, shape (N, c), and ndarray, shape (N,)
+            The share of the band, 0 where it is not trusted, and the expected variance of its first axis.
+        """
+        signal = np.maximum(energy - uncertain, 0)
+        share = np.minimum(signal, self.at(change)) / np.maximum(energy, TINY)
+        expected = share**2 * uncertain + (1 - share) ** 2 * energy
+        return np.where(trusted[:, None], share * band, 0), expected[:, 0]
+
     def at(self, change: np.ndarray) -> np.ndarray:
         """Interpolate the limits to a local change of shading, (N,): (N, c), float32."""
         where = np.log(change + TINY)

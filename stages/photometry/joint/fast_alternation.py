@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.process.free_memory import give_back_free_memory, keep_large_blocks_apart
+from pipeline.process.free_memory import give_back_free_memory, large_blocks_apart
 from stages.photometry.joint.problem_assembly import finest_level, problem_of
 from stages.photometry.joint.pyramid import Level, pyramid
 from stages.photometry.joint.settings import FastSettings, Stopping
@@ -65,6 +65,7 @@ class FastDescent:
     outcome: Outcome
 
 
+@large_blocks_apart()
 def solve(
     views: StackedViews,
     images: list[np.ndarray],
@@ -101,7 +102,6 @@ def from_coarse_to_fine(
 
     A given light, (n, 3, K), is held fixed.
     """
-    keep_large_blocks_apart()
     levels = pyramid(finest, how.coarsest_pixels)
     del finest  # frees each level once it is arranged
     groups = [level.group for level in levels if level.group is not None]  # the finest has none

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.process.free_memory import large_blocks_apart
 from stages.photometry.joint.fast_alternation import (
     FastDescent,
     FastSolver,
@@ -19,6 +20,7 @@ from stages.photometry.stack import StackedViews
 from stages.photometry.transport.pixel_transfer import Bounces, PixelTransfer
 
 
+@large_blocks_apart()
 def solve_with_transfer(
     views: StackedViews,
     images: list[np.ndarray],

@@ -6,10 +6,17 @@ old one. The choice does not change a result.
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import numba
 
 # numba creates the names in its config at import: no type checker sees them.
 numba.config.THREADING_LAYER_PRIORITY = ["omp", "workqueue", "tbb"]  # type: ignore[attr-defined]
+
+
+def loops_may_run_at_once() -> bool:
+    """Check whether several threads may be in parallel loops at once: not with numba's own layer."""
+    return find_spec("numba.np.ufunc.omppool") is not None
 
 
 def use_threads(count: int) -> None:
