@@ -329,7 +329,7 @@ def within(settings: DecompositionSettings, memory: int) -> DecompositionSetting
 
 DECOMPOSITION_UNDER_LIGHT = Stage(
     name="decomposition",
-    version=44,  # ahead of the other variants
+    version=45,  # ahead of the other variants
     about="Albedo of each view under the light that was found, from all views together.",
     settings=DecompositionSettings,
     takes=("mask", "cameras", "correspondences", "found_light", "shading", "observations"),

@@ -245,9 +245,9 @@ class DetailSettings(Settings):
         le=1,
     )
     texture_factor: float = setting(
-        2.0,
+        3.0,
         "Where the shading changes more, texture is limited so that its mean energy is at most so many times "
-        "that on evenly lit surface; the rest is error of the shading. Below 1.5 texture is lost by chance.",
+        "that on evenly lit surface; the rest is error of the shading. At 2 and below, bold texture is lost.",
         ge=1,
     )
     sample_pixels: int = setting(
