@@ -223,7 +223,10 @@ def test_noise_on_one_paint_is_no_texture(noise):
 
 
 def test_where_light_is_uneven_paint_is_no_bolder_than_elsewhere():
-    """One paint under a shading whose shadow, in the right half, lies four pixels beside the photo's."""
+    """One paint under a shading whose shadow, in the right half, lies four pixels beside the photo's.
+
+    A limit by the bold tenth of texture on even surface left .29, twice its mean .12, three times .17.
+    """
     columns = np.arange(SHAPE[1])
     shadow, beside = (np.where((columns > x) & (columns < x + 40), -0.7, 0.0) for x in (130, 134))
     lit, shading = (
@@ -231,7 +234,7 @@ def test_where_light_is_uneven_paint_is_no_bolder_than_elsewhere():
     )
     image = noisy((PAINT * lit).astype(np.float32), 0.01)
     found = np.log(detail_of(image, shading.astype(np.float32)) / PAINT).reshape(*SHAPE, 3)
-    assert found.std() < 0.15 * np.log(lit / shading).std()
+    assert found.std() < 0.2 * np.log(lit / shading).std()
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -252,7 +255,7 @@ def test_texture_is_limited_where_there_is_more_with_the_lights_change_and_nowhe
     energy[-20_000:, 0] *= 10
     limited = np.minimum(energy, TextureLimit.of(energy, change, HOW).at(change))
     assert limited[:30_000].mean(axis=0) == pytest.approx(energy[:30_000].mean(axis=0), rel=1e-3)
-    assert limited[-20_000:, 0].mean() == pytest.approx(HOW.texture_factor, rel=0.05)
+    assert limited[-20_000:, 0].mean() == pytest.approx(HOW.texture_factor, rel=0.1)  # between classes
     assert limited[-20_000:, 1].mean() == pytest.approx(energy[-20_000:, 1].mean(), rel=1e-3)
 
 
