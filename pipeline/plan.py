@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,14 @@ class Action(Enum):
 
 
 @dataclass(frozen=True)
+class ExpectedMemory:
+    """Memory that a stage is expected to take: by its own estimate, or what its latest result took."""
+
+    memory_bytes: int
+    memory_from: str
+
+
+@dataclass(frozen=True)
 class Decision:
     """The action planned for one stage, and its reason.
 
@@ -42,6 +50,8 @@ class Decision:
         None while an input is not known yet.
     record : Record or None
         The result to reuse.
+    memory : ExpectedMemory or None
+        Of a stage that is not reused, in a plan; None where nothing is known of it.
     """
 
     stage: AnyStage
@@ -49,11 +59,13 @@ class Decision:
     reason: str
     made_from: Ingredients | None = None
     record: Record | None = None
+    memory: ExpectedMemory | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Convert to plain JSON values."""
         key = self.made_from.key if self.made_from else None
-        return {"stage": self.stage.name, "action": self.action.value, "reason": self.reason, "key": key}
+        told = {"stage": self.stage.name, "action": self.action.value, "reason": self.reason, "key": key}
+        return told | (asdict(self.memory) if self.memory else {"memory_bytes": None, "memory_from": None})
 
 
 def plan(request: Request, store: Store, sources: Available) -> list[Decision]:
@@ -70,10 +82,37 @@ def plan(request: Request, store: Store, sources: Available) -> list[Decision]:
     decisions = []
     for stage in request.flow:
         decision = decide(stage, request, store, available)
+        if decision.action in (Action.RUN, Action.WAIT):
+            decision = replace(decision, memory=_expected_memory(decision, request, store))
         decisions.append(decision)
         if decision.record is not None:
             available |= decision.record.outputs
     return decisions
+
+
+def _expected_memory(decision: Decision, request: Request, store: Store) -> ExpectedMemory | None:
+    """Estimate the memory of a stage whose inputs are there; of the others, look up the latest result's."""
+    stage = decision.stage
+    if decision.action is Action.RUN:
+        inputs = located_inputs(stage, request, store)
+        estimate = stage.memory(settings_of(stage, request.settings), inputs, request.threads)
+        if estimate is not None:
+            return ExpectedMemory(estimate, "an estimate")
+    latest = store.latest(stage.name)
+    if latest is None or not latest.peak_bytes:
+        return None
+    return ExpectedMemory(latest.peak_bytes, "the latest result")
+
+
+def located_inputs(stage: AnyStage, request: Request, store: Store) -> dict[str, Path]:
+    """Locate each input of a stage: a source, or an artefact of an earlier stage's current result."""
+    places = dict(request.sources)
+    for earlier in request.flow[: request.flow.index(stage)]:
+        current = store.current(earlier.name)
+        if current is not None:
+            entry = store.entry(earlier.name, current.key)
+            places |= {artefact.name: entry / artefact.path for artefact in earlier.gives}
+    return {name: places[name] for name in (*stage.takes, *stage.may_take) if name in places}
 
 
 def decide(stage: AnyStage, request: Request, store: Store, available: Mapping[str, FileDigests]) -> Decision:

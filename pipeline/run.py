@@ -19,7 +19,7 @@ from pipeline.cluster import ClusterOnDemand, clear_up_workers
 from pipeline.errors import UserError
 from pipeline.files.workspace_lock import locked
 from pipeline.job import Job, Progress
-from pipeline.plan import Decision, decide, read_sources
+from pipeline.plan import Decision, decide, located_inputs, read_sources
 from pipeline.process.logbook import logged
 from pipeline.process.memory_limits import compare_with_allowed_memory, memory_errors_told
 from pipeline.process.meter import measured
@@ -241,7 +241,7 @@ def _job(
     UserError
         An input that was there when the stage was decided on is gone.
     """
-    inputs = _input_paths(stage, request, store)
+    inputs = located_inputs(stage, request, store)
     if gone := sorted(made_from.inputs.keys() - inputs.keys()):
         raise UserError(
             f"The result with {', '.join(gone)}, which {stage.name} takes, was deleted from the cache during "
@@ -264,17 +264,6 @@ def _job(
         say=listener.say,
         machine=made_from.machine,
     )
-
-
-def _input_paths(stage: AnyStage, request: Request, store: Store) -> dict[str, Path]:
-    """Locate each input of a stage: a source, or an artefact of an earlier stage's current result."""
-    places = dict(request.sources)
-    for earlier in request.flow[: request.flow.index(stage)]:
-        current = store.current(earlier.name)
-        if current is not None:
-            entry = store.entry(earlier.name, current.key)
-            places |= {artefact.name: entry / artefact.path for artefact in earlier.gives}
-    return {name: places[name] for name in (*stage.takes, *stage.may_take) if name in places}
 
 
 def _check_inputs(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from pipeline.settings import Settings
@@ -51,7 +52,7 @@ def unchanged(settings: S, memory: int) -> S:
     return settings
 
 
-def no_estimate(job: Job[Any]) -> int | None:
+def no_estimate(settings: Settings, inputs: Mapping[str, Path], threads: int) -> int | None:
     """Return no estimate: the stage's memory is not known before it runs."""
     return None
 
@@ -84,8 +85,8 @@ class Stage(Generic[S]):
         From the settings, the facts of this machine that change the result (say, which engine was chosen):
         part of the key. Must be quick.
     memory : callable
-        From a job about to run, an estimate of the bytes that the stage will take; None where it is unknown.
-        Must be quick beside the stage itself.
+        From settings, the paths of its inputs and a number of threads, an estimate of the bytes that the
+        stage will take; None where it is unknown. Must be quick beside the stage itself.
     within : callable
         From the settings and a number of bytes, the settings under which the stage needs no more memory than
         that, as far as they can bound it.
@@ -105,7 +106,7 @@ class Stage(Generic[S]):
     formerly: tuple[str, ...] = ()
     tools: tuple[str, ...] = ()
     machine: Callable[[S], Mapping[str, str]] = field(default=no_facts)
-    memory: Callable[[Job[S]], int | None] = field(default=no_estimate)
+    memory: Callable[[S, Mapping[str, Path], int], int | None] = field(default=no_estimate)
     within: Callable[[S, int], S] = field(default=unchanged)
     saves_memory: str = ""
 

@@ -6,7 +6,9 @@ The paper's light, or harmonics with transfer vectors. Under the light of the st
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage
@@ -34,17 +36,16 @@ BYTES_PER_PIXEL = {"paper": 550, "harmonics": 1350}  # masked, all channels toge
 OF_PAPERS_SOLVER = 500  # bytes per pixel that the channels share, and as many for each at work
 
 
-def estimated_memory(job: Job[DecompositionSettings]) -> int:
+def estimated_memory(settings: DecompositionSettings, inputs: Mapping[str, Path], threads: int) -> int:
     """Estimate the memory from masked pixels and links; measured values are up to a third off it."""
     from stages.formats.artefacts.correspondence_files import link_count
     from stages.formats.artefacts.view_files import masked_pixels
 
-    settings = job.settings
     per_pixel = BYTES_PER_PIXEL[settings.kind_of_light]
     if settings.kind_of_light == "paper" and settings.solver == "paper":
-        per_pixel = OF_PAPERS_SOLVER * (1 + min(job.threads, 3))
-    links = link_count(job.inputs["correspondences"])
-    return BYTES_OF_LIBRARIES + per_pixel * masked_pixels(job.inputs) + BYTES_PER_LINK * links
+        per_pixel = OF_PAPERS_SOLVER * (1 + min(threads, 3))
+    links = link_count(inputs["correspondences"])
+    return BYTES_OF_LIBRARIES + per_pixel * masked_pixels(inputs) + BYTES_PER_LINK * links
 
 
 def run(job: Job[DecompositionSettings]) -> None:

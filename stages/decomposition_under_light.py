@@ -307,14 +307,14 @@ def _write(task: ClusterTask, opened: OpenedCluster, name: str, stacked: np.ndar
     write_maps(task.outputs[name], views.own_cameras, views.own_masks, stacked[views.own], opened.each)
 
 
-def estimated_memory(job: Job[DecompositionSettings]) -> int:
+def estimated_memory(settings: DecompositionSettings, inputs: Mapping[str, Path], threads: int) -> int:
     """Estimate the memory of the largest cluster."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.photometry.clusters.cluster_views import view_graph
     from stages.photometry.clusters.view_clusters import clusters_of, size_of
 
-    graph = view_graph(job.inputs, read_cameras(job.inputs["cameras"]))
-    sizes = (size_of(cluster, graph) for cluster in clusters_of(graph, job.settings.clusters.pixels))
+    graph = view_graph(inputs, read_cameras(inputs["cameras"]))
+    sizes = (size_of(cluster, graph) for cluster in clusters_of(graph, settings.clusters.pixels))
     largest = max(BYTES_PER_PIXEL * pixels + BYTES_PER_LINK * links for pixels, links in sizes)
     return BYTES_OF_LIBRARIES + int(largest)
 

@@ -5,7 +5,9 @@ Many views have their light estimated from some of them; the pixels of all are t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage
@@ -71,7 +73,7 @@ def run(job: Job[LightingSettings]) -> None:
     cameras, stored = read_cameras(job.inputs["cameras"]), read_transfer(job.inputs["transfer"])
     short = with_short_edges(read_mesh(job.inputs["mesh"]), float(stored.longest_edge))
     scene = Scene(cameras, view_graph(job.inputs, cameras), stored, short)
-    parts = _parts(job, scene.graph)
+    parts = _parts(job.settings, job.inputs, scene.graph)
     if parts is not None:
         if _from_some(job, scene, parts):
             return
@@ -83,26 +85,25 @@ def run(job: Job[LightingSettings]) -> None:
     _from_all(job, scene)
 
 
-def estimated_memory(job: Job[LightingSettings]) -> int:
+def estimated_memory(settings: LightingSettings, inputs: Mapping[str, Path], threads: int) -> int:
     """Estimate the memory from masked pixels; measured values are up to a third off it."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.photometry.clusters.cluster_views import view_graph
     from stages.photometry.clusters.view_clusters import size_of
 
-    graph = view_graph(job.inputs, read_cameras(job.inputs["cameras"]))
-    parts = _parts(job, graph)
+    graph = view_graph(inputs, read_cameras(inputs["cameras"]))
+    parts = _parts(settings, inputs, graph)
     if parts is None:
         return _bytes(graph.pixels.sum())
     return _bytes(max(size_of(one, graph)[0] for one in (parts.some, *parts.clusters)))
 
 
-def _parts(job: Job[LightingSettings], graph: ViewGraph) -> Parts | None:
+def _parts(how: LightingSettings, inputs: Mapping[str, Path], graph: ViewGraph) -> Parts | None:
     """Divide the views, unless they are few, or their light is known or not one."""
     from stages.photometry.clusters.view_clusters import clusters_of, typical_views
 
-    how = job.settings
     clusters = clusters_of(graph, how.pixels)
-    if len(clusters) == 1 or "known_light" in job.inputs or how.lights == "per-view":
+    if len(clusters) == 1 or "known_light" in inputs or how.lights == "per-view":
         return None
     return Parts(typical_views(graph, clusters, how.pixels), clusters)
 

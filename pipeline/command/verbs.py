@@ -73,7 +73,16 @@ def plan_verb(request: Request, terminal: Terminal) -> None:
     with refusals_explained(request.workspace):
         store = Store(request.workspace)
         rows = [decision.as_json() for decision in plan(request, store, read_sources(request, store))]
-    terminal.answer(rows, table_of(rows, {"stage": "stage", "": "action", "because": "reason"}))
+    shown = [row | {"memory": _expected(row["memory_bytes"], row["memory_from"])} for row in rows]
+    columns = {"stage": "stage", "": "action", "because": "reason"}
+    if any(row["memory"] for row in shown):
+        columns["memory"] = "memory"
+    terminal.answer(rows, table_of(shown, columns))
+
+
+def _expected(size: int | None, where_from: str | None) -> str:
+    """Format the memory that a stage is expected to take."""
+    return "" if size is None else f"{megabytes(size)} ({where_from})"
 
 
 def status_verb(workspace: Path, order: Sequence[str], terminal: Terminal) -> None:

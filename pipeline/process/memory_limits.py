@@ -14,6 +14,7 @@ from pipeline.process.meter import kilobytes
 from pipeline.settings import Settings
 from pipeline.stage import AnyStage
 
+WORTH_SAYING = 1_000_000_000  # bytes: less is at hand anywhere
 FAR_BEYOND = 4  # times the free memory, from which a stage is not begun: swap and caches may give way
 FAR_BEYOND_ALLOWED = 1.5  # times the allowed memory: estimates are right within a half
 NATIVE = (  # how libraries in other languages say it, in exceptions of other types
@@ -38,11 +39,14 @@ def compare_with_allowed_memory(stage: AnyStage, job: Job[Settings], allowed: in
     MachineError
         It exceeds that by far.
     """
-    needed, free = stage.memory(job), free_bytes()
+    needed, free = stage.memory(job.settings, job.inputs, job.threads), free_bytes()
     logging.getLogger(stage.name).info("estimated memory %s, allowed %s, free %s", needed, allowed, free)
     if needed is None:
         return
     job.note(estimated_bytes=needed)
+    within = (allowed is None or needed <= allowed) and (free is None or needed <= free)
+    if within and needed >= WORTH_SAYING:
+        job.say(f"Will take about {_gigabytes(needed)} of memory.")
     if allowed is not None and needed > allowed:
         _tell(stage, job, needed, f"--memory allows {_gigabytes(allowed)}", FAR_BEYOND_ALLOWED * allowed)
     if free is not None and needed > free:

@@ -15,11 +15,12 @@ import pipeline.process.memory_limits as limits
 from pipeline import MachineError, UserError
 from pipeline.cache.store import Store
 from pipeline.inspect import find_record
+from pipeline.plan import ExpectedMemory, plan, read_sources
 from stages import ALL_STAGES
 from tests.faults.program import LINEAR, PROGRAM, ROOT
 from tests.faults.small_runs import do, leftovers, one_line, published, results
 from tests.test_architecture import all_settings
-from tests.toy_flow import COUNT, JOIN, REPORT, run_toy, write_words
+from tests.toy_flow import COUNT, JOIN, REPORT, request, run_toy, write_words
 
 GIVEN = ["--colmap", str(LINEAR), "--images", str(LINEAR / "images")]
 GIVEN += ["--mesh", str(ROOT / "sample_data/truth/mesh.ply")]
@@ -150,7 +151,7 @@ def test_other_errors_keep_their_words(tmp_path):
 def test_a_stage_that_needs_more_than_there_is_says_so_before_it_begins(tmp_path, monkeypatch, tried):
     write_words(tmp_path, a="apple")
     monkeypatch.setattr(limits, "free_bytes", lambda: 2_000_000_000)
-    hungry = replace(COUNT, memory=lambda job: 3_000_000_000, **FRUGAL)
+    hungry = replace(COUNT, memory=lambda settings, inputs, threads: 3_000_000_000, **FRUGAL)
     witness = run_toy(tmp_path, flow=(JOIN, hungry, REPORT))
     assert witness.ran == ["join", "count", "report"]
     (said,) = witness.said
@@ -159,10 +160,24 @@ def test_a_stage_that_needs_more_than_there_is_says_so_before_it_begins(tmp_path
     tried("memory: a stage needs more than is free", "said before it began")
 
 
+def test_the_memory_of_a_stage_is_told_before_it_begins_and_in_the_plan(tmp_path, monkeypatch):
+    """By its estimate where its inputs are there, else by what its latest result took."""
+    write_words(tmp_path, a="apple")
+    monkeypatch.setattr(limits, "free_bytes", lambda: 4_000_000_000)
+    large = replace(COUNT, memory=lambda settings, inputs, threads: 1_000_000_000 * len(inputs))
+    assert run_toy(tmp_path, flow=(JOIN, large, REPORT)).said == ["Will take about 1.0 GB of memory."]
+    again = request(tmp_path, flow=(JOIN, replace(large, version=9), REPORT))
+    store = Store(again.workspace)
+    expected = [one.memory for one in plan(again, store, read_sources(again, store))]
+    assert expected[0] is None  # it is reused
+    assert expected[1] == ExpectedMemory(1_000_000_000, "an estimate")
+    assert expected[2] == ExpectedMemory(store.latest("report").peak_bytes, "the latest result")
+
+
 def test_a_stage_that_needs_far_more_than_there_is_is_not_begun(tmp_path, monkeypatch, tried):
     write_words(tmp_path, a="apple")
     monkeypatch.setattr(limits, "free_bytes", lambda: 2_000_000_000)
-    monstrous = replace(COUNT, run=run_out, memory=lambda job: 90_000_000_000, **FRUGAL)
+    monstrous = replace(COUNT, run=run_out, memory=lambda settings, inputs, threads: 90_000_000_000, **FRUGAL)
     with pytest.raises(MachineError, match=r"count needs about 90\.0 GB .*it was not begun\. For less"):
         run_toy(tmp_path, flow=(JOIN, monstrous, REPORT))
     assert run_toy(tmp_path).ran == ["count", "report"]
