@@ -53,12 +53,15 @@ class ClusterOnDemand:
         Distributions whose versions workers must share.
     workspace : Path
         Folder that workers must see.
+    sources : sequence of Path
+        Files and folders that they must see, as far as they are there.
     """
 
     wanted: ClusterRequest | None
     threads: int
     tools: Sequence[str]
     workspace: Path
+    sources: Sequence[Path] = ()
     _tasks: DaskTasks | None = None
     _open: ExitStack = field(default_factory=ExitStack)
 
@@ -88,7 +91,8 @@ class ClusterOnDemand:
             ) from error
         logging.getLogger("distributed").setLevel(logging.ERROR)
         client = self._start(distributed) if self.wanted.scheduler is None else self._join(distributed)
-        _check_workers(client, self.tools, self.workspace)
+        _check_versions(client, self.tools)
+        _check_folders(client, self.workspace, self.sources)
         number = self.wanted.workers
         self._tasks = DaskTasks(client, max(1, self.threads // number) if number else self.threads)
         return self._tasks
@@ -181,13 +185,13 @@ def _same(value: Made) -> Made:
     return value
 
 
-def _check_workers(client: Client, tools: Sequence[str], workspace: Path) -> None:
-    """Refuse workers that would give other results, or could not leave them where they are sought.
+def _check_versions(client: Client, tools: Sequence[str]) -> None:
+    """Refuse workers that would give other results.
 
     Raises
     ------
     UserError
-        Some differ.
+        Some have other versions of the tools.
     """
     own = _versions(tools)
     for address, versions in client.run(_versions, list(tools)).items():
@@ -197,16 +201,33 @@ def _check_workers(client: Client, tools: Sequence[str], workspace: Path) -> Non
                 f"The worker {address} has {', '.join(other)}; expected the same versions as here, for "
                 "results depend on them. Install the same lock file there."
             )
+
+
+def _check_folders(client: Client, workspace: Path, sources: Sequence[Path]) -> None:
+    """Refuse workers that do not see what they are to read, or the folder where results are sought.
+
+    Raises
+    ------
+    UserError
+        Something that is here is not there.
+    """
     handle, token = tempfile.mkstemp(prefix=".seen-by-workers-", dir=workspace)
     os.close(handle)
     try:
-        blind = [address for address, there in client.run(os.path.exists, token).items() if not there]
+        _check_seen(client, token, workspace, "Choose one with --workspace DIR.")
+        for source in sources:
+            if source.exists():
+                _check_seen(client, str(source), source, "Move it to one.")
     finally:
         Path(token).unlink(missing_ok=True)
+
+
+def _check_seen(client: Client, path: str, shown: Path, cure: str) -> None:
+    blind = [address for address, there in client.run(os.path.exists, path).items() if not there]
     if blind:
         raise UserError(
-            f"The worker {blind[0]} does not see {workspace}; expected a folder that all machines share "
-            "under the same path. Choose one with --workspace DIR."
+            f"The worker {blind[0]} does not see {shown}; expected a folder that all machines share under the "
+            f"the same path. {cure}"
         )
 
 

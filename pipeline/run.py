@@ -107,7 +107,8 @@ def _output(request: Request, store: Store) -> Output:
 
 def _cluster(request: Request) -> ClusterOnDemand:
     tools = sorted({tool for stage in request.flow for tool in stage.tools})
-    return ClusterOnDemand(request.cluster, request.threads, tools, request.workspace)
+    sources = tuple(request.sources.values())
+    return ClusterOnDemand(request.cluster, request.threads, tools, request.workspace, sources)
 
 
 def _run_in_order(request: Request, store: Store, listener: Listener, cluster: ClusterOnDemand) -> list[Done]:

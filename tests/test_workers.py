@@ -66,15 +66,18 @@ def test_two_processes_share_the_threads_of_the_machine(two_workers):
     assert two_workers.threads == 1
 
 
-def test_other_versions_and_folders_that_workers_do_not_see_are_refused(two_workers, tmp_path, monkeypatch):
+def test_workers_of_other_versions_are_refused(two_workers, monkeypatch):
     monkeypatch.setattr(cluster, "tool_version", lambda name: "0.0")  # here, not in the workers
     with pytest.raises(UserError, match=r"numpy \d.* \(here 0\.0\).*same versions"):
-        cluster._check_workers(two_workers.client, ["numpy"], tmp_path)
-    monkeypatch.undo()
+        cluster._check_versions(two_workers.client, ["numpy"])
+
+
+def test_workers_that_do_not_see_a_folder_are_refused(two_workers, tmp_path, monkeypatch):
+    cluster._check_folders(two_workers.client, tmp_path, [tmp_path / "fetched later"])
     elsewhere = str(tmp_path / "on another machine")
     monkeypatch.setattr(cluster.tempfile, "mkstemp", lambda prefix, dir: (os.dup(0), elsewhere))
     with pytest.raises(UserError, match="does not see"):
-        cluster._check_workers(two_workers.client, ["numpy"], tmp_path)
+        cluster._check_folders(two_workers.client, tmp_path, [])
 
 
 def test_a_scheduler_that_does_not_answer_is_told(tmp_path, monkeypatch):

@@ -98,6 +98,9 @@ def _request(
     for path in (workspace, *sources.values()):
         check_text(path)
     check_apart(workspace, sources)
+    cluster = cluster_of(command)
+    if cluster is not None:  # whose workers may be in other folders
+        workspace, sources = workspace.absolute(), {name: path.absolute() for name, path in sources.items()}
     return Request(
         flow=flow,
         settings=settings,
@@ -105,7 +108,7 @@ def _request(
         kinds=kinds,
         workspace=workspace,
         threads=threads_of(command),
-        cluster=cluster_of(command),
+        cluster=cluster,
         memory=memory,
         selection=selection,
         absent=absent_sources(command, config),
