@@ -227,7 +227,7 @@ def _check_seen(client: Client, path: str, shown: Path, cure: str) -> None:
     if blind:
         raise UserError(
             f"The worker {blind[0]} does not see {shown}; expected a folder that all machines share under the "
-            f"the same path. {cure}"
+            f"under the same path. {cure}"
         )
 
 
