@@ -226,7 +226,7 @@ def _check_seen(client: Client, path: str, shown: Path, cure: str) -> None:
     blind = [address for address, there in client.run(os.path.exists, path).items() if not there]
     if blind:
         raise UserError(
-            f"The worker {blind[0]} does not see {shown}; expected a folder that all machines share under the "
+            f"The worker {blind[0]} does not see {shown}; expected a folder that all machines share "
             f"under the same path. {cure}"
         )
 
