@@ -102,7 +102,11 @@ class ClusterOnDemand:
         self._open.callback(clear_up_workers, self.workspace)
         logs = self.workspace / "logs"
         logs.mkdir(parents=True, exist_ok=True)
-        with library_messages_in(logs / "workers.txt"), _start_told():  # which they inherit
+        import dask
+
+        # Dask's own variables stay in this process, and make the system clear the pages of arrays each time.
+        as_here = dask.config.set({"distributed.nanny.pre-spawn-environ": {}})
+        with library_messages_in(logs / "workers.txt"), _start_told(), as_here:  # streams are inherited
             cluster = distributed.LocalCluster(
                 n_workers=self.wanted.workers if self.wanted else 1,
                 threads_per_worker=1,

@@ -18,6 +18,7 @@ from stages.command.machine import cluster_of
 from tests.faults import small_runs
 from tests.faults.small_runs import one_line, results, words
 
+BEFORE = dict(os.environ)
 DISTRIBUTED = ("sfm", "undistort", "mvs", "correspondence", "decomposition")
 AT_WORK_S = 0.3  # from when a stage begins until its tasks run
 TRANSFER = (  # eight views in clusters, so that every stage has tasks
@@ -60,6 +61,13 @@ def test_tasks_give_the_same_in_order_wherever_they_run(two_workers):
 def test_tasks_of_a_lost_worker_are_done_again(two_workers, tmp_path):
     done = list(two_workers.small(worker_number, range(6), tmp_path))
     assert len(done) == 6 and os.getpid() not in done
+
+
+def test_workers_and_this_process_have_the_variables_that_were_there(two_workers):
+    """Dask would limit threads here as well, and the memory that the C library keeps."""
+    for there in two_workers.client.run(lambda: dict(os.environ)).values():
+        for name in ("OMP_NUM_THREADS", "MALLOC_TRIM_THRESHOLD_"):
+            assert there.get(name) == os.environ.get(name) == BEFORE.get(name)
 
 
 def test_two_processes_share_the_threads_of_the_machine(two_workers):
