@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -79,22 +79,25 @@ def plan(request: Request, store: Store, sources: Available) -> list[Decision]:
         Per source, the digests of its files (`read_sources`).
     """
     available: Available = dict(sources)
-    decisions = []
+    decisions: list[Decision] = []
     for stage in request.flow:
         decision = decide(stage, request, store, available)
         if decision.action in (Action.RUN, Action.WAIT):
-            decision = replace(decision, memory=_expected_memory(decision, request, store))
+            records = [one.record for one in decisions if one.record is not None]
+            decision = replace(decision, memory=_expected_memory(decision, request, store, records))
         decisions.append(decision)
         if decision.record is not None:
             available |= decision.record.outputs
     return decisions
 
 
-def _expected_memory(decision: Decision, request: Request, store: Store) -> ExpectedMemory | None:
+def _expected_memory(
+    decision: Decision, request: Request, store: Store, reused: Sequence[Record]
+) -> ExpectedMemory | None:
     """Estimate the memory of a stage whose inputs are there; of the others, look up the latest result's."""
     stage = decision.stage
     if decision.action is Action.RUN:
-        inputs = located_inputs(stage, request, store)
+        inputs = located_inputs(stage, request, store, reused)
         estimate = stage.memory(settings_of(stage, request.settings), inputs, request.threads)
         if estimate is not None:
             return ExpectedMemory(estimate, "an estimate")
@@ -104,13 +107,19 @@ def _expected_memory(decision: Decision, request: Request, store: Store) -> Expe
     return ExpectedMemory(latest.peak_bytes, "the latest result")
 
 
-def located_inputs(stage: AnyStage, request: Request, store: Store) -> dict[str, Path]:
-    """Locate each input of a stage: a source, or an artefact of an earlier stage's current result."""
+def located_inputs(
+    stage: AnyStage, request: Request, store: Store, records: Sequence[Record] | None = None
+) -> dict[str, Path]:
+    """Locate each input of a stage: a source, or an artefact of an earlier stage's result.
+
+    `records`: of the earlier results that are meant; None: the current ones.
+    """
     places = dict(request.sources)
+    meant = None if records is None else {record.stage: record for record in records}
     for earlier in request.flow[: request.flow.index(stage)]:
-        current = store.current(earlier.name)
-        if current is not None:
-            entry = store.entry(earlier.name, current.key)
+        record = store.current(earlier.name) if meant is None else meant.get(earlier.name)
+        if record is not None:
+            entry = store.entry(earlier.name, record.key)
             places |= {artefact.name: entry / artefact.path for artefact in earlier.gives}
     return {name: places[name] for name in (*stage.takes, *stage.may_take) if name in places}
 

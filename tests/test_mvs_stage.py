@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import shutil
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import cv2
@@ -18,6 +21,7 @@ from stages.formats.meshes.point_clouds import read_cloud
 from stages.formats.meshes.triangle_meshes import read_points
 from stages.mvs import MVS, MvsSettings, engine_of
 from stages.scene.cameras import footprint, normals_in_world
+from stages.stereo import workspace as workspaces
 from tests import stereo_scene
 
 VIEWS = stereo_scene.cameras()
@@ -226,3 +230,20 @@ def test_the_array_store_is_a_mapping(tmp_path):
     assert 3 not in store
     with pytest.raises(KeyError):
         store[3]
+
+
+def test_threads_share_a_reader_of_images(workspace, monkeypatch):
+    """With room for one image, views are read again and again; none is asked for after it was dropped."""
+    monkeypatch.setattr(workspaces, "IMAGES_HELD", 1)
+    reader = workspaces.open_workspace(workspace).images()
+    alone = [reader(view) for view in range(len(VIEWS))]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(4) as executor:
+            views = [number % len(VIEWS) for number in range(4000)]
+            for view, image in zip(views, executor.map(reader, views), strict=True):
+                assert np.array_equal(image, alone[view])
+    finally:
+        sys.setswitchinterval(interval)
+    assert np.array_equal(copy.copy(reader)(0), alone[0])  # by what pickle takes

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import cv2
@@ -49,15 +50,19 @@ class Workspace:
 
 @dataclass(eq=False)
 class ImageReader:
-    """A picklable function from a view's index to its image, (h, w, 3), uint8, RGB; it holds the last few."""
+    """A picklable function from a view's index to its image, (h, w, 3), uint8, RGB; it holds the last few.
+
+    Several threads may call it at once.
+    """
 
     folder: Path
     names: list[str]
     shapes: list[tuple[int, int]]
     _held: OrderedDict[int, np.ndarray] = field(default_factory=OrderedDict)
+    _lock: Lock = field(default_factory=Lock)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_held": OrderedDict()}
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ImageReader, (self.folder, self.names, self.shapes)
 
     def __call__(self, view: int) -> np.ndarray:
         """Read the image of a view, unless it is held.
@@ -67,12 +72,16 @@ class ImageReader:
         UserError
             It is missing or unreadable, or of another size than its camera.
         """
-        if view not in self._held:
-            self._held[view] = self._read(view)
+        with self._lock:
+            image = self._held.get(view)
+        if image is None:
+            image = self._read(view)  # perhaps by two threads: the same image
+        with self._lock:
+            self._held[view] = image
+            self._held.move_to_end(view)
             if len(self._held) > IMAGES_HELD:
                 self._held.popitem(last=False)
-        self._held.move_to_end(view)
-        return self._held[view]
+        return image
 
     def _read(self, view: int) -> np.ndarray:
         path = self.folder / self.names[view]

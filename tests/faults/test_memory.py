@@ -172,6 +172,9 @@ def test_the_memory_of_a_stage_is_told_before_it_begins_and_in_the_plan(tmp_path
     assert expected[0] is None  # it is reused
     assert expected[1] == ExpectedMemory(1_000_000_000, "an estimate")
     assert expected[2] == ExpectedMemory(store.latest("report").peak_bytes, "the latest result")
+    (again.workspace / "cache/current.json").unlink()  # the inputs are those that it reuses
+    store = Store(again.workspace)
+    assert plan(again, store, read_sources(again, store))[1].memory == expected[1]
 
 
 def test_a_stage_that_needs_far_more_than_there_is_is_not_begun(tmp_path, monkeypatch, tried):
