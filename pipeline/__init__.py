@@ -2,7 +2,7 @@
 
 from pipeline.errors import MachineError, UserError
 from pipeline.files.json_text import finite_or_null, json_text
-from pipeline.job import Job, Progress, Silence
+from pipeline.job import Job, Progress, Silence, counted
 from pipeline.settings import Settings, group, setting, settings_that_matter
 from pipeline.stage import AnyStage, Artefact, Flow, Source, Stage, former_names, settings_of
 
@@ -18,6 +18,7 @@ __all__ = [
     "Source",
     "Stage",
     "UserError",
+    "counted",
     "finite_or_null",
     "former_names",
     "group",

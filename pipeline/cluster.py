@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Made = TypeVar("Made")
 PATIENCE_S = 60  # until a worker of a scheduler that runs already has come
-CLUSTER = "unshade[cluster]"
 WORKERS = "cache/.workers"  # below the workspace: scratch folders of local workers
 
 
@@ -82,33 +81,28 @@ class ClusterOnDemand:
         """
         if self.wanted is None or self._tasks is not None:
             return self._tasks
-        try:
-            import distributed
-        except ImportError as error:
-            raise UserError(
-                f"--workers and --scheduler need Dask, which is not installed; expected {CLUSTER}. "
-                f"Install it: pip install 'distributed' 'cryptography', or '.[cluster]' in the checkout."
-            ) from error
         logging.getLogger("distributed").setLevel(logging.ERROR)
-        client = self._start(distributed) if self.wanted.scheduler is None else self._join(distributed)
+        workers, scheduler = self.wanted.workers, self.wanted.scheduler
+        client = self._join(scheduler) if scheduler is not None else self._start(workers or 1)
         _check_versions(client, self.tools)
         _check_folders(client, self.workspace, self.sources)
-        number = self.wanted.workers
-        self._tasks = DaskTasks(client, max(1, self.threads // number) if number else self.threads)
+        self._tasks = DaskTasks(client, max(1, self.threads // (workers or 1)))
         return self._tasks
 
-    def _start(self, distributed: Any) -> Client:
+    def _start(self, workers: int) -> Client:
         """Start local workers of one task each, reached with keys that only this run has."""
+        distributed = _dask()
+        import dask
+
         self._open.callback(clear_up_workers, self.workspace)
         logs = self.workspace / "logs"
         logs.mkdir(parents=True, exist_ok=True)
-        import dask
-
         # Dask's own variables stay in this process, and make the system clear the pages of arrays each time.
         as_here = dask.config.set({"distributed.nanny.pre-spawn-environ": {}})
-        with library_messages_in(logs / "workers.txt"), _start_told(), as_here:  # streams are inherited
+        messages = library_messages_in(logs / "workers.txt")  # workers inherit the streams
+        with messages, as_here, _failed_start_explained():
             cluster = distributed.LocalCluster(
-                n_workers=self.wanted.workers if self.wanted else 1,
+                n_workers=workers,
                 threads_per_worker=1,
                 memory_limit=None,  # the stages bound their own
                 local_directory=str(self.workspace / WORKERS),
@@ -119,9 +113,9 @@ class ClusterOnDemand:
         self._open.callback(cluster.close)
         return self._open.enter_context(distributed.Client(cluster))
 
-    def _join(self, distributed: Any) -> Client:
+    def _join(self, address: str) -> Client:
         """Join a scheduler, and wait for a worker."""
-        address = self.wanted.scheduler if self.wanted else ""
+        distributed = _dask()
         try:
             client = self._open.enter_context(distributed.Client(address, timeout=PATIENCE_S))
             client.wait_for_workers(1, timeout=PATIENCE_S)
@@ -134,8 +128,26 @@ class ClusterOnDemand:
         return client
 
 
+def _dask() -> Any:
+    """Import `distributed`.
+
+    Raises
+    ------
+    UserError
+        It is not installed.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise UserError(
+            "--workers and --scheduler need Dask, which is not installed; expected unshade[cluster]. "
+            "Install it: pip install 'distributed' 'cryptography', or '.[cluster]' in the checkout."
+        ) from error
+    return distributed
+
+
 @contextmanager
-def _start_told() -> Iterator[None]:
+def _failed_start_explained() -> Iterator[None]:
     """Turn the failure of a worker's start into a sentence.
 
     Raises
@@ -154,7 +166,14 @@ def _start_told() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class DaskTasks:
-    """Tasks on the workers of a cluster. Those of a lost worker are done again by others."""
+    """Tasks on the workers of a cluster. Those of a lost worker are done again by others.
+
+    Attributes
+    ----------
+    client : Client
+    threads : int
+        Of a large task.
+    """
 
     client: Client
     threads: int
@@ -182,7 +201,7 @@ class DaskTasks:
         self, work: Callable[..., Made], items: Iterable[Item], *shared: Any, at_a_time: int = 1
     ) -> Iterator[Made]:
         """Run tasks on the workers, as many at a time as they have threads."""
-        return self.small(work, items, *shared)
+        return self.small(work, items, *shared, self.threads)
 
 
 def _same(value: Made) -> Made:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,6 +12,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from pipeline.process.tasks import LocalTasks, Tasks
 from pipeline.settings import Settings
 
+Made = TypeVar("Made")
 S_co = TypeVar("S_co", bound=Settings, covariant=True)  # a function for any stage's job takes Job[Settings]
 
 
@@ -39,6 +40,13 @@ class Silence:
 
     def end(self) -> None:
         """Do nothing."""
+
+
+def counted(results: Iterable[Made], step: Callable[..., None]) -> Iterator[Made]:
+    """Iterate over results, and advance a task's progress by one for each."""
+    for one in results:
+        step()
+        yield one
 
 
 @dataclass(frozen=True)

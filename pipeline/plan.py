@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -17,6 +17,7 @@ from pipeline.request import Request
 from pipeline.stage import AnyStage, Source, settings_of
 
 Available = dict[str, FileDigests]
+RecordOf = Callable[[str], Record | None]  # by the name of a stage
 
 
 class Action(Enum):
@@ -79,25 +80,25 @@ def plan(request: Request, store: Store, sources: Available) -> list[Decision]:
         Per source, the digests of its files (`read_sources`).
     """
     available: Available = dict(sources)
-    decisions: list[Decision] = []
+    decisions, reused = [], dict[str, Record]()
     for stage in request.flow:
         decision = decide(stage, request, store, available)
         if decision.action in (Action.RUN, Action.WAIT):
-            records = [one.record for one in decisions if one.record is not None]
-            decision = replace(decision, memory=_expected_memory(decision, request, store, records))
+            decision = replace(decision, memory=_expected_memory(decision, request, store, reused.get))
         decisions.append(decision)
         if decision.record is not None:
             available |= decision.record.outputs
+            reused[stage.name] = decision.record
     return decisions
 
 
 def _expected_memory(
-    decision: Decision, request: Request, store: Store, reused: Sequence[Record]
+    decision: Decision, request: Request, store: Store, record_of: RecordOf
 ) -> ExpectedMemory | None:
     """Estimate the memory of a stage whose inputs are there; of the others, look up the latest result's."""
     stage = decision.stage
     if decision.action is Action.RUN:
-        inputs = located_inputs(stage, request, store, reused)
+        inputs = located_inputs(stage, request, store, record_of)
         estimate = stage.memory(settings_of(stage, request.settings), inputs, request.threads)
         if estimate is not None:
             return ExpectedMemory(estimate, "an estimate")
@@ -107,17 +108,11 @@ def _expected_memory(
     return ExpectedMemory(latest.peak_bytes, "the latest result")
 
 
-def located_inputs(
-    stage: AnyStage, request: Request, store: Store, records: Sequence[Record] | None = None
-) -> dict[str, Path]:
-    """Locate each input of a stage: a source, or an artefact of an earlier stage's result.
-
-    `records`: of the earlier results that are meant; None: the current ones.
-    """
+def located_inputs(stage: AnyStage, request: Request, store: Store, record_of: RecordOf) -> dict[str, Path]:
+    """Locate each input of a stage: a source, or an artefact of the result that an earlier stage has."""
     places = dict(request.sources)
-    meant = None if records is None else {record.stage: record for record in records}
     for earlier in request.flow[: request.flow.index(stage)]:
-        record = store.current(earlier.name) if meant is None else meant.get(earlier.name)
+        record = record_of(earlier.name)
         if record is not None:
             entry = store.entry(earlier.name, record.key)
             places |= {artefact.name: entry / artefact.path for artefact in earlier.gives}

@@ -2,45 +2,21 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
-from datetime import datetime, timezone
-from pathlib import Path
-from typing import Any, Protocol
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
 
-from pipeline.cache.key import Ingredients
 from pipeline.cache.output import Output
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store
 from pipeline.cluster import ClusterOnDemand, clear_up_workers
 from pipeline.errors import UserError
 from pipeline.files.workspace_lock import locked
-from pipeline.job import Job, Progress
-from pipeline.plan import Decision, decide, located_inputs, read_sources
-from pipeline.process.logbook import logged
-from pipeline.process.memory_limits import compare_with_allowed_memory, memory_errors_told
-from pipeline.process.meter import measured
-from pipeline.process.temporary_files import temporary_files_in
-from pipeline.reasons import changed_files
+from pipeline.plan import Decision, decide, read_sources
 from pipeline.request import Request
-from pipeline.settings import Settings
-from pipeline.stage import AnyStage, S, Stage, settings_of
+from pipeline.run_stage import Listener, run_stage
 
-
-class Listener(Progress, Protocol):
-    """Receiver of a run's events, such as the command line."""
-
-    def deciding(self, decision: Decision) -> None:
-        """Report that a stage is about to be reused or run."""
-
-    def finished(self, decision: Decision, record: Record) -> None:
-        """Report that a stage's result is available."""
-
-    def say(self, sentence: str) -> None:
-        """Report a sentence to the user."""
+__all__ = ["Done", "Listener", "clear_up", "run"]
 
 
 @dataclass(frozen=True)
@@ -118,7 +94,7 @@ def _run_in_order(request: Request, store: Store, listener: Listener, cluster: C
     for stage in request.flow[: request.last_index() + 1]:
         decision = decide(stage, request, store, available)
         listener.deciding(decision)
-        record = decision.record or _run_stage(decision, request, store, listener, cluster)
+        record = decision.record or run_stage(decision, request, store, listener, cluster)
         store.set_current(stage.name, record.key)
         output.show(stage, record)
         available |= record.outputs
@@ -135,199 +111,3 @@ def _read_sources_aloud(request: Request, store: Store, listener: Listener) -> d
         return read_sources(request, store, lambda name: listener.advance())
     finally:
         listener.end()
-
-
-def _run_stage(
-    decision: Decision, request: Request, store: Store, listener: Listener, cluster: ClusterOnDemand
-) -> Record:
-    """Run one stage and publish its result."""
-    stage, made_from = decision.stage, decision.made_from
-    if stage.name not in request.selected():
-        raise UserError(
-            f"{request.selected()[0]} needs an up-to-date {stage.name}, but {decision.reason}. "
-            f"Run once with --to {stage.name}, or without choosing stages."
-        )
-    if made_from is None:
-        raise RuntimeError(f"{stage.name} was to run though {decision.reason}")
-    _fetch_absent_sources(stage, request, listener)
-    partial = store.begin(stage.name)
-    with _kept_only_if_finished(partial), _threads(request.threads) as executor:
-        job = replace(
-            _job(stage, made_from, request, store, listener, executor, partial), cluster=cluster.tasks()
-        )
-        with (
-            memory_errors_told(stage),
-            logged(stage, job, partial / "log.txt", request.workspace / "logs"),
-            temporary_files_in(job.scratch),
-            measured() as reading,
-        ):
-            try:
-                compare_with_allowed_memory(stage, job, request.memory)
-                stage.run(job)
-            except Exception:
-                _check_inputs(stage, job, made_from, request, store)  # an input that is gone says more
-                raise
-        _check_inputs(stage, job, made_from, request, store)
-        shutil.rmtree(job.scratch)
-        record = _record(stage, made_from, job, store)
-        record = replace(
-            record, seconds=reading.seconds, cpu_seconds=reading.cpu_seconds, peak_bytes=reading.peak_bytes
-        )
-        _compare_with_twin(store, record, listener)
-        store.publish(partial, record)
-    return record
-
-
-def _fetch_absent_sources(stage: AnyStage, request: Request, listener: Listener) -> None:
-    """Fetch the files of the sources that a stage is about to read.
-
-    Raises
-    ------
-    UserError
-        They cannot be had.
-    """
-    for name in request.absent_from(stage):
-        listener.begin(f"fetching {name}", None)
-        try:
-            request.absent[name].fetch()
-        finally:
-            listener.end()
-
-
-@contextmanager
-def _kept_only_if_finished(partial: Path) -> Iterator[None]:
-    """Remove what a stage that failed leaves.
-
-    Raises
-    ------
-    UserError
-        It failed, and its folder is gone: somebody else removed it.
-    """
-    try:
-        yield
-    except Exception as error:
-        if partial.is_dir():
-            raise
-        raise UserError(
-            f"{partial} was deleted while a stage wrote its result there; expected a cache that is left "
-            "alone during a run. Run again: earlier results that are still there are reused."
-        ) from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)  # published means renamed: then there is nothing here
-
-
-@contextmanager
-def _threads(number: int) -> Iterator[Executor]:
-    """Provide threads for one stage; when it fails, running work is awaited and queued work dropped."""
-    executor = ThreadPoolExecutor(number)
-    try:
-        yield executor
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
-
-
-def _job(
-    stage: Stage[S],
-    made_from: Ingredients,
-    request: Request,
-    store: Store,
-    listener: Listener,
-    executor: Executor,
-    partial: Path,
-) -> Job[S]:
-    """Build the job of a stage: locate its inputs, create its output folders.
-
-    Raises
-    ------
-    UserError
-        An input that was there when the stage was decided on is gone.
-    """
-    inputs = located_inputs(stage, request, store)
-    if gone := sorted(made_from.inputs.keys() - inputs.keys()):
-        raise UserError(
-            f"The result with {', '.join(gone)}, which {stage.name} takes, was deleted from the cache during "
-            "the run; expected a cache that is left alone. Run again, and it is made anew."
-        )
-    outputs = {artefact.name: partial / artefact.path for artefact in stage.gives}
-    for artefact in stage.gives:
-        if artefact.file is None:
-            outputs[artefact.name].mkdir()
-    scratch = partial / "scratch"
-    scratch.mkdir()
-    return Job(
-        settings=settings_of(stage, request.settings),
-        inputs=inputs,
-        outputs=outputs,
-        scratch=scratch,
-        threads=request.threads,
-        executor=executor,
-        shown=listener,
-        say=listener.say,
-        machine=made_from.machine,
-    )
-
-
-def _check_inputs(
-    stage: AnyStage, job: Job[Settings], made_from: Ingredients, request: Request, store: Store
-) -> None:
-    """Refuse a result whose inputs changed since the run began: its key has their earlier digests.
-
-    Raises
-    ------
-    UserError
-        Files of a source or of a cached artefact were added, removed or changed, or the folder in which the
-        stage works is gone.
-    """
-    found = read_sources(replace(request, flow=(stage,), absent={}), store)
-    cached = [name for name in made_from.inputs if name not in request.sources]
-    found |= {name: store.digests(job.inputs[name]) for name in cached}
-    for name, files in found.items():
-        before = made_from.inputs[name]
-        if files != before:
-            kind = "cached artefact" if name in cached else "source"
-            raise UserError(
-                f"The {kind} {name} changed during the run ({changed_files(files, before)}), so that what "
-                f"{stage.name} made of it was dropped; expected files that stay as they are. Earlier results "
-                "are kept: run again."
-            )
-    if not job.scratch.is_dir():
-        raise UserError(
-            f"{job.scratch}, where {stage.name} worked, was deleted during the run; expected a cache that is "
-            "left alone. Earlier results are kept as far as they are there: run again."
-        )
-
-
-def _record(stage: AnyStage, made_from: Ingredients, job: Job[Settings], store: Store) -> Record:
-    """Build the record of a finished stage.
-
-    Raises
-    ------
-    RuntimeError
-        The stage did not write what it declares: a fault of the program.
-    """
-    missing = [name for name, path in job.outputs.items() if not path.exists()]
-    if missing:
-        raise RuntimeError(f"{stage.name} ended without writing {', '.join(missing)}")
-    return Record(
-        stage=stage.name,
-        version=stage.version,
-        key=made_from.key,
-        settings=made_from.settings,
-        inputs=made_from.inputs,
-        tools=made_from.tools,
-        machine=made_from.machine,
-        outputs={name: store.digests(path) for name, path in job.outputs.items()},
-        facts=job.facts,
-        warnings=tuple(job.warnings),
-        finished=datetime.now(timezone.utc).isoformat(timespec="microseconds"),
-    )
-
-
-def _compare_with_twin(store: Store, record: Record, listener: Listener) -> None:
-    """Compare with an earlier result of the same key, and report outputs that differ."""
-    twin = store.record(record.stage, record.key)
-    if twin is None:
-        return
-    changed = [name for name in record.outputs if record.outputs[name] != twin.outputs.get(name)]
-    if changed:
-        listener.say(f"{record.stage}: {', '.join(changed)} came out different from the same ingredients.")

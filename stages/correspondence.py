@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Settings, Stage, json_text, setting
+from pipeline import Artefact, Job, Settings, Stage, counted, json_text, setting
 from stages.scene.distributions import PICTURES
 from stages.scene.memory_of_views import FEWER_PIXELS
 
@@ -132,11 +132,8 @@ def run(job: Job[CorrespondenceSettings]) -> None:
     folder = job.outputs["correspondences"]
     pairs = [(cameras[i], cameras[j], folder / f"{i:04d}_{j:04d}.npz") for i, j in linked_pairs(job, cameras)]
     paths = job.inputs["depth"], job.inputs["mask"]
-    counts = []
     with job.progress("correspondences", len(pairs)) as step:
-        for count in job.tasks.small(link_pair, pairs, *paths, settings.epsilon):
-            counts.append(count)
-            step()
+        counts = list(counted(job.tasks.small(link_pair, pairs, *paths, settings.epsilon), step))
     rows = [
         {"i": one.name, "j": other.name, "file": file.name, "links": count}
         for (one, other, file), count in zip(pairs, counts, strict=True)

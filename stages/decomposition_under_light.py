@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline import Job, Stage
+from pipeline import Job, Stage, counted
 from stages.photometry.clusters.settings import LEAST_PIXELS
 from stages.photometry.decomposition_record import ALBEDO, ENERGY, OF_TRANSFER
 from stages.photometry.decomposition_settings import IGNORED, DecompositionSettings
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from stages.formats.artefacts.light_npz import StoredLight
-    from stages.formats.artefacts.view_files import Each
     from stages.photometry.albedo.albedo_given_light import SmoothAlbedos
     from stages.photometry.albedo_data import AlbedoData
     from stages.photometry.clusters.cluster_views import ClusterViews
@@ -56,8 +54,6 @@ class ClusterTask:
         Median brightness of the shading in all views; None: of the cluster, which has all.
     solver : FastSolver
     settings : DecompositionSettings
-    threads : int
-        Of one cluster; never changes the result.
     """
 
     inputs: Mapping[str, Path]
@@ -68,18 +64,17 @@ class ClusterTask:
     typical_light: float | None
     solver: FastSolver
     settings: DecompositionSettings
-    threads: int
 
 
 @dataclass(frozen=True, eq=False)
 class OpenedCluster:
-    """Data of the pixels that take part in a cluster, (N, …); `each`: the map of an executor."""
+    """Data of the pixels that take part in a cluster, (N, …), and the threads to use for them."""
 
     views: ClusterViews
     light: StoredLight
     shading: np.ndarray
     observed: AlbedoData
-    each: Each
+    threads: int
 
 
 def run(job: Job[DecompositionSettings]) -> None:
@@ -104,21 +99,20 @@ def run(job: Job[DecompositionSettings]) -> None:
         _typical_light(job, cameras, int(graph.pixels.sum())) if len(clusters) > 1 else None,
         FastSolver(weights, settings.stopping, settings.fast),
         settings,
-        job.threads if len(clusters) == 1 else tasks.threads,
     )
     if len(clusters) == 1:
         with job.progress("rounds", 2 * settings.stopping.max_rounds) as step:
-            solutions = [solve_whole(task, clusters[0], step)]
+            solutions = [solve_whole(clusters[0], task, job.threads, step)]
     else:
         job.say(f"{len(cameras)} views in {len(clusters)} clusters.")
         with job.progress("clusters", 2 * len(clusters)) as step:
-            drafts = _told(tasks.large(begin_cluster, clusters, task), step)
+            drafts = list(counted(tasks.large(begin_cluster, clusters, task), step))
             classes = settings.detail.classes
             common = DetailStatistics.merged(
                 [draft.statistics for draft in drafts], classes.most * classes.fewest_pixels
             )
             begun = list(zip(clusters, drafts, strict=True))
-            solutions = _told(tasks.large(finish_cluster, begun, common, task), step)
+            solutions = list(counted(tasks.large(finish_cluster, begun, common, task), step))
     job.note(
         weights={"lambda": weights.smoothness, "mu": weights.consistency},
         uncertainty=solutions[0].statistics.uncertainty.as_json(),
@@ -128,45 +122,38 @@ def run(job: Job[DecompositionSettings]) -> None:
     write_solutions(job, solutions)
 
 
-def solve_whole(task: ClusterTask, cluster: Cluster, step: Callable[[], None]) -> Solution:
+def solve_whole(cluster: Cluster, task: ClusterTask, threads: int, step: Callable[[], None]) -> Solution:
     """Solve the only cluster, write its maps, and report."""
-    with _opened(cluster, task) as opened:
-        smooth = _smooth(task, opened, step)
-        detail = _with_detail(task, opened, smooth.by_edge.albedo, None)
-        return _written(task, opened, detail, _draft(task, opened, smooth, detail.statistics))
+    opened = _opened(cluster, task, threads)
+    smooth = _smooth(task, opened, step)
+    detail = _with_detail(task, opened, smooth.by_edge.albedo, None)
+    return _written(task, opened, detail, _draft(task, opened, smooth, detail.statistics))
 
 
-def begin_cluster(cluster: Cluster, task: ClusterTask) -> Solution:
+def begin_cluster(cluster: Cluster, task: ClusterTask, threads: int) -> Solution:
     """Solve a cluster for its smooth albedo, and measure its own statistics; the albedo goes to `scratch`.
 
     Picklable.
     """
     import numpy as np
 
-    with _opened(cluster, task) as opened:
-        smooth = _smooth(task, opened, lambda: None)
-        np.save(_kept_file(task, cluster), smooth.by_edge.albedo)
-        statistics = _with_detail(task, opened, smooth.by_edge.albedo, None).statistics
-        return _draft(task, opened, smooth, statistics)
+    opened = _opened(cluster, task, threads)
+    smooth = _smooth(task, opened, lambda: None)
+    np.save(_kept_file(task, cluster), smooth.by_edge.albedo)
+    statistics = _with_detail(task, opened, smooth.by_edge.albedo, None).statistics
+    return _draft(task, opened, smooth, statistics)
 
 
-def finish_cluster(begun: tuple[Cluster, Solution], common: DetailStatistics, task: ClusterTask) -> Solution:
+def finish_cluster(
+    begun: tuple[Cluster, Solution], common: DetailStatistics, task: ClusterTask, threads: int
+) -> Solution:
     """Add the detail to a cluster's smooth albedo, by statistics of all; write its maps. Picklable."""
     import numpy as np
 
     cluster, draft = begun
-    with _opened(cluster, task) as opened:
-        albedo = np.load(_kept_file(task, cluster), allow_pickle=False)
-        return _written(task, opened, _with_detail(task, opened, albedo, common), draft)
-
-
-def _told(made: Iterator[Solution], step: Callable[[], None]) -> list[Solution]:
-    """Collect solutions, and show the progress."""
-    solutions = []
-    for one in made:
-        solutions.append(one)
-        step()
-    return solutions
+    opened = _opened(cluster, task, threads)
+    albedo = np.load(_kept_file(task, cluster), allow_pickle=False)
+    return _written(task, opened, _with_detail(task, opened, albedo, common), draft)
 
 
 def _kept_file(task: ClusterTask, cluster: Cluster) -> Path:
@@ -192,24 +179,22 @@ def _typical_light(job: Job[DecompositionSettings], cameras: list[Camera], pixel
     return typical_light_of(np.concatenate(list(job.executor.map(some, cameras))))
 
 
-@contextmanager
-def _opened(cluster: Cluster, task: ClusterTask) -> Iterator[OpenedCluster]:
+def _opened(cluster: Cluster, task: ClusterTask, threads: int) -> OpenedCluster:
     """Open masks, correspondences, shading and observations of a cluster."""
-    from concurrent.futures import ThreadPoolExecutor
-
     import numpy as np
 
     from stages.formats.artefacts.light_npz import read_light
     from stages.photometry.albedo_data import AlbedoData
     from stages.photometry.clusters.cluster_views import open_cluster
+    from stages.solvers.kernels.pixelwise import on_threads
+    from stages.solvers.kernels.threading_layer import use_threads
 
+    use_threads(threads)
     light = read_light(task.inputs["found_light"])
     views = open_cluster(task.inputs, task.cameras, cluster, task.side)
-    with ThreadPoolExecutor(task.threads) as executor:
-        each = executor.map
-        shading = views.maps(task.inputs["shading"], each) / light.mean_shading.astype(np.float32)
-        observed = AlbedoData(**views.arrays(task.inputs["observations"], KINDS, each), glossy=light.glossy)
-        yield OpenedCluster(views, light, shading, observed, each)
+    shading = views.maps(task.inputs["shading"], on_threads) / light.mean_shading.astype(np.float32)
+    observed = AlbedoData(**views.arrays(task.inputs["observations"], KINDS, on_threads), glossy=light.glossy)
+    return OpenedCluster(views, light, shading, observed, threads)
 
 
 def _smooth(task: ClusterTask, opened: OpenedCluster, step: Callable[[], None]) -> SmoothAlbedos:
@@ -227,7 +212,7 @@ def _smooth(task: ClusterTask, opened: OpenedCluster, step: Callable[[], None]) 
         task.settings.edges,
         task.solver,
         typical_light_of(opened.shading) if typical is None else typical,
-        task.threads,
+        opened.threads,
         step,
     )
     _write(task, opened, "albedo_tv", np.maximum(smooth.alike.albedo, 0) * _unit(opened))
@@ -241,7 +226,7 @@ def _with_detail(
     from stages.photometry.detail.albedo_detail import with_detail
     from stages.solvers.kernels.threading_layer import use_threads
 
-    use_threads(task.threads)
+    use_threads(opened.threads)  # the solver may have left fewer
     observed, views = opened.observed, opened.views
     return with_detail(
         views.stack,
@@ -302,9 +287,10 @@ def _unit(opened: OpenedCluster) -> Any:
 def _write(task: ClusterTask, opened: OpenedCluster, name: str, stacked: np.ndarray) -> None:
     """Write a map of a cluster's own views."""
     from stages.formats.artefacts.view_files import write_maps
+    from stages.solvers.kernels.pixelwise import on_threads
 
     views = opened.views
-    write_maps(task.outputs[name], views.own_cameras, views.own_masks, stacked[views.own], opened.each)
+    write_maps(task.outputs[name], views.own_cameras, views.own_masks, stacked[views.own], on_threads)
 
 
 def estimated_memory(settings: DecompositionSettings, inputs: Mapping[str, Path], threads: int) -> int:

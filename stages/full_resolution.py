@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Stage
+from pipeline import Artefact, Job, Stage, counted
 from stages.photometry.full_resolution_settings import FullResolutionSettings
 from stages.scene.distributions import PICTURES, PYCOLMAP
 
@@ -59,11 +59,8 @@ def run(job: Job[FullResolutionSettings]) -> None:
         )
         for camera in read_cameras(job.inputs["cameras"])
     ]
-    sizes = set()
     with job.progress("views", len(views)) as step:
-        for size in job.tasks.small(write_view, views):
-            sizes.add(size)
-            step()
+        sizes = set(counted(job.tasks.small(write_view, views), step))
     job.note(views=len(views), sizes_px=sorted(sizes))
 
 

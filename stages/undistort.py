@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Settings, Stage, UserError, group, setting
+from pipeline import Artefact, Job, Settings, Stage, UserError, counted, group, setting
 from stages.formats.images.photo_settings import MOST_TIMES_BRIGHT, FireflySettings
 from stages.scene.distributions import PICTURES, PYCOLMAP
 from stages.scene.wording import listed
@@ -83,10 +83,7 @@ def run(job: Job[UndistortSettings]) -> None:
         for image, camera in zip(images, cameras, strict=True)
     ]
     with job.progress("undistorting", len(views)) as step:
-        found = []
-        for one in job.tasks.small(undistort_view, views):
-            found.append(one)
-            step()
+        found = list(counted(job.tasks.small(undistort_view, views), step))
     names = [image.name for image in images]
     _tell_black_masks(job, [name for name, one in zip(names, found, strict=True) if one.black], len(views))
     if all(one.nothing_left for one in found):

@@ -29,7 +29,7 @@ TRANSFER = (  # eight views in clusters, so that every stage has tasks
 )  # fmt: skip
 
 
-def divided(number: int, by: int) -> float:
+def divided(number: int, by: int, threads: int) -> float:
     if by == 0:
         raise UserError(f"{number} cannot be divided by 0")
     return number / by

@@ -16,33 +16,23 @@ Made = TypeVar("Made")
 
 
 class Tasks(Protocol):
-    """Runs tasks of a stage.
-
-    Attributes
-    ----------
-    threads : int
-        Threads that a large task may use; never changes its result.
-    """
-
-    @property
-    def threads(self) -> int:
-        """Threads of a large task."""
+    """Execution of tasks; results come in the order of the items."""
 
     def small(self, work: Callable[..., Made], items: Iterable[Item], *shared: Any) -> Iterator[Made]:
-        """Run ``work(item, *shared)``, one thread each and many at a time; results in the items' order."""
+        """Run ``work(item, *shared)`` on one thread each, many at a time."""
 
     def large(
         self, work: Callable[..., Made], items: Iterable[Item], *shared: Any, at_a_time: int = 1
     ) -> Iterator[Made]:
-        """Run the same, `threads` threads each; as many at a time as there are workers.
+        """Run ``work(item, *shared, threads)``, which may use so many threads; no result depends on them.
 
-        `at_a_time`: on this machine, how many share the threads, while their memory is small.
+        Workers elsewhere run one each. In this process, so many as `at_a_time` share the threads.
         """
 
 
 @dataclass(frozen=True)
 class LocalTasks:
-    """Tasks on the threads of this process; large ones one after the other."""
+    """Tasks on the threads of this process."""
 
     executor: Executor
     threads: int
@@ -55,8 +45,10 @@ class LocalTasks:
         self, work: Callable[..., Made], items: Iterable[Item], *shared: Any, at_a_time: int = 1
     ) -> Iterator[Made]:
         """Run tasks one after the other, or some at a time, on all threads together."""
+        at_a_time = min(at_a_time, self.threads)
         if at_a_time == 1:
-            yield from (work(item, *shared) for item in items)
+            yield from (work(item, *shared, self.threads) for item in items)
             return
+        each = self.threads // at_a_time
         with ThreadPoolExecutor(at_a_time) as executor:
-            yield from executor.map(lambda item: work(item, *shared), items)
+            yield from executor.map(lambda item: work(item, *shared, each), items)

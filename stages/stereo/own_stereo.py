@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from pipeline import Job, UserError
+from pipeline import Job, UserError, counted
 from stages.formats.artefacts.array_store import ArrayStore
+from stages.scene.cameras import Camera
 from stages.solvers.kernels.threading_layer import loops_may_run_at_once, use_threads
 from stages.stereo.depth import dense_stereo as stereo
 from stages.stereo.depth.fusion import FusedPoints
@@ -31,33 +33,27 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
             "needs at least two that do. Add photos that overlap, taken a few steps apart."
         )
     if lonely:
-        names = ", ".join(workspace.image_names[view] for view in lonely)
-        job.warn(f"No other view shares surface with {names}: without depth there.")
+        without = ", ".join(workspace.image_names[view] for view in lonely)
+        job.warn(f"No other view shares surface with {without}: without depth there.")
     views = [view for view in range(len(workspace.cameras)) if view not in lonely]
-    settings, tasks = job.settings, job.tasks
-    at_once = min(AT_ONCE, tasks.threads) if loops_may_run_at_once() else 1
-    each = max(1, tasks.threads // at_once)
+    settings, names, maps = job.settings, workspace.image_names, job.outputs["depth_maps"]
+    on_all = partial(job.tasks.large, at_a_time=AT_ONCE if loops_may_run_at_once() else 1)
     kept, used = ArrayStore(job.scratch / "kept"), ArrayStore(job.scratch / "used")
     passes = 4 if settings.geometric_iterations else 3
     with job.progress("depth maps", passes * len(views)) as step:
-        for _ in tasks.large(match_view, views, scene, settings, each, at_a_time=at_once):
+        for _ in on_all(match_view, views, scene, settings):
             step()
         if settings.geometric_iterations:
             after = ArrayStore(job.scratch / "planes_after")
-            reconciled = tasks.large(reconcile_view, views, scene, after, settings, each, at_a_time=at_once)
-            for _ in reconciled:
+            for _ in on_all(reconcile_view, views, scene, after, settings):
                 step()
             scene.planes = after
-        coverage = {}
-        confirmed = tasks.large(confirm_view, views, scene, kept, settings, each, at_a_time=at_once)
-        for view, share in zip(views, confirmed, strict=True):
-            coverage[workspace.image_names[view]] = round(share, 4)
-            step()
-        for view, name in enumerate(workspace.image_names):
-            write_view(scene, kept, view, job.outputs["depth_maps"], name)
+        shares = list(counted(on_all(confirm_view, views, scene, kept, settings, maps, names), step))
+        for view in lonely:
+            write_empty_maps(maps, names[view], workspace.cameras[view])
         cloud = stereo.fuse_views(scene, settings, kept, used, step)
     job.note(
-        coverage=coverage,
+        coverage={names[view]: round(share, 4) for view, share in zip(views, shares, strict=True)},
         cpu_seconds=round(time.process_time() - began, 1),
     )
     return cloud
@@ -110,21 +106,26 @@ def reconcile_view(
 
 
 def confirm_view(
-    view: int, scene: stereo.Scene, kept: ArrayStore, settings: MvsSettings, threads: int
+    view: int,
+    scene: stereo.Scene,
+    kept: ArrayStore,
+    settings: MvsSettings,
+    folder: Path,
+    names: list[str],
+    threads: int,
 ) -> float:
-    """Keep the pixels of a view that others confirm; returns their share. Picklable."""
+    """Keep the pixels of a view that others confirm, and write its maps; returns their share. Picklable."""
     use_threads(threads)
-    confirmed = stereo.confirm_view(scene, view, settings)
+    camera, confirmed = scene.cameras[view], stereo.confirm_view(scene, view, settings)
     kept[view] = confirmed
+    depth = np.where(confirmed, depth_from_planes(scene.planes[view]), np.float32(0))
+    normals = np.where(confirmed[..., None], stereo.world_normals(scene, view), np.float32(0))
+    write_depth_maps(folder, names[view], camera, depth, normals)
     return float(confirmed.mean())
 
 
-def write_view(scene: stereo.Scene, kept: ArrayStore, view: int, folder: Path, name: str) -> None:
-    """Write the depth and normals that are kept; empty maps of a view without sources."""
-    camera = scene.cameras[view]
-    depth, normals = np.zeros(camera.shape, np.float32), np.zeros((*camera.shape, 3), np.float32)
-    if view in kept:
-        inside = kept[view]
-        depth = np.where(inside, depth_from_planes(scene.planes[view]), depth)
-        normals = np.where(inside[..., None], stereo.world_normals(scene, view), normals)
-    write_depth_maps(folder, name, camera, depth, normals)
+def write_empty_maps(folder: Path, name: str, camera: Camera) -> None:
+    """Write the maps of a view without sources: no depth anywhere."""
+    write_depth_maps(
+        folder, name, camera, np.zeros(camera.shape, np.float32), np.zeros((*camera.shape, 3), np.float32)
+    )

@@ -22,9 +22,9 @@ Made = TypeVar("Made")
 
 
 class Each(Protocol):
-    """`map`, or that of an executor."""
+    """`map`, or one on threads."""
 
-    def __call__(self, work: Callable[[Item], Made], items: Iterable[Item], /) -> Iterator[Made]:
+    def __call__(self, work: Callable[[Item], Made], items: Iterable[Item], /) -> Iterable[Made]:
         """What is made of the items, in their order."""
 
 
