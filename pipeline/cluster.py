@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import logging
-import os
 import shutil
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from pipeline.cache.key import tool_version
 from pipeline.errors import MachineError, UserError
+from pipeline.files.boundary import check_own_folder
+from pipeline.process.dask_tasks import DaskTasks
 from pipeline.process.library_messages import library_messages_in
+from pipeline.process.worker_checks import check_workers
 
 if TYPE_CHECKING:
     from distributed import Client
 
-Item = TypeVar("Item")
-Made = TypeVar("Made")
 PATIENCE_S = 60  # until a worker of a scheduler that runs already has come
 WORKERS = "cache/.workers"  # below the workspace: scratch folders of local workers
 
@@ -84,8 +82,7 @@ class ClusterOnDemand:
         logging.getLogger("distributed").setLevel(logging.ERROR)
         workers, scheduler = self.wanted.workers, self.wanted.scheduler
         client = self._join(scheduler) if scheduler is not None else self._start(workers or 1)
-        _check_versions(client, self.tools)
-        _check_folders(client, self.workspace, self.sources)
+        check_workers(client, self.tools, self.workspace, self.sources)
         self._tasks = DaskTasks(client, max(1, self.threads // (workers or 1)))
         return self._tasks
 
@@ -96,11 +93,17 @@ class ClusterOnDemand:
 
         self._open.callback(clear_up_workers, self.workspace)
         logs = self.workspace / "logs"
+        check_own_folder(logs, self.workspace)
         logs.mkdir(parents=True, exist_ok=True)
-        # Dask's own variables stay in this process, and make the system clear the pages of arrays each time.
-        as_here = dask.config.set({"distributed.nanny.pre-spawn-environ": {}})
+        changed: dict[str, Any] = {
+            # They stay in this process, and make the system clear the pages of arrays each time.
+            "distributed.nanny.pre-spawn-environ": {},
+            # No status pages: they would answer anyone on this machine.
+            "distributed.scheduler.http.routes": [],
+            "distributed.worker.http.routes": [],
+        }
         messages = library_messages_in(logs / "workers.txt")  # workers inherit the streams
-        with messages, as_here, _failed_start_explained():
+        with messages, dask.config.set(changed), _failed_start_explained():
             cluster = distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -119,7 +122,13 @@ class ClusterOnDemand:
         try:
             client = self._open.enter_context(distributed.Client(address, timeout=PATIENCE_S))
             client.wait_for_workers(1, timeout=PATIENCE_S)
-        except (OSError, TimeoutError, ValueError) as error:
+        except (
+            OSError,
+            RuntimeError,
+            TimeoutError,
+            TypeError,
+            ValueError,
+        ) as error:  # Dask's own are of each
             raise UserError(
                 f"The scheduler {address} was not reached, or had no worker within {PATIENCE_S} s "
                 f"({error}); expected the address that `dask scheduler` prints, as in tcp://host:8786, and "
@@ -134,9 +143,10 @@ def _dask() -> Any:
     Raises
     ------
     UserError
-        It is not installed.
+        It is not installed, or what makes its keys is not.
     """
     try:
+        import cryptography  # noqa: F401
         import distributed
     except ImportError as error:
         raise UserError(
@@ -162,97 +172,3 @@ def _failed_start_explained() -> Iterator[None]:
             f"The local workers did not start ({error}); expected room for as many processes. Take fewer "
             "with --workers, or none. Earlier results are kept."
         ) from error
-
-
-@dataclass(frozen=True)
-class DaskTasks:
-    """Tasks on the workers of a cluster. Those of a lost worker are done again by others.
-
-    Attributes
-    ----------
-    client : Client
-    threads : int
-        Of a large task.
-    """
-
-    client: Client
-    threads: int
-
-    def small(self, work: Callable[..., Made], items: Iterable[Item], *shared: Any) -> Iterator[Made]:
-        """Run tasks on the workers, as many at a time as they have threads."""
-        from distributed import KilledWorker
-
-        # As tasks of their own, they are sent once, and again where the worker that held them is lost.
-        common = [self.client.submit(_same, one, pure=False) for one in shared]
-        futures: list[Any] = [self.client.submit(work, item, *common, pure=False) for item in items]
-        try:
-            for number, future in enumerate(futures):
-                futures[number] = None  # its result need not be kept
-                yield future.result()
-        except KilledWorker as error:
-            raise MachineError(
-                f"A task ended several workers one after the other ({error}); expected workers that survive "
-                "it. Most likely their memory was full: take fewer workers, or less memory with --memory."
-            ) from error
-        finally:
-            self.client.cancel([future for future in futures if future is not None])
-
-    def large(
-        self, work: Callable[..., Made], items: Iterable[Item], *shared: Any, at_a_time: int = 1
-    ) -> Iterator[Made]:
-        """Run tasks on the workers, as many at a time as they have threads."""
-        return self.small(work, items, *shared, self.threads)
-
-
-def _same(value: Made) -> Made:
-    return value
-
-
-def _check_versions(client: Client, tools: Sequence[str]) -> None:
-    """Refuse workers that would give other results.
-
-    Raises
-    ------
-    UserError
-        Some have other versions of the tools.
-    """
-    own = _versions(tools)
-    for address, versions in client.run(_versions, list(tools)).items():
-        other = [f"{name} {versions[name]} (here {own[name]})" for name in own if versions[name] != own[name]]
-        if other:
-            raise UserError(
-                f"The worker {address} has {', '.join(other)}; expected the same versions as here, for "
-                "results depend on them. Install the same lock file there."
-            )
-
-
-def _check_folders(client: Client, workspace: Path, sources: Sequence[Path]) -> None:
-    """Refuse workers that do not see what they are to read, or the folder where results are sought.
-
-    Raises
-    ------
-    UserError
-        Something that is here is not there.
-    """
-    handle, token = tempfile.mkstemp(prefix=".seen-by-workers-", dir=workspace)
-    os.close(handle)
-    try:
-        _check_seen(client, token, workspace, "Choose one with --workspace DIR.")
-        for source in sources:
-            if source.exists():
-                _check_seen(client, str(source), source, "Move it to one.")
-    finally:
-        Path(token).unlink(missing_ok=True)
-
-
-def _check_seen(client: Client, path: str, shown: Path, cure: str) -> None:
-    blind = [address for address, there in client.run(os.path.exists, path).items() if not there]
-    if blind:
-        raise UserError(
-            f"The worker {blind[0]} does not see {shown}; expected a folder that all machines share "
-            f"under the same path. {cure}"
-        )
-
-
-def _versions(tools: Sequence[str]) -> dict[str, str]:
-    return {tool: tool_version(tool) for tool in ("unshade", *tools)}

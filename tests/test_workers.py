@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
+import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
 from pipeline import UserError, cluster
 from pipeline.cluster import ClusterOnDemand, ClusterRequest
+from pipeline.errors import MachineError
+from pipeline.process import worker_checks
 from pipeline.process.tasks import LocalTasks
+from pipeline.process.worker_checks import check_workers
 from stages.command.arguments import Run
 from stages.command.machine import cluster_of
 from tests.faults import small_runs
@@ -41,6 +49,20 @@ def worker_number(_: int, folder: Path) -> int:
     if not first.exists():
         first.touch()
         os._exit(1)
+    return os.getpid()
+
+
+def fails_or_writes(late: str | Path) -> None:
+    """Fail while the other task runs, which writes long after."""
+    if late == "fails":
+        time.sleep(0.3)
+        raise UserError("no such number")
+    time.sleep(1.0)
+    Path(late).touch()
+
+
+def worker_of(_: int, shared: np.ndarray) -> int:
+    time.sleep(0.5)
     return os.getpid()
 
 
@@ -74,18 +96,94 @@ def test_two_processes_share_the_threads_of_the_machine(two_workers):
     assert two_workers.threads == 1
 
 
-def test_workers_of_other_versions_are_refused(two_workers, monkeypatch):
-    monkeypatch.setattr(cluster, "tool_version", lambda name: "0.0")  # here, not in the workers
-    with pytest.raises(UserError, match=r"numpy \d.* \(here 0\.0\).*same versions"):
-        cluster._check_versions(two_workers.client, ["numpy"])
+def test_a_failure_waits_for_the_tasks_that_run(two_workers, tmp_path):
+    """They would write into a folder that the run removes."""
+    with pytest.raises(UserError, match="no such number"):
+        list(two_workers.small(fails_or_writes, ["fails", tmp_path / "late"]))
+    assert (tmp_path / "late").exists()
+
+
+def test_few_tasks_run_beside_one_another(two_workers):
+    shared = np.zeros(10**6)  # as long as moving it costs more than waiting, one worker would do both
+    assert len(set(two_workers.small(worker_of, range(2), shared))) == 2
+
+
+@pytest.mark.parametrize("changed", ["tool_version", "LOADED"])
+def test_workers_of_other_versions_are_refused(two_workers, tmp_path, monkeypatch, changed):
+    other = (lambda name: "0.0") if changed == "tool_version" else "0.0"
+    monkeypatch.setattr(worker_checks, changed, other)  # here, not in the workers
+    what = r"numpy \d" if changed == "tool_version" else "the program's code [0-9a-f]"
+    with pytest.raises(UserError, match=rf"{what}.* \(here 0\.0\).*the same as here"):
+        check_workers(two_workers.client, ["numpy"], tmp_path, [])
 
 
 def test_workers_that_do_not_see_a_folder_are_refused(two_workers, tmp_path, monkeypatch):
-    cluster._check_folders(two_workers.client, tmp_path, [tmp_path / "fetched later"])
+    check_workers(two_workers.client, [], tmp_path, [tmp_path / "fetched later"])
     elsewhere = str(tmp_path / "on another machine")
-    monkeypatch.setattr(cluster.tempfile, "mkstemp", lambda prefix, dir: (os.dup(0), elsewhere))
+    monkeypatch.setattr(worker_checks.tempfile, "mkstemp", lambda prefix, dir: (os.dup(0), elsewhere))
     with pytest.raises(UserError, match="does not see"):
-        cluster._check_folders(two_workers.client, tmp_path, [])
+        check_workers(two_workers.client, [], tmp_path, [])
+
+
+def dask(command: str, *words: str, blocked: str = "") -> subprocess.Popen[bytes]:
+    """Start a scheduler or a worker as users do; it cannot import the packages that are blocked."""
+    code = (
+        f"import sys; sys.modules.update(dict.fromkeys({blocked.split()})); "
+        f"from distributed.cli.dask_{command} import main; main(sys.argv[1:])"
+    )
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen([sys.executable, "-c", code, *words, "--no-dashboard"], **quiet)
+
+
+@pytest.fixture
+def scheduler(tmp_path):
+    """Start a scheduler; yields its process and its address."""
+    there = tmp_path / "scheduler.json"
+    running = dask("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(there))
+    while not there.exists() or not there.read_text():
+        assert running.poll() is None
+        time.sleep(0.05)
+    yield running, json.loads(there.read_text())["address"]
+    running.kill()
+    running.wait()
+
+
+@contextmanager
+def joined_by_a_worker(address: str, workspace: Path, blocked: str = "") -> Iterator[ClusterOnDemand]:
+    worker = dask("worker", address, "--no-nanny", "--nthreads", "1", blocked=blocked)
+    try:
+        with ClusterOnDemand(ClusterRequest(scheduler=address), 2, ["numpy"], workspace) as joined:
+            yield joined
+    finally:
+        worker.kill()
+        worker.wait()
+
+
+def test_a_scheduler_that_is_lost_is_told(scheduler, tmp_path):
+    running, address = scheduler
+    with joined_by_a_worker(address, tmp_path) as joined:
+        tasks = joined.tasks()
+        assert list(tasks.small(divided, range(3), 4, 1)) == [0, 0.25, 0.5]
+        running.kill()
+        with pytest.raises(MachineError, match="scheduler was lost"):
+            list(tasks.small(divided, range(3), 4, 1))
+
+
+def test_a_scheduler_that_wants_certificates_is_told(tmp_path):
+    request = ClusterRequest(scheduler="tls://127.0.0.1:9")
+    with (
+        ClusterOnDemand(request, 2, [], tmp_path) as nobody,
+        pytest.raises(UserError, match="was not reached"),
+    ):
+        nobody.tasks()
+
+
+def test_a_worker_without_the_program_is_told(scheduler, tmp_path):
+    with (
+        joined_by_a_worker(scheduler[1], tmp_path, blocked="pipeline stages") as joined,
+        pytest.raises(UserError, match="cannot load the program"),
+    ):
+        joined.tasks()
 
 
 def test_a_scheduler_that_does_not_answer_is_told(tmp_path, monkeypatch):

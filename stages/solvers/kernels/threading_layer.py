@@ -6,7 +6,7 @@ old one. The choice does not change a result.
 
 from __future__ import annotations
 
-from importlib.util import find_spec
+from importlib import import_module
 
 import numba
 
@@ -16,7 +16,13 @@ numba.config.THREADING_LAYER_PRIORITY = ["omp", "workqueue", "tbb"]  # type: ign
 
 def loops_may_run_at_once() -> bool:
     """Check whether several threads may be in parallel loops at once: not with numba's own layer."""
-    return find_spec("numba.np.ufunc.omppool") is not None
+    if numba.config.THREADING_LAYER == "workqueue":  # type: ignore[attr-defined]  # as above
+        return False
+    try:
+        import_module("numba.np.ufunc.omppool")  # which needs the compiler's OpenMP runtime
+    except ImportError:
+        return False
+    return True
 
 
 def use_threads(count: int) -> None:
