@@ -12,6 +12,7 @@ from stages.photometry.light_search.direction_refinement import bright_cells, di
 from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.search import estimate_light
 from stages.photometry.light_search.settings import RefinementSettings
+from stages.photometry.lighting.estimate_illumination import find_illumination
 from stages.photometry.transport.directional_transport import (
     AROUND,
     Sphere,
@@ -158,9 +159,12 @@ def below_a_roof(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
     return (origins[:, 0] + (3 - origins[:, 2]) / up * directions[:, 0] < 0) & (directions[:, 2] > 0)
 
 
-@pytest.fixture(scope="module")
-def under_a_roof():
-    """Views of a painted sphere; a sun between three directions, and a roof that shades a part."""
+def lit_under_a_roof(sun: np.ndarray, radius: float | None = None):
+    """Views of a painted sphere under a sun and an even sky, and a roof that shades a part.
+
+    Returns the views, the scene of light from infinity (and that of light from a sphere of this radius), the
+    image and the shading.
+    """
     shown = sphere_scene(view_count=3)
     views, normals, albedo = shown.stacked(), normals_of(shown), np.stack(shown.true_channels(), axis=1)
     probes, points = (
@@ -169,14 +173,25 @@ def under_a_roof():
     )
     own, none = sp.eye_array(points, dtype=np.float32, format="csr"), sp.csr_array((points, points))
     proxy = Proxy(normals, normals.astype(np.float32), Occlusion(np.zeros((points, 9)), none, none))
-    seen = probes.see(even_directions(DIRECTIONS), None)
-    sky = replace(LitScene.of(normals, own, proxy, seen, DIRECTIONS, None), probes=probes)
+    spheres = [None] if radius is None else [None, Sphere((0.0, 0.0, 0.0), radius)]
+    scenes = []
+    for sphere in spheres:
+        seen = probes.see(even_directions(DIRECTIONS), sphere)
+        scene = LitScene.of(normals, own, proxy, seen, DIRECTIONS, sphere)
+        scenes.append(replace(scene, probes=probes))
+    free = ~below_a_roof(normals, np.tile(sun, (points, 1)))
+    shading = 0.3 * scenes[0].pixels.shading(np.ones((DIRECTIONS, 3)))
+    shading += 2 * (free * np.maximum(normals @ sun, 0))[:, None]
+    return views, scenes, photo_of(albedo, shading), shading
+
+
+@pytest.fixture(scope="module")
+def under_a_roof():
+    """Views of a painted sphere; a sun between three directions, and a roof that shades a part."""
     towards = even_directions(DIRECTIONS)[np.argsort(-even_directions(DIRECTIONS) @ [0.3, 0.4, 0.87])[:3]]
     sun = towards.sum(axis=0) / np.linalg.norm(towards.sum(axis=0))
-    free = ~below_a_roof(normals, np.tile(sun, (points, 1)))
-    shading = 0.3 * sky.pixels.shading(np.ones((DIRECTIONS, 3)))
-    shading += 2 * (free * np.maximum(normals @ sun, 0))[:, None]
-    return views, sky, photo_of(albedo, shading), shading
+    views, (sky,), image, shading = lit_under_a_roof(sun)
+    return views, sky, image, shading
 
 
 def test_the_shadow_of_a_sun_between_the_directions_is_found_where_it_is(under_a_roof):
@@ -204,3 +219,18 @@ def test_the_decomposition_divides_what_it_may_look_in(under_a_roof, specular):
     assert len(coarse.directions) == len(coarse.cells) == DIRECTIONS
     assert len(fine.directions) == len(fine.cells) == fine.light.radiance.shape[1] > DIRECTIONS
     assert error(fine.light.shading, shading) < 0.7 * error(coarse.light.shading, shading)
+
+
+def test_a_sun_between_the_directions_is_not_taken_for_a_lamp():
+    """The shadows of a lamp resemble its own more than those of the cells around it do."""
+    sun = np.array([0.09, -0.10, 0.99])
+    views, scenes, image, _ = lit_under_a_roof(sun / np.linalg.norm(sun), radius=4.0)
+    channels, looked = list(image.T.copy()), viewing(np.ones(len(image), bool))
+    how = HOW.with_light(lights="shared").with_specular(False)
+    cells_alone = [replace(scene, probes=None) for scene in scenes]
+    fine, coarse = (
+        find_illumination(views, channels, each, looked, how.light, 1, lambda: None)
+        for each in (scenes, cells_alone)
+    )
+    assert coarse.scene == 1, "no test if the cells do not mislead"
+    assert fine.scene == 0

@@ -118,22 +118,42 @@ def _best_explanation(
 ) -> tuple[Explanation, Differences | None]:
     """Choose the scene whose light explains the photos best, with the view differences under that light.
 
-    The differences are None where specular reflection is not estimated.
+    The differences are None where specular reflection is not estimated. Where a near light leads, all are
+    compared again in finer directions: a sun between the sampled directions has the shadows of several cells,
+    which those of a near light may resemble more.
+    """
+    lights = [far.light, *(_light_by_as_many_descents(far, scene, step) for scene in scenes[1:])]
+    left, differences = _disagreements(far.photos, scenes, lights)
+    if explained_best(left, far.photos.settings.distance):
+        left, _ = _disagreements(far.photos, *_all_in_finer_directions(far.photos, scenes, lights, step))
+    best = explained_best(left, far.photos.settings.distance)
+    now = replace(far, scene=scenes[best], light=lights[best], number=best, disagreements=left)
+    return now, differences[best] if differences else None
+
+
+def _disagreements(
+    photos: Observations, scenes: Sequence[LitScene], lights: Sequence[LightEstimate]
+) -> tuple[list[float], list[Differences]]:
+    """Compute what each light leaves unexplained, and the view differences under it.
 
     The criterion is the loss of pairs of equal albedo, which depends on the shading. Highlights constrain
     light directions more sharply: where every scene has enough view differences, the loss is multiplied by
-    the share of them that the light in the mirror leaves.
+    the share of them that the light in the mirror leaves. There are no differences where specular reflection
+    is not estimated.
     """
-    photos, how = far.photos, far.photos.settings
-    lights = [far.light, *(_light_by_as_many_descents(far, scene, step) for scene in scenes[1:])]
     left = photos.disagreements(scenes, lights)
-    differences: list[Differences] = []
-    if how.specular.remove and photos.share_a_light:
-        differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
-        left = _times_specular_residual(left, differences)
-    best = explained_best(left, how.distance)
-    now = replace(far, scene=scenes[best], light=lights[best], number=best, disagreements=left)
-    return now, differences[best] if differences else None
+    if not (photos.settings.specular.remove and photos.share_a_light):
+        return left, []
+    differences = [photos.differences(*each) for each in zip(scenes, lights, strict=True)]
+    return _times_specular_residual(left, differences), differences
+
+
+def _all_in_finer_directions(
+    photos: Observations, scenes: Sequence[LitScene], lights: Sequence[LightEstimate], step: Step
+) -> tuple[list[LitScene], list[LightEstimate]]:
+    """Subdivide the bright cells of each light, and re-estimate it in its scene."""
+    finer = [divided(*each, photos.settings.refinement) for each in zip(scenes, lights, strict=True)]
+    return [scene for scene, _ in finer], [photos.light(scene, step, near=near) for scene, near in finer]
 
 
 def _light_by_as_many_descents(far: Explanation, scene: LitScene, step: Step) -> LightEstimate:
