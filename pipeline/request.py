@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.cluster import ClusterRequest
+from pipeline.cluster.on_demand import ClusterRequest
 from pipeline.errors import UserError
 from pipeline.settings import Settings, near
 from pipeline.stage import AnyStage, Flow, Source, former_names

@@ -9,7 +9,7 @@ from typing import Any
 from pipeline.cache.output import Output
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store
-from pipeline.cluster import ClusterOnDemand, clear_up_workers
+from pipeline.cluster.on_demand import ClusterOnDemand, clear_up_workers
 from pipeline.errors import UserError
 from pipeline.files.workspace_lock import locked
 from pipeline.plan import Decision, decide, read_sources

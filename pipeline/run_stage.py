@@ -14,7 +14,7 @@ from typing import Protocol
 from pipeline.cache.key import Ingredients
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store
-from pipeline.cluster import ClusterOnDemand
+from pipeline.cluster.on_demand import ClusterOnDemand
 from pipeline.errors import UserError
 from pipeline.job import Job, Progress
 from pipeline.plan import Decision, located_inputs, read_sources

@@ -115,6 +115,7 @@ PIPELINE_ROOMS_BELOW = {  # what each room of pipeline/ may import, itself besid
     "files": {"errors"},
     "cache": {"files", "errors", "settings", "stage"},
     "process": {"files", "errors", "settings", "stage", "job"},
+    "cluster": {"files", "errors", "cache", "process"},
 }  # its files beside them lead the rooms, and `command` leads all
 CROWDED = 12  # files that a room holds at most; steps and tests are lists, not rooms
 DISTRIBUTIONS = {  # of what is imported by another name than it is installed by

@@ -15,12 +15,12 @@ import numpy as np
 import psutil
 import pytest
 
-from pipeline import UserError, cluster
-from pipeline.cluster import ClusterOnDemand, ClusterRequest
+from pipeline import UserError
+from pipeline.cluster import on_demand, worker_checks
+from pipeline.cluster.on_demand import ClusterOnDemand, ClusterRequest
+from pipeline.cluster.worker_checks import check_workers
 from pipeline.errors import MachineError
-from pipeline.process import worker_checks
 from pipeline.process.tasks import LocalTasks
-from pipeline.process.worker_checks import check_workers
 from stages.command.arguments import Run
 from stages.command.machine import cluster_of
 from tests.faults import small_runs
@@ -187,7 +187,7 @@ def test_a_worker_without_the_program_is_told(scheduler, tmp_path):
 
 
 def test_a_scheduler_that_does_not_answer_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "PATIENCE_S", 1)
+    monkeypatch.setattr(on_demand, "PATIENCE_S", 1)
     request = ClusterRequest(scheduler="tcp://127.0.0.1:9")
     with (
         ClusterOnDemand(request, 2, [], tmp_path) as nobody,

@@ -6,7 +6,7 @@ import os
 import re
 
 from pipeline import UserError
-from pipeline.cluster import ClusterRequest
+from pipeline.cluster.on_demand import ClusterRequest
 from pipeline.errors import shortened
 from stages.command.arguments import Given
 

@@ -42,7 +42,9 @@ RACES = {"tempfile.mktemp", "os.tmpnam", "os.tempnam"}
 # Numba unpickles its own cache of compiled loops. It is in stages/__pycache__ or in the user's cache, as
 # trusted as the .pyc files beside it, and never in a workspace.
 EXCEPTIONS = {
-    "pipeline/cluster.py": (3, "sends tasks to workers that the user names, or that it starts with keys"),
+    "pipeline/cluster/on_demand.py": (2, "joins workers that the user names, or starts some with keys"),
+    "pipeline/cluster/dask_tasks.py": (3, "sends tasks to these, and names their errors and types"),
+    "pipeline/cluster/worker_checks.py": (1, "names a type"),
     "benchmarks/mit_berkeley/__main__.py": (2, "sends its own values to processes that it starts itself"),
     "tests/faults/test_supply_chain.py": (1, "springs the trap once, to show that it is one"),
 }

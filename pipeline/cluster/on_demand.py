@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipeline.cluster.dask_tasks import DaskTasks
+from pipeline.cluster.worker_checks import check_workers
 from pipeline.errors import MachineError, UserError
 from pipeline.files.boundary import check_own_folder
-from pipeline.process.dask_tasks import DaskTasks
 from pipeline.process.library_messages import library_messages_in
-from pipeline.process.worker_checks import check_workers
 
 if TYPE_CHECKING:
     from distributed import Client

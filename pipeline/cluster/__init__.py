@@ -1,0 +1,1 @@
+"""Workers of a Dask cluster: start or join, check, hand out tasks."""
