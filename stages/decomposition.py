@@ -182,7 +182,7 @@ def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solv
 
 DECOMPOSITION = Stage(
     name="decomposition",
-    version=18,
+    version=19,
     about="Albedo, shading and light of each view, from all views together.",
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),

@@ -306,7 +306,7 @@ def within(settings: LightingSettings, memory: int) -> LightingSettings:
 
 LIGHTING = Stage(
     name="lighting",
-    version=8,
+    version=9,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),

@@ -87,7 +87,7 @@ def _brightest(job: Job[RelightSettings]) -> float:
 
 RELIGHT = Stage(
     name="relight",
-    version=6,
+    version=7,
     about="The views under another light, from their albedo.",
     settings=RelightSettings,
     takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer", "light"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from stages.photometry.transport.pixel_transfer import Bounces
 from stages.photometry.transport.relighting import relit
 from stages.photometry.transport.settings import EnvironmentMapSettings, LightPictureSettings
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
-from stages.scene.upright import upright_from_world
+from stages.scene.upright import upright_from_world, vertical_of
 from stages.synthetic.lights import SKY_DOME, dome_picture
 from tests.rendered_scene import TINY, artefact, unshade, write_config
 from tests.sphere_scene import camera_looking_at_origin
@@ -94,6 +95,27 @@ def test_up_is_an_axis_where_one_is_near_and_the_cameras_own_otherwise(up):
     assert np.allclose(upright @ up, [0, 0, 1], atol=1e-6)
 
 
+def test_up_is_found_though_all_cameras_look_down_from_one_side():
+    """The mean of their up axes leans by as much as they look down; hands are not steady."""
+    rng = np.random.default_rng(3)
+    cameras = []
+    for angle in np.deg2rad([-30, -18, -6, 6, 18, 30]):
+        place = 3 * np.array([np.sin(angle), -np.cos(angle), np.tan(np.deg2rad(35))])
+        level = camera_looking_at_origin("a", place, 20, 20, 30.0)
+        roll = np.deg2rad(rng.normal(0, 1.5))
+        turn = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
+        cameras.append(replace(level, cam_from_world=turn @ level.cam_from_world))
+    mean = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
+    assert mean[2] / np.linalg.norm(mean) < np.cos(np.deg2rad(30)), "no test if the mean would do"
+    assert vertical_of(cameras)[2] > np.cos(np.deg2rad(4))
+    assert np.allclose(upright_from_world(cameras, 10.0), np.eye(3))
+
+
+def test_where_all_look_the_same_way_up_is_their_own():
+    one = camera_looking_at_origin("a", np.array([0.0, -3, 1]), 20, 20, 30.0)
+    assert np.allclose(vertical_of([one, one]), -one.rotation[1])
+
+
 def _rotation_to(up: np.ndarray) -> np.ndarray:
     """Rows: a frame whose third axis is `up`."""
     side = np.cross(up, [0.3, 0.5, -0.4])
@@ -102,8 +124,6 @@ def _rotation_to(up: np.ndarray) -> np.ndarray:
 
 
 def _turned(camera, to_world):
-    from dataclasses import replace
-
     pose = np.column_stack([camera.rotation @ to_world.T, camera.cam_from_world[:, 3]])
     return replace(camera, cam_from_world=pose)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline import json_text
 from stages.scene.cameras import Camera
-from stages.scene.upright import mean_camera_up
+from stages.scene.upright import vertical_of
 
 CONVENTION = (
     "shading = sum over k of light[k] (A_l / pi) Y_k(n), image = albedo * shading, linear; Y_k: real "
@@ -53,7 +53,7 @@ def write_lighting(
         "convention": CONVENTION + BY_TRANSFER * by_transfer,
         "gauge": GAUGE,
         "image_scale": image_scale,
-        "world_up": mean_camera_up(cameras).tolist(),
+        "world_up": vertical_of(cameras).tolist(),
         "views": [
             {"name": camera.name, **dict(zip(("red", "green", "blue"), sigma.tolist(), strict=True))}
             for camera, sigma in zip(cameras, light, strict=True)
@@ -113,7 +113,7 @@ def write_light_around(
         "convention": BY_DIRECTIONS,
         "gauge": ABSOLUTE if absolute else BY_SHADING,
         "image_scale": image_scale,
-        "world_up": mean_camera_up(cameras).tolist(),
+        "world_up": vertical_of(cameras).tolist(),
         "centre": light.centre.tolist(),
         "distance": light.radius if np.isfinite(light.radius) else None,
         "directions": light.directions.tolist(),
