@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline.cluster.dask_tasks import DaskTasks
-from pipeline.cluster.worker_checks import check_workers
 from pipeline.errors import MachineError, UserError
 from pipeline.files.boundary import check_own_folder
 from pipeline.process.library_messages import library_messages_in
@@ -79,6 +78,8 @@ class ClusterOnDemand:
         """
         if self.wanted is None or self._tasks is not None:
             return self._tasks
+        from pipeline.cluster.worker_checks import check_workers  # reads all sources: not without a cluster
+
         logging.getLogger("distributed").setLevel(logging.ERROR)
         workers, scheduler = self.wanted.workers, self.wanted.scheduler
         client = self._join(scheduler) if scheduler is not None else self._start(workers or 1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
 import tempfile
@@ -10,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.cache.digest import digest_file, digest_files, files_below
 from pipeline.cache.key import tool_version
 from pipeline.errors import UserError
 
@@ -17,16 +17,17 @@ if TYPE_CHECKING:
     from distributed import Client
 
 PACKAGES = ("pipeline", "stages")
+SHOWN = 12  # characters of the digest: a sentence quotes it
 ROOT = Path(__file__).resolve().parents[2]
 SUMMED_ON = "OPENBLAS_NUM_THREADS"  # threads of its own sums: another number adds in another order
 
 
 def digest_of_sources(root: Path) -> str:
-    """Digest names and contents of the program's Python files."""
-    digest = hashlib.sha256()
-    for path in sorted(path for package in PACKAGES for path in (root / package).rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.hexdigest()[:12]
+    """Compute the digest of the program's Python files."""
+    files = {package: files_below(root / package, (".py",)) for package in PACKAGES}
+    return digest_files(
+        {f"{package}/{name}": digest_file(path) for package in files for name, path in files[package].items()}
+    )[:SHOWN]
 
 
 # At import: a process goes on with the code that it began with, whatever the files contain later.
