@@ -25,6 +25,7 @@ BOUNDS = {
     "exclusiveMinimum": "> {}",
     "exclusiveMaximum": "< {}",
     "enum": "one of {}",
+    "const": "or {}",
 }
 
 

@@ -13,7 +13,7 @@ from stages.photometry.decomposition_record import ALBEDO, ENERGY, OF_TRANSFER
 from stages.photometry.decomposition_settings import IGNORED, DecompositionSettings
 from stages.photometry.solver_settings import weights_at
 from stages.scene.distributions import PICTURES
-from stages.scene.memory_of_views import BYTES_OF_LIBRARIES
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_OWN_PIXEL
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,7 +34,6 @@ OUTPUTS = ("albedo", "albedo_tv", "confidence")
 KINDS = ("observed", "diffuse", "trusted")
 BYTES_PER_PIXEL = 400  # that take part, all channels together
 BYTES_PER_LINK = 40
-BYTES_PER_OWN_PIXEL = 1300  # of a cluster, its halo and their correspondences included
 
 
 @dataclass(frozen=True)

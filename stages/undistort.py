@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, counted, group, setting
 from stages.formats.images.photo_settings import MOST_TIMES_BRIGHT, FireflySettings
+from stages.geometry.working_size import (
+    MEGA,
+    AutoSizeSettings,
+    affordable_size,
+    expected_minutes,
+    working_size,
+)
 from stages.scene.distributions import PICTURES, PYCOLMAP
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_OWN_PIXEL
 from stages.scene.wording import listed
 
 if TYPE_CHECKING:
@@ -17,17 +27,19 @@ if TYPE_CHECKING:
     from stages.geometry.lenses import Lens
     from stages.scene.cameras import Camera
 
+Longest = Annotated[int, Field(ge=32, le=16384)]
+
 
 class UndistortSettings(Settings):
     """Settings of the `undistort` stage."""
 
-    max_size_px: int | None = setting(
-        768,
-        "Longest side of the images that everything after works on; none: the photos' own size.",
+    max_size_px: Longest | Literal["auto"] | None = setting(
+        "auto",
+        "Longest side of the images that everything after works on. auto: as fine as the time in `auto` "
+        "allows; none: the photos' own size.",
         unit="px",
-        ge=32,
-        le=16384,
     )
+    auto: AutoSizeSettings = group(AutoSizeSettings, "The size chosen by `max_size_px: auto`.")
     blank_pixels: float = setting(
         0.0,
         "Share of pixels that may look past the photo's border: 0 crops, 1 keeps the whole photo.",
@@ -63,7 +75,7 @@ def run(job: Job[UndistortSettings]) -> None:
 
     model = read_model(job.inputs["model"])
     workspace = job.outputs["workspace"]
-    cameras = _pinhole_cameras(model, job.settings)
+    cameras = _at_working_size(job, _pinhole_cameras(model, job.settings.blank_pixels))
     images = registered(model)
     masks = _find_masks(job, [image.name for image in images])
     as_stored = read_as_stored(job.inputs["model"])
@@ -156,22 +168,37 @@ def undistort_view(view: View) -> Undistorted:
     return Undistorted(touched, black, impossible, unlit, nothing_left, remarks)
 
 
-def _pinhole_cameras(model: pycolmap.Reconstruction, settings: UndistortSettings) -> list[Camera]:
-    """The pinhole camera of every posed image at working size, sorted by image name."""
+def _pinhole_cameras(model: pycolmap.Reconstruction, blank_pixels: float) -> list[Camera]:
+    """The pinhole camera of every posed image at the photo's own size, sorted by image name."""
     import pycolmap
 
     from stages.formats.colmap.model import PINHOLES, camera_of, registered
-    from stages.geometry.undistortion import working_size
 
-    options = pycolmap.UndistortCameraOptions(blank_pixels=settings.blank_pixels)
+    options = pycolmap.UndistortCameraOptions(blank_pixels=blank_pixels)
     pinholes = {}
     for image in registered(model):
         lens = model.cameras[image.camera_id]
         if image.camera_id not in pinholes:
             ideal = lens if lens.model_name in PINHOLES else pycolmap.undistort_camera(options, lens)
             pinholes[image.camera_id] = ideal
-    cameras = [camera_of(image, pinholes[image.camera_id]) for image in registered(model)]
-    return [c.scaled(*working_size(c.width, c.height, settings.max_size_px)) for c in cameras]
+    return [camera_of(image, pinholes[image.camera_id]) for image in registered(model)]
+
+
+def _at_working_size(job: Job[UndistortSettings], cameras: list[Camera]) -> list[Camera]:
+    """Reduce cameras to the longest side that is set; where the size is automatic, choose it and say so."""
+    longest, how = job.settings.max_size_px, job.settings.auto
+    sizes = [(camera.width, camera.height) for camera in cameras]
+    if longest == "auto":
+        longest = affordable_size(sizes, how)
+    reduced = [working_size(*size, longest) for size in sizes]
+    if job.settings.max_size_px == "auto" and reduced != sizes:
+        minutes = expected_minutes(reduced, how)
+        job.note(longest_px=longest, expected_processor_minutes=round(minutes, 1))
+        job.say(
+            f"Works at {longest} px of {max(map(max, sizes))}, about {minutes:.0f} minutes of processor time "
+            f"(undistort.auto.processor_minutes={how.processor_minutes:g})."
+        )
+    return [camera.scaled(*size) for camera, size in zip(cameras, reduced, strict=True)]
 
 
 def _find_masks(job: Job[UndistortSettings], names: list[str]) -> dict[str, Path]:
@@ -239,6 +266,17 @@ def _tell_remarks(job: Job[UndistortSettings], remarks: dict[str, list[str]]) ->
         job.warn(f"{listed(names)}: {remark}.")
 
 
+def within(settings: UndistortSettings, memory: int) -> UndistortSettings:
+    """Choose a size at which the memory, bytes, has room for a cluster of one view."""
+    if settings.max_size_px != "auto":
+        return settings
+    room = (memory - BYTES_OF_LIBRARIES) / BYTES_PER_OWN_PIXEL / MEGA
+    megapixels = min(settings.auto.view_megapixels, room)
+    return settings.model_copy(
+        update={"auto": settings.auto.model_copy(update={"view_megapixels": megapixels})}
+    )
+
+
 UNDISTORT = Stage(
     name="undistort",
     version=3,
@@ -253,5 +291,6 @@ UNDISTORT = Stage(
     ),
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
+    within=within,
     saves_memory="lower undistort.max_size_px, or give --threads 1",
 )

@@ -17,8 +17,8 @@ from pipeline import UserError
 from pipeline.command.terminal import Terminal
 from stages import lighting
 from stages.command.arguments import Run
-from stages.command.request import memory_of, request_of
-from stages.decomposition_under_light import BYTES_PER_OWN_PIXEL, within
+from stages.command.request import memory_of, memory_to_fit, request_of
+from stages.decomposition_under_light import within
 from stages.formats.artefacts.camera_file import read_cameras
 from stages.formats.artefacts.correspondence_files import CorrespondenceFiles, numbered_correspondences
 from stages.formats.artefacts.transfer_file import read_transfer
@@ -38,6 +38,7 @@ from stages.photometry.lighting.estimate_illumination import find_illumination
 from stages.photometry.lighting.further_views import further_pixels
 from stages.photometry.lighting.opened_views import open_views
 from stages.photometry.lighting.view_gains import PairRatio, log_gains
+from stages.scene.memory_of_views import BYTES_PER_OWN_PIXEL
 
 
 def street(views: int, reach: int = 3, pixels: int = 100) -> ViewGraph:
@@ -335,3 +336,24 @@ def test_the_memory_that_was_given_is_in_the_settings_and_so_in_the_key(tmp_path
     assert (usual.memory, bounded.memory) == (None, 10**9)
     of = [request.settings["decomposition"].clusters.pixels for request in (usual, bounded)]
     assert of[1] < of[0]
+
+
+@pytest.mark.parametrize(("machine", "fits"), [(None, None), (10**8, 5e8), (8 * 10**9, 5.6e9)])
+def test_without_memory_that_was_given_stages_fit_into_most_of_the_machines(machine, fits, monkeypatch):
+    monkeypatch.setattr("stages.command.machine.machine_bytes", lambda: machine)
+    assert memory_to_fit(Run()) == (None if fits is None else pytest.approx(fits))
+    assert memory_to_fit(Run(memory="3GB")) == 3 * 10**9
+
+
+def test_a_small_machine_has_smaller_clusters_and_a_large_one_the_default(tmp_path, monkeypatch):
+    config = tmp_path / "tiny.yaml"
+    config.write_text("render: {views: 2}\n", encoding="utf-8")
+    pixels = []
+    for gigabytes in (4, 64):
+        monkeypatch.setattr("stages.command.machine.machine_bytes", lambda size=gigabytes: size * 10**9)
+        request = request_of(Run(config=config, workspace=tmp_path / "w"))
+        assert request.memory is None
+        pixels.append(request.settings["decomposition"].clusters.pixels)
+    assert (
+        pixels[0] * BYTES_PER_OWN_PIXEL < 0.7 * 4e9 and pixels[1] == DecompositionSettings().clusters.pixels
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pycolmap
@@ -11,9 +13,10 @@ from pipeline import UserError
 from stages.formats.colmap.model import cameras_of, read_model, registered
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import encode_srgb8, read_mask, read_photo, write_mask, write_png_srgb8
-from stages.geometry.undistortion import oversampling, resample, working_size
+from stages.geometry.undistortion import oversampling, resample
+from stages.geometry.working_size import AutoSizeSettings, affordable_size, expected_minutes, working_size
 from stages.scene.cameras import pixel_centres
-from stages.undistort import UNDISTORT, UndistortSettings
+from stages.undistort import UNDISTORT, UndistortSettings, within
 from tests import painted_corner
 from tests.raw_exr import write_raw_exr
 from tests.test_colmap_model import distorted_model
@@ -55,6 +58,69 @@ def undistort(make_job, tmp_path, model, images, settings=None, threads=2, out="
 )
 def test_working_size_keeps_the_aspect_and_never_enlarges(size, limit, expected):
     assert working_size(*size, limit) == expected
+
+
+@pytest.mark.parametrize("photos", [1, 2, 8, 11, 25, 100, 1000])
+@pytest.mark.parametrize("size", [(640, 480), (3072, 2048), (2000, 3000), (8192, 5464)])
+def test_the_automatic_size_is_the_largest_of_its_steps_that_time_and_memory_allow(photos, size):
+    how = AutoSizeSettings()
+    wanted = affordable_size(photos * [size], how)
+    assert min(how.least_px, *size) <= wanted <= max(size) or wanted == max(size) <= how.least_px
+
+    def allowed(longest):
+        width, height = working_size(*size, longest)
+        return (
+            width * height <= 1e6 * how.view_megapixels
+            and expected_minutes(photos * [(width, height)], how) <= how.processor_minutes
+        )
+
+    assert allowed(wanted) or wanted == min(how.least_px, max(size))
+    assert wanted == max(size) or not allowed(round(wanted * 2**0.25) + 2)
+
+
+def test_a_photo_more_seldom_changes_the_automatic_size_and_more_time_never_lowers_it():
+    sizes = [affordable_size(count * [(3072, 2048)], AutoSizeSettings()) for count in range(8, 60)]
+    assert len(set(sizes)) <= 8 and sizes == sorted(sizes, reverse=True)
+    by_time = [
+        affordable_size(20 * [(3072, 2048)], AutoSizeSettings(processor_minutes=minutes))
+        for minutes in (1, 10, 30, 60, 200, 1e6)
+    ]
+    assert by_time == sorted(by_time) and by_time[0] == 768 and by_time[-1] == 3072
+
+
+def test_little_memory_lowers_the_automatic_size_and_no_other():
+    auto, fixed = UndistortSettings(), UndistortSettings(max_size_px=3000)
+    assert within(fixed, 10**9) == fixed and within(auto, 64 * 10**9) == auto
+    sizes = [
+        affordable_size([(4000, 3000)], within(auto, gigabytes * 10**9).auto) for gigabytes in (1, 2, 4, 64)
+    ]
+    assert sizes == sorted(sizes) and sizes[0] < sizes[-1]
+    width, height = working_size(4000, 3000, sizes[1])
+    assert 1300 * width * height <= 2e9
+
+
+def test_an_automatic_size_is_told_with_what_it_will_take(tmp_path, make_job):
+    lens = lens_of("PINHOLE", 1200, 800, 1200, 1200, 600, 400)
+    images = tmp_path / "images"
+    images.mkdir()
+    for index in range(2):
+        write_png_srgb8(images / f"{index}.png", np.full((800, 1200, 3), 0.5, np.float32))
+    model = one_image_model("{}.png", lens, 2)
+    settings = UndistortSettings(auto=AutoSizeSettings(processor_minutes=1.1))
+    said: list[str] = []
+
+    def listening(*args, **inputs):
+        return replace(make_job(*args, **inputs), say=said.append)
+
+    job = undistort(listening, tmp_path, model, images, settings)
+    written = cameras_of(read_model(job.outputs["workspace"] / "sparse"))
+    assert {(camera.width, camera.height) for camera in written} == {(849, 566)}
+    assert any("Works at 849 px of 1200, about 1 minutes" in sentence for sentence in said)
+    said.clear()
+    whole = undistort(listening, tmp_path, model, images, None, out="whole")
+    written = cameras_of(read_model(whole.outputs["workspace"] / "sparse"))
+    assert {(camera.width, camera.height) for camera in written} == {(1200, 800)}
+    assert not said
 
 
 def test_as_many_samples_as_source_pixels():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import resource
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pipeline.errors import MachineError, UserError
@@ -100,6 +100,14 @@ def free_bytes() -> int | None:
     The least of what the machine has, and what limits of the process and its control group leave.
     """
     known = [value for value in (_of_machine(), _of_limit(), _of_control_group()) if value is not None]
+    return min(known, default=None)
+
+
+def machine_bytes() -> int | None:
+    """Look up the memory that this machine, or the container, has in all; None where it does not say."""
+    known = [1024 * total] if (total := kilobytes(_PROC / "meminfo", "MemTotal")) is not None else []
+    with suppress(OSError, ValueError):
+        known.append(int((_CGROUPS / "memory.max").read_text()))  # "max" without one
     return min(known, default=None)
 
 

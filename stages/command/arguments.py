@@ -53,9 +53,10 @@ class Given:
     threads
         Processor threads; by default all. Never changes a result.
     memory
-        Memory that a stage may take, and each worker, as in `--memory 6GB`: light and albedo of many views
-        are then found in smaller clusters, where need be, which is part of their settings (lighting.pixels
-        and decomposition.clusters.pixels).
+        Memory that a stage may take, and each worker, as in `--memory 6GB`; by default 70 % of the machine's.
+        Where need be, light and albedo of many views are found in smaller clusters and photos are reduced
+        further, which is part of the settings (lighting.pixels, decomposition.clusters.pixels,
+        undistort.auto.view_megapixels).
     workers
         Run the tasks of stages (views, pairs, clusters of views) in so many processes of this machine. Needs
         Dask. Never changes a result.

@@ -8,10 +8,12 @@ import re
 from pipeline import UserError
 from pipeline.cluster.on_demand import ClusterRequest
 from pipeline.errors import shortened
+from pipeline.process.memory_limits import machine_bytes
 from stages.command.arguments import Given
 
 MOST_THREADS = 1024
 PREFIXES = ("", "K", "M", "G", "T")
+SHARE_OF_MACHINE = 0.7  # of all its memory rather than of what is free: keys stay those of the last run
 LEAST_MEMORY, MOST_MEMORY = 500_000_000, 10**15  # the libraries alone take half of the least
 
 
@@ -51,6 +53,20 @@ def cluster_of(command: Given) -> ClusterRequest | None:
     if workers is not None and not 1 <= workers <= MOST_THREADS:
         raise UserError(f"--workers is {workers}; expected 1 to {MOST_THREADS}, or none.")
     return ClusterRequest(workers, scheduler)
+
+
+def memory_to_fit(command: Given) -> int | None:
+    """Choose the memory, bytes, into which stages divide their work: the one given, or most of the machine's.
+
+    Raises
+    ------
+    UserError
+        As `memory_of`.
+    """
+    given, machine = memory_of(command), machine_bytes()
+    if given is not None or machine is None:
+        return given
+    return max(int(SHARE_OF_MACHINE * machine), LEAST_MEMORY)
 
 
 def memory_of(command: Given) -> int | None:

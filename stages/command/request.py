@@ -15,7 +15,7 @@ from pipeline.process.library_messages import library_messages_in
 from pipeline.request import Absent, Request, Selection, check_flow
 from pipeline.stage import settings_of
 from stages.command.arguments import Given, Relight, Run
-from stages.command.machine import cluster_of, memory_of, threads_of
+from stages.command.machine import cluster_of, memory_of, memory_to_fit, threads_of
 from stages.scene.datasets import Dataset, find_dataset
 from stages.scene.wording import listed
 
@@ -91,7 +91,7 @@ def _request(
         flow = stages.with_full_resolution(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
-    memory = memory_of(command)
+    memory = memory_to_fit(command)
     if memory is not None:
         settings |= {stage.name: stage.within(settings_of(stage, settings), memory) for stage in flow}
     workspace = workspace_of(command, config, sources)
@@ -109,7 +109,7 @@ def _request(
         workspace=workspace,
         threads=threads_of(command),
         cluster=cluster,
-        memory=memory,
+        memory=memory_of(command),
         selection=selection,
         absent=absent_sources(command, config),
     )

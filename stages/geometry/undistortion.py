@@ -20,12 +20,6 @@ ALL_KEPT = 0.999
 SourceFromTarget = Callable[[np.ndarray], np.ndarray]
 
 
-def working_size(width: int, height: int, max_size_px: int | None) -> tuple[int, int]:
-    """Reduce width and height to at most `max_size_px`, aspect kept to the pixel; never enlarge."""
-    scale = 1.0 if max_size_px is None else min(1.0, max_size_px / max(width, height))
-    return max(1, round(width * scale)), max(1, round(height * scale))
-
-
 def oversampling(source_focal_px: float, target_focal_px: float) -> int:
     """Count samples per target pixel and axis that leave out no source pixel: the ratio of focal lengths."""
     return max(1, math.ceil(source_focal_px / target_focal_px - 1e-6))
