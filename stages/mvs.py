@@ -64,7 +64,7 @@ def compute_with(engine: str) -> Callable[[Job[MvsSettings], Workspace], FusedPo
 
 MVS = Stage(
     name="mvs",
-    version=2,
+    version=3,
     about="Depth and normals per view by multi-view stereo, fused into one oriented cloud.",
     settings=MvsSettings,
     takes=("workspace",),

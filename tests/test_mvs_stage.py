@@ -247,3 +247,30 @@ def test_threads_share_a_reader_of_images(workspace, monkeypatch):
     finally:
         sys.setswitchinterval(interval)
     assert np.array_equal(copy.copy(reader)(0), alone[0])  # by what pickle takes
+
+
+def test_smaller_sizes_add_points_and_leave_depth_maps_as_they_are(finished, tmp_path, make_job):
+    assert finished.facts["points_of_smaller_sizes"] == 0  # 120 px are few already
+    larger = stereo_scene.cameras(width=240, height=180)
+    at_twice = stereo_scene.write_workspace(tmp_path / "workspace", larger)
+    half, never = (
+        make_job(
+            tmp_path / str(least), MVS, MvsSettings(**QUICK, gaps={"least_px": least}), workspace=at_twice
+        )
+        for least in (100, 1000)
+    )
+    for job in (half, never):
+        MVS.run(job)
+    added = half.facts["points_of_smaller_sizes"]
+    assert added == half.facts["fused_points"] - never.facts["fused_points"] > 0
+    x_in_world, _ = read_points(half.outputs["fused"])
+    first, _ = read_points(never.outputs["fused"])
+    np.testing.assert_array_equal(x_in_world[: len(first)], first)
+    off_ball = np.abs(np.linalg.norm(x_in_world - stereo_scene.CENTRE, axis=1) - stereo_scene.RADIUS)
+    off_wall = np.abs(x_in_world @ stereo_scene.WALL_NORMAL - stereo_scene.WALL_OFFSET)
+    off = np.minimum(off_ball, off_wall)[len(first) :]
+    assert np.quantile(off, 0.5) < 0.05
+    for camera in larger:
+        name = f"{camera.name}.png.geometric.bin"
+        one, other = (job.outputs["depth_maps"] / "depth_maps" / name for job in (half, never))
+        assert one.read_bytes() == other.read_bytes()

@@ -149,6 +149,31 @@ class PatchMatchSettings(Settings):
     )
 
 
+class GapSettings(Settings):
+    """Settings of stereo at smaller sizes, for what none was found at the full one: `stages.stereo.gaps`."""
+
+    least_px: int = setting(
+        512,
+        "Stereo is repeated at half of the size, and half of that, while the longest side of the images has "
+        "so many pixels; a large number: never.",
+        unit="px",
+        ge=64,
+    )
+    reach_footprints: float = setting(
+        3.0,
+        "A point found at a smaller size is used where no other is within this distance.",
+        unit="pixel footprints at full size",
+        gt=0,
+    )
+    behind: float = setting(
+        0.01,
+        "And where no depth map shows surface behind it by more than this share of its depth: space in front "
+        "of surface is free.",
+        unit="of the depth",
+        gt=0,
+    )
+
+
 class MvsSettings(Settings):
     """Settings of the `mvs` stage."""
 
@@ -271,6 +296,11 @@ class MvsSettings(Settings):
     sweep: PlaneSweepSettings = group(PlaneSweepSettings, "The plane sweep, where depth begins.")
     patch_match: PatchMatchSettings = group(
         PatchMatchSettings, "The refinement of depth and normal by planes of neighbours and random changes."
+    )
+    gaps: GapSettings = group(
+        GapSettings,
+        "Points from smaller images, where the full size has none: even surface matches only in larger "
+        "patches.",
     )
 
     @property

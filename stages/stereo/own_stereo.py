@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from stages.solvers.kernels.threading_layer import loops_may_run_at_once, use_th
 from stages.stereo.depth import dense_stereo as stereo
 from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.depth.inverse_depth import depth_from_planes
+from stages.stereo.gaps import scales_of, with_gaps_closed
 from stages.stereo.mvs_settings import MvsSettings
 from stages.stereo.view_selection import SparsePoints, depth_range, points_from_poses, select_sources
 from stages.stereo.workspace import Workspace, write_depth_maps
@@ -22,41 +25,105 @@ from stages.stereo.workspace import Workspace, write_depth_maps
 AT_ONCE = 2  # views: while one is read and prepared, another keeps the threads busy
 
 
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """Stereo of all views at one size.
+
+    Attributes
+    ----------
+    cloud : FusedPoints
+    scene : stereo.Scene
+        With the planes of every view that has sources.
+    kept : ArrayStore
+        (h, w), bool, by view: pixels that others confirm.
+    coverage : dict of str to float
+        Share of them, by image name.
+    """
+
+    cloud: FusedPoints
+    scene: stereo.Scene
+    kept: ArrayStore
+    coverage: dict[str, float]
+
+    def depth(self, view: int) -> np.ndarray:
+        """Compute the depth map of a view, (h, w): z, 0 where unknown."""
+        if view not in self.kept:
+            return np.zeros(self.scene.cameras[view].shape, np.float32)
+        return np.where(self.kept[view], depth_from_planes(self.scene.planes[view]), np.float32(0))
+
+
 def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
-    """Compute and write the depth maps of all views; returns the fused cloud."""
+    """Compute and write the depth maps of all views; returns the fused cloud, its gaps closed."""
     use_threads(job.threads)
-    began = time.process_time()
+    began, gaps = time.process_time(), job.settings.gaps
+    scales = scales_of(workspace.cameras, gaps)
+    passes = 4 if job.settings.geometric_iterations else 3
+    with job.progress("depth maps", passes * len(workspace.cameras) * len(scales)) as step:
+        finest = reconstruct(job, workspace, job.outputs["depth_maps"], step)
+        cloud = finest.cloud
+        for scale in scales[1:]:
+            coarse = reconstruct(job, workspace.reduced(scale), None, step)
+            cloud = with_gaps_closed(cloud, coarse.cloud, workspace.cameras, finest.depth, gaps, job.threads)
+    job.note(
+        coverage=finest.coverage,
+        points_of_smaller_sizes=len(cloud.x_in_world) - len(finest.cloud.x_in_world),
+        cpu_seconds=round(time.process_time() - began, 1),
+    )
+    return cloud
+
+
+def reconstruct(
+    job: Job[MvsSettings], workspace: Workspace, maps: Path | None, step: Callable[[], None]
+) -> Reconstruction:
+    """Match, refine, confirm and fuse all views of a workspace.
+
+    Parameters
+    ----------
+    job : Job
+    workspace : Workspace
+    maps : Path or None
+        Folder for depth maps, written at full size only; None: they are not written, and nothing is warned
+        of again.
+    step : callable
+        Called for every view of every pass.
+
+    Raises
+    ------
+    UserError
+        No two views show the same surface from different places.
+    """
     scene, lonely = plan_scene(job, workspace)
     if len(lonely) == len(workspace.cameras):
         raise UserError(
             f"No two of the {len(lonely)} posed views show the same surface from different places; stereo "
             "needs at least two that do. Add photos that overlap, taken a few steps apart."
         )
-    if lonely:
+    if lonely and maps is not None:
         without = ", ".join(workspace.image_names[view] for view in lonely)
         job.warn(f"No other view shares surface with {without}: without depth there.")
     views = [view for view in range(len(workspace.cameras)) if view not in lonely]
-    settings, names, maps = job.settings, workspace.image_names, job.outputs["depth_maps"]
+    settings, names, folder = job.settings, workspace.image_names, scratch_of(job, workspace)
     on_all = partial(job.tasks.large, at_a_time=AT_ONCE if loops_may_run_at_once() else 1)
-    kept, used = ArrayStore(job.scratch / "kept"), ArrayStore(job.scratch / "used")
-    passes = 4 if settings.geometric_iterations else 3
-    with job.progress("depth maps", passes * len(views)) as step:
-        for _ in on_all(match_view, views, scene, settings):
+    kept, used = ArrayStore(folder / "kept"), ArrayStore(folder / "used")
+    for _ in on_all(match_view, views, scene, settings):
+        step()
+    if settings.geometric_iterations:
+        after = ArrayStore(folder / "planes_after")
+        for _ in on_all(reconcile_view, views, scene, after, settings):
             step()
-        if settings.geometric_iterations:
-            after = ArrayStore(job.scratch / "planes_after")
-            for _ in on_all(reconcile_view, views, scene, after, settings):
-                step()
-            scene.planes = after
-        shares = list(counted(on_all(confirm_view, views, scene, kept, settings, maps, names), step))
+        scene.planes = after
+    shares = list(counted(on_all(confirm_view, views, scene, kept, settings, maps, names), step))
+    if maps is not None:
         for view in lonely:
             write_empty_maps(maps, names[view], workspace.cameras[view])
-        cloud = stereo.fuse_views(scene, settings, kept, used, step)
-    job.note(
-        coverage={names[view]: round(share, 4) for view, share in zip(views, shares, strict=True)},
-        cpu_seconds=round(time.process_time() - began, 1),
-    )
-    return cloud
+    cloud = stereo.fuse_views(scene, settings, kept, used, step)
+    coverage = {names[view]: round(share, 4) for view, share in zip(views, shares, strict=True)}
+    return Reconstruction(cloud, scene, kept, coverage)
+
+
+def scratch_of(job: Job[MvsSettings], workspace: Workspace) -> Path:
+    """Name the folder of temporary maps at the workspace's size."""
+    return job.scratch / f"size_{max(max(camera.shape) for camera in workspace.cameras)}"
 
 
 def plan_scene(job: Job[MvsSettings], workspace: Workspace) -> tuple[stereo.Scene, list[int]]:
@@ -75,8 +142,8 @@ def plan_scene(job: Job[MvsSettings], workspace: Workspace) -> tuple[stereo.Scen
         cameras,
         workspace.images(),
         plans,
-        planes=ArrayStore(job.scratch / "planes"),
-        costs=ArrayStore(job.scratch / "costs"),
+        planes=ArrayStore(scratch_of(job, workspace) / "planes"),
+        costs=ArrayStore(scratch_of(job, workspace) / "costs"),
     )
     return scene, [view for view, plan in enumerate(plans) if not plan.sources]
 
@@ -110,14 +177,19 @@ def confirm_view(
     scene: stereo.Scene,
     kept: ArrayStore,
     settings: MvsSettings,
-    folder: Path,
+    folder: Path | None,
     names: list[str],
     threads: int,
 ) -> float:
-    """Keep the pixels of a view that others confirm, and write its maps; returns their share. Picklable."""
+    """Keep the pixels of a view that others confirm; returns their share. Picklable.
+
+    Its maps are written into `folder`, if there is one.
+    """
     use_threads(threads)
     camera, confirmed = scene.cameras[view], stereo.confirm_view(scene, view, settings)
     kept[view] = confirmed
+    if folder is None:
+        return float(confirmed.mean())
     depth = np.where(confirmed, depth_from_planes(scene.planes[view]), np.float32(0))
     normals = np.where(confirmed[..., None], stereo.world_normals(scene, view), np.float32(0))
     write_depth_maps(folder, names[view], camera, depth, normals)

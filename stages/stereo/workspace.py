@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -30,11 +30,13 @@ class Workspace:
     image_names : list of str
         Posed images, sorted.
     cameras : list of Camera
-        In the same order.
+        In the same order, at the size at which the images are read.
     points : SparsePoints
         The model's 3-D points; may be none.
     colours : ndarray, shape (n, 3), uint8
         Their colours.
+    shapes : list of tuple of int
+        Height and width of the images' files.
     """
 
     folder: Path
@@ -42,27 +44,38 @@ class Workspace:
     cameras: list[Camera]
     points: SparsePoints
     colours: np.ndarray
+    shapes: list[tuple[int, int]]
+
+    def reduced(self, scale: float) -> Workspace:
+        """Reduce the size at which the images are read."""
+        smaller = [
+            one.scaled(max(1, round(one.width * scale)), max(1, round(one.height * scale)))
+            for one in self.cameras
+        ]
+        return replace(self, cameras=smaller)
 
     def images(self) -> ImageReader:
         """Make a reader of the images."""
-        return ImageReader(self.folder / "images", self.image_names, [one.shape for one in self.cameras])
+        sizes = [one.shape for one in self.cameras]
+        return ImageReader(self.folder / "images", self.image_names, self.shapes, sizes)
 
 
 @dataclass(eq=False)
 class ImageReader:
     """A picklable function from a view's index to its image, (h, w, 3), uint8, RGB; it holds the last few.
 
-    Several threads may call it at once.
+    Several threads may call it at once. Images of the files' `shapes` are reduced to the `sizes` wanted.
     """
 
     folder: Path
     names: list[str]
     shapes: list[tuple[int, int]]
+    sizes: list[tuple[int, int]]
     _held: OrderedDict[int, np.ndarray] = field(default_factory=OrderedDict)
     _lock: Lock = field(default_factory=Lock)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return ImageReader, (self.folder, self.names, self.shapes)
+        return ImageReader, (self.folder, self.names, self.shapes, self.sizes)
 
     def __call__(self, view: int) -> np.ndarray:
         """Read the image of a view, unless it is held.
@@ -97,6 +110,8 @@ class ImageReader:
                 f"{path} has {image.shape[1]}×{image.shape[0]} pixels, its camera {width}×{height}; expected "
                 "an undistorted workspace where the two agree."
             )
+        if (height, width) != self.sizes[view]:
+            image = cv2.resize(image, self.sizes[view][::-1], interpolation=cv2.INTER_AREA)
         return np.ascontiguousarray(image[..., ::-1])
 
 
@@ -111,12 +126,14 @@ def open_workspace(folder: Path) -> Workspace:
         for element in point.track.elements:
             if element.image_id in row_of:
                 seen[row_of[element.image_id], column] = True
+    cameras = [camera_of(image, model.cameras[image.camera_id]) for image in images]
     return Workspace(
         folder=folder,
         image_names=[image.name for image in images],
-        cameras=[camera_of(image, model.cameras[image.camera_id]) for image in images],
+        cameras=cameras,
         points=SparsePoints(np.array([point.xyz for point in points], float).reshape(-1, 3), seen),
         colours=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
+        shapes=[camera.shape for camera in cameras],
     )
 
 

@@ -30,6 +30,10 @@ class FusedPoints:
     normals: np.ndarray
     colours: np.ndarray
 
+    def chosen(self, keep: np.ndarray) -> FusedPoints:
+        """Choose the points of a boolean mask or index array."""
+        return FusedPoints(self.x_in_world[keep], self.normals[keep], self.colours[keep])
+
     @staticmethod
     def joined(parts: list[FusedPoints]) -> FusedPoints:
         """Concatenate clouds."""
