@@ -13,7 +13,7 @@ from stages.photometry.decomposition_record import ALBEDO, ENERGY, OF_TRANSFER
 from stages.photometry.decomposition_settings import IGNORED, DecompositionSettings
 from stages.photometry.solver_settings import weights_at
 from stages.scene.distributions import PICTURES
-from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_OWN_PIXEL
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_PIXEL_OF_CLUSTER
 
 if TYPE_CHECKING:
     import numpy as np
@@ -307,7 +307,7 @@ def estimated_memory(settings: DecompositionSettings, inputs: Mapping[str, Path]
 def within(settings: DecompositionSettings, memory: int) -> DecompositionSettings:
     """Make clusters small enough for the memory, bytes."""
     how = settings.clusters
-    pixels = max((memory - BYTES_OF_LIBRARIES) // BYTES_PER_OWN_PIXEL, LEAST_PIXELS)
+    pixels = max((memory - BYTES_OF_LIBRARIES) // BYTES_PER_PIXEL_OF_CLUSTER, LEAST_PIXELS)
     clusters = how.model_copy(update={"pixels": min(how.pixels, pixels)})
     return settings.model_copy(update={"clusters": clusters})
 

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 BYTES_AT_ANY_SIZE = 400_000_000  # of specular reflection and of the picture of the light
 BYTES_PER_PIXEL = 400  # masked
+BYTES_PER_BYTE_OF_MESH = 15  # of its file, with short edges and for casting rays
+WITH_HALOS = 2  # pixels that take part in a cluster, over those that the light is found on
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,18 +95,19 @@ def estimated_memory(settings: LightingSettings, inputs: Mapping[str, Path], thr
 
     graph = view_graph(inputs, read_cameras(inputs["cameras"]))
     parts = _parts(settings, inputs, graph)
+    for_mesh = BYTES_PER_BYTE_OF_MESH * inputs["mesh"].stat().st_size
     if parts is None:
-        return _bytes(graph.pixels.sum())
-    return _bytes(max(size_of(one, graph)[0] for one in (parts.some, *parts.clusters)))
+        return for_mesh + _bytes(graph.pixels.sum())
+    return for_mesh + _bytes(max(size_of(one, graph)[0] for one in (parts.some, *parts.clusters)))
 
 
 def _parts(how: LightingSettings, inputs: Mapping[str, Path], graph: ViewGraph) -> Parts | None:
     """Divide the views, unless they are few, or their light is known or not one."""
     from stages.photometry.clusters.view_clusters import clusters_of, typical_views
 
-    clusters = clusters_of(graph, how.pixels)
-    if len(clusters) == 1 or "known_light" in inputs or how.lights == "per-view":
+    if graph.pixels.sum() <= how.pixels or "known_light" in inputs or how.lights == "per-view":
         return None
+    clusters = clusters_of(graph, WITH_HALOS * how.pixels)
     return Parts(typical_views(graph, clusters, how.pixels), clusters)
 
 
@@ -300,7 +303,9 @@ def _probes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityPro
 
 def within(settings: LightingSettings, memory: int) -> LightingSettings:
     """Estimate the light on fewer pixels where the memory, bytes, has no room for as many."""
-    pixels = max((memory - BYTES_OF_LIBRARIES - BYTES_AT_ANY_SIZE) // (2 * BYTES_PER_PIXEL), LEAST_PIXELS)
+    pixels = max(
+        (memory - BYTES_OF_LIBRARIES - BYTES_AT_ANY_SIZE) // (WITH_HALOS * BYTES_PER_PIXEL), LEAST_PIXELS
+    )
     return settings.model_copy(update={"pixels": min(settings.pixels, pixels)})
 
 

@@ -18,7 +18,7 @@ from stages.geometry.working_size import (
     working_size,
 )
 from stages.scene.distributions import PICTURES, PYCOLMAP
-from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_OWN_PIXEL
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_PIXEL_OF_CLUSTER
 from stages.scene.wording import listed
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from stages.geometry.lenses import Lens
     from stages.scene.cameras import Camera
 
+PIXELS_OF_A_CLUSTER = 3  # that take part in one of a single view, over its own
 Longest = Annotated[int, Field(ge=32, le=16384)]
 
 
@@ -270,7 +271,7 @@ def within(settings: UndistortSettings, memory: int) -> UndistortSettings:
     """Choose a size at which the memory, bytes, has room for a cluster of one view."""
     if settings.max_size_px != "auto":
         return settings
-    room = (memory - BYTES_OF_LIBRARIES) / BYTES_PER_OWN_PIXEL / MEGA
+    room = (memory - BYTES_OF_LIBRARIES) / (BYTES_PER_PIXEL_OF_CLUSTER * PIXELS_OF_A_CLUSTER) / MEGA
     megapixels = min(settings.auto.view_megapixels, room)
     return settings.model_copy(
         update={"auto": settings.auto.model_copy(update={"view_megapixels": megapixels})}

@@ -1,4 +1,4 @@
-"""Gaps of a cloud, closed by stereo at smaller sizes: what is added, what is not, and that nothing else is."""
+"""Gaps of a cloud, closed by stereo at smaller sizes: what is added and what is not."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def test_little_memory_lowers_the_automatic_size_and_no_other():
     ]
     assert sizes == sorted(sizes) and sizes[0] < sizes[-1]
     width, height = working_size(4000, 3000, sizes[1])
-    assert 1300 * width * height <= 2e9
+    assert 3 * 650 * width * height <= 2e9
 
 
 def test_an_automatic_size_is_told_with_what_it_will_take(tmp_path, make_job):

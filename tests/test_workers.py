@@ -219,6 +219,7 @@ def on_threads(tmp_path_factory) -> Path:
     small_runs.link_photos(folder / "photos", 8)
     done = small_runs.do(words("run", folder / "threads", *TRANSFER))
     assert done.returncode == 0, done.stderr
+    assert "clusters." in one_line(done.stderr), done.stderr  # there is more than one
     return folder / "threads"
 
 

@@ -33,7 +33,7 @@ class AutoSizeSettings(Settings):
         gt=0,
     )
     view_megapixels: float = setting(
-        8.0,
+        5.0,
         "Pixels of a view, at most: those of one view are in memory at once, and those of others that "
         "correspond to them. --memory lowers it.",
         unit="megapixels",

@@ -1,7 +1,7 @@
 """Memory of the stages that hold views: its constant part, that of pixels, and settings that lower it."""
 
 BYTES_OF_LIBRARIES = 250_000_000
-BYTES_PER_OWN_PIXEL = 1300  # of a cluster of views, its halo and their correspondences included
+BYTES_PER_PIXEL_OF_CLUSTER = 650  # that takes part, its correspondences included
 FEWER_PIXELS = "set raycast.reduce=2, or choose fewer views (raycast.views)"
 FEWER_OR_SMALLER_VIEWS = (
     "set raycast.reduce=2, choose fewer views (raycast.views), or lower undistort.max_size_px"

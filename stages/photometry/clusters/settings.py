@@ -11,10 +11,10 @@ class ClusterSettings(Settings):
     """Settings of clusters of views that are solved together."""
 
     pixels: int = setting(
-        10_000_000,
-        "Masked pixels of the views of a cluster, at most. Memory is about 0.6 kB for each, and for each of "
-        "another view that corresponds to one: half as many more, or as many. Fewer take more time, since "
-        "what clusters share is solved in each.",
+        20_000_000,
+        "Pixels that take part in a cluster, at most: those of its views, and of other views those that "
+        "correspond to them. Memory is about 0.65 kB for each. Fewer take more time, since what clusters "
+        "share is solved in each.",
         unit="pixels",
         ge=LEAST_PIXELS,
     )

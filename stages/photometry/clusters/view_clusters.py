@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 GOLDEN = (5**0.5 - 1) / 2
+WORTHWHILE = 0.8
 APART = 1e-6  # of the most links of a pair: joins views without common surface, so that parts come out apart
 
 
@@ -64,12 +65,14 @@ def clusters_of(graph: ViewGraph, most_pixels: float) -> list[Cluster]:
     ----------
     graph : ViewGraph
     most_pixels : float
-        Of a cluster's own views; a view with more is a cluster of its own.
+        That take part in a cluster, those of its halo included (`size_of`); a single view is not divided.
 
     Notes
     -----
-    A set with too many pixels is divided into two with about equally many, in the order of the Fiedler vector
-    of its normalised Laplacian (Shi and Malik 2000), so that few correspondences are cut.
+    A set in which too many take part is divided into two with about equally many, in the order of the Fiedler
+    vector of its normalised Laplacian (Shi and Malik 2000), so that few correspondences are cut. Where no
+    division has room, and the least leaves a cluster of `WORTHWHILE` of the set, it stays whole: each view
+    corresponds to most of the others.
     """
     parts = _divided(graph, np.arange(len(graph.pixels)), most_pixels)
     return [Cluster.of(part, graph.links) for part in sorted(parts, key=min)]
@@ -131,14 +134,21 @@ def _following(linked: np.ndarray, places: list[int]) -> list[int]:
 
 
 def _divided(graph: ViewGraph, views: np.ndarray, most_pixels: float) -> list[np.ndarray]:
-    if len(views) < 2 or graph.pixels[views].sum() <= most_pixels:
+    size = _taking_part(graph, views)
+    if len(views) < 2 or size <= most_pixels:
         return [views]
     ordered = views[np.argsort(_fiedler_vector(graph.links[views][:, views]), kind="stable")]
     pixels = graph.pixels[ordered]
     middles = np.cumsum(pixels) - pixels / 2
     first = int(np.clip(np.searchsorted(middles, pixels.sum() / 2), 1, len(views) - 1))
     halves = ordered[:first], ordered[first:]
-    return [part for half in halves for part in _divided(graph, half, most_pixels)]
+    parts = [part for half in halves for part in _divided(graph, half, most_pixels)]
+    largest = max(_taking_part(graph, part) for part in parts)
+    return parts if largest <= most_pixels or largest < WORTHWHILE * size else [views]
+
+
+def _taking_part(graph: ViewGraph, views: np.ndarray) -> float:
+    return size_of(Cluster.of(views, graph.links), graph)[0]
 
 
 def _fiedler_vector(links: sp.csr_array) -> np.ndarray:

@@ -189,8 +189,8 @@ class LightingSettings(LightSearchSettings):
     pixels: int = setting(
         10_000_000,
         "Masked pixels, at most, of the views that the light is estimated from: all, or some from every part "
-        "of the scene. Of more views, the pixels are then lit in clusters of at most as many. Memory is "
-        "about 0.4 kB for each.",
+        "of the scene. Of more views, the pixels are then lit in clusters in which twice as many take "
+        "part. Memory is about 0.4 kB for each.",
         unit="pixels",
         ge=LEAST_PIXELS,
     )
