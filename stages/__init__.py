@@ -30,6 +30,7 @@ from stages.relight import RELIGHT, RELIGHT_AS_FOUND
 from stages.render import RENDER
 from stages.sfm import SFM
 from stages.solvers.kernels.loop_cache import name_loop_cache
+from stages.texture import TEXTURE, TEXTURE_OF_PHOTOS
 from stages.transfer import TRANSFER
 from stages.undistort import UNDISTORT
 
@@ -72,7 +73,7 @@ DATAFLOW: Flow = (
 )
 ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_MESH)
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
-AFTERWARDS: Flow = (FULL_RESOLUTION, RELIGHT)  # on demand, from a finished result
+AFTERWARDS: Flow = (FULL_RESOLUTION, TEXTURE, RELIGHT)  # on demand, from a finished result
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
 IN_ORDER = (
     *EXPERIMENT,
@@ -161,6 +162,13 @@ def with_relighting(flow: Flow) -> Flow:
 def with_full_resolution(flow: Flow) -> Flow:
     """Add the albedo at the photos' own resolution to a dataflow."""
     return (*flow, FULL_RESOLUTION)
+
+
+def with_texture(flow: Flow) -> Flow:
+    """Add the textured model, from the photos' own resolution where there are photos."""
+    if RENDER in flow:
+        return (*flow, TEXTURE)
+    return (*flow, *(() if FULL_RESOLUTION in flow else (FULL_RESOLUTION,)), TEXTURE_OF_PHOTOS)
 
 
 def kinds_of_sources(flow: Collection[AnyStage]) -> tuple[Source, ...]:

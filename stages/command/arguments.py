@@ -100,6 +100,9 @@ class Run(Given):
         Run the selected stages even where they are up to date.
     full_resolution
         Also write the albedo at the photos' own resolution, into output/albedo_full.
+    texture
+        Also write a textured model, GLB and OBJ, into output/model; with the albedo at the photos' own
+        resolution.
     """
 
     only: StageName = None
@@ -107,6 +110,7 @@ class Run(Given):
     last: Annotated[str | None, optional("STAGE", "to")] = None
     force: bool = False
     full_resolution: bool = False
+    texture: bool = False
 
 
 @dataclass(frozen=True)

@@ -46,13 +46,14 @@ def request_of(command: Run) -> Request:
     """
     selection = Selection(command.only, command.first, command.last, command.force)
     config = config_of(command)
+    last = {stages.TEXTURE.name} if command.texture else {stages.FULL_RESOLUTION.name, stages.TEXTURE.name}
+    asked = "texture" if command.texture else "full-resolution" if command.full_resolution else None
     for flag, stage in (("to", command.last), ("only", command.only)):
-        if command.full_resolution and stage not in (None, stages.FULL_RESOLUTION.name):
-            raise UserError(
-                f"--full-resolution and --{flag} {stage} were given: what is finest comes last. "
-                "Leave out one."
-            )
-    return _request(command, config, sources_of(command, config), selection, command.full_resolution)
+        if asked and stage is not None and stage not in last:
+            raise UserError(f"--{asked} and --{flag} {stage} were given: it comes last. Leave out one.")
+    return _request(
+        command, config, sources_of(command, config), selection, command.full_resolution, command.texture
+    )
 
 
 def relighting_of(command: Relight) -> Request:
@@ -79,6 +80,7 @@ def _request(
     sources: dict[str, Path],
     selection: Selection,
     full_resolution: bool = False,
+    texture: bool = False,
 ) -> Request:
     given = override(config.settings, command.assignments)
     declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
@@ -89,6 +91,8 @@ def _request(
         flow = stages.with_relighting(flow)
     if full_resolution:
         flow = stages.with_full_resolution(flow)
+    if texture:
+        flow = stages.with_texture(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     memory = memory_to_fit(command)

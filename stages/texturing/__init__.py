@@ -1,0 +1,1 @@
+"""Textures of a mesh from maps of its views: charts, texels, what views show of them, what none shows."""

@@ -1,0 +1,242 @@
+"""What views show of texels: weighted means over all that see them, robust against what one alone shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit, prange
+
+import stages.solvers.kernels.threading_layer  # noqa: F401 -- chooses the threads below
+from stages.scene.cameras import Camera, footprint, intrinsics_for_integer_centres
+from stages.texturing.settings import GatheringSettings
+
+MAPS = 7  # besides the albedo: shading, normal in world axes, confidence
+
+
+@dataclass(frozen=True, eq=False)
+class ViewMaps:
+    """A view, opened.
+
+    Attributes
+    ----------
+    camera : Camera
+        At working size.
+    depth : ndarray, shape (h, w), float32
+        z, 0 where nothing is.
+    weight : ndarray, shape (h, w), float32
+        0 where the view tells nothing; see `weight_of`.
+    maps : ndarray, shape (h, w, 7), float32
+        Shading, normal, confidence.
+    albedo : ndarray, shape (H, W, 3), float32
+        At any size.
+    """
+
+    camera: Camera
+    depth: np.ndarray
+    weight: np.ndarray
+    maps: np.ndarray
+    albedo: np.ndarray
+
+
+@dataclass(eq=False)
+class Sums:
+    """Weighted sums over views.
+
+    Attributes
+    ----------
+    weight : ndarray, shape (T,), float32
+    albedo : ndarray, shape (T, 3), float32
+    maps : ndarray, shape (T, 7), float32
+    """
+
+    weight: np.ndarray
+    albedo: np.ndarray
+    maps: np.ndarray
+
+    @classmethod
+    def none(cls, texels: int) -> Sums:
+        """Begin with nothing."""
+        return cls(
+            np.zeros(texels, np.float32),
+            np.zeros((texels, 3), np.float32),
+            np.zeros((texels, MAPS), np.float32),
+        )
+
+    def means(self) -> tuple[np.ndarray, np.ndarray]:
+        """Compute means of albedo and maps; 0 where no view shows a texel."""
+        weight = np.where(self.weight > 0, self.weight, 1)[:, None]
+        return self.albedo / weight, self.maps / weight
+
+
+def weight_of(
+    camera: Camera, mask: np.ndarray, depth: np.ndarray, confidence: np.ndarray, how: GatheringSettings
+) -> np.ndarray:
+    """Weigh a view's pixels by confidence and by their distance from borders, (h, w), float32.
+
+    Parameters
+    ----------
+    camera : Camera
+    mask : ndarray, shape (h, w), bool
+    depth : ndarray, shape (h, w)
+    confidence : ndarray, shape (h, w)
+        0 to 1.
+    how : GatheringSettings
+
+    Notes
+    -----
+    Borders are those of the mask, of the image, and of surfaces: where neighbouring depths jump. There, a
+    pixel mixes two surfaces.
+    """
+    around = np.ones((3, 3), np.uint8)
+    jump = cv2.dilate(depth, around) - cv2.erode(depth, around)
+    whole = mask & (depth > 0) & (jump <= how.jump_footprints * footprint(camera, depth))
+    framed = np.pad(whole, 1).astype(np.uint8)
+    inside = cv2.distanceTransform(framed, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    faded = np.clip((inside - 1) / how.border_px, 0, 1)
+    return (faded * confidence).astype(np.float32)
+
+
+def gather(
+    points: np.ndarray,
+    normals: np.ndarray,
+    view: ViewMaps,
+    reference: np.ndarray,
+    scale: tuple[float, float],
+    origin: np.ndarray,
+    how: GatheringSettings,
+    sums: Sums,
+) -> None:
+    """Add what a view shows of texels to the sums.
+
+    Parameters
+    ----------
+    points, normals : ndarray, shape (T, 3), float32
+        World axes, points from `origin`.
+    view : ViewMaps
+    reference : ndarray, shape (T, 3), float32
+        Means of a first pass, with which the view is compared; of length 0 in that pass.
+    scale : tuple of float
+        A typical footprint, model units, and a bright albedo: units of weights and offsets.
+    origin : ndarray, shape (3,), float64
+    how : GatheringSettings
+    sums : Sums
+        **Updated.**
+    """
+    camera, (height, width) = view.camera, view.albedo.shape[:2]
+    larger = np.diag([width / camera.width, height / camera.height, 1.0])
+    shift = camera.rotation @ origin + camera.cam_from_world[:, 3]
+    typical, bright = scale
+    _gather(
+        points,
+        normals,
+        (camera.rotation.astype(np.float32), shift.astype(np.float32)),
+        (camera.centre_in_world - origin).astype(np.float32),
+        intrinsics_for_integer_centres(camera.intrinsics).astype(np.float32),
+        intrinsics_for_integer_centres(larger @ camera.intrinsics).astype(np.float32),
+        (view.depth, view.weight, view.maps, view.albedo),
+        reference,
+        tuple(
+            np.float32(value)
+            for value in (
+                how.min_cosine,
+                how.depth_footprints / camera.focal_px,
+                typical * camera.focal_px,
+                how.sharpness,
+                how.tolerance,
+                how.log_offset * bright,
+            )
+        ),
+        (sums.weight, sums.albedo, sums.maps),
+    )
+
+
+@njit(parallel=True, cache=True, nogil=True)
+def _gather(points, normals, pose, centre, small, large, maps, reference, how, sums):
+    rotation, shift = pose
+    depth, weight, further, albedo = maps
+    total, sum_of_albedo, sum_of_maps = sums
+    min_cosine, reach, focal, sharpness, tolerance, offset = how
+    for t in prange(len(points)):
+        x, y, z = _in_camera(points[t], rotation, shift)
+        if z <= 0:
+            continue
+        column, row = small[0, 0] * x / z + small[0, 2], small[1, 1] * y / z + small[1, 2]
+        column += small[0, 1] * y / z
+        if not (0 <= column <= depth.shape[1] - 1 and 0 <= row <= depth.shape[0] - 1):
+            continue
+        cosine = _cosine(points[t], normals[t], centre)
+        if cosine < min_cosine:
+            continue
+        known = _mixed(weight, row, column)
+        if known <= 0 or not _visible(depth, row, column, z, reach * z / cosine):
+            continue
+        sharp = cosine * (focal / z) ** 2
+        own = known * sharp**sharpness
+        across = large[0, 0] * x / z + large[0, 1] * y / z + large[0, 2]
+        down = large[1, 1] * y / z + large[1, 2]
+        shown = (
+            _mixed(albedo[:, :, 0], down, across),
+            _mixed(albedo[:, :, 1], down, across),
+            _mixed(albedo[:, :, 2], down, across),
+        )
+        if len(reference):
+            own *= _agreement(shown, reference[t], tolerance, offset)
+        total[t] += own
+        for c in range(3):
+            sum_of_albedo[t, c] += own * shown[c]
+        for c in range(further.shape[2]):
+            sum_of_maps[t, c] += own * _mixed(further[:, :, c], row, column)
+
+
+@njit(inline="always")
+def _in_camera(point, rotation, shift):
+    x = rotation[0, 0] * point[0] + rotation[0, 1] * point[1] + rotation[0, 2] * point[2] + shift[0]
+    y = rotation[1, 0] * point[0] + rotation[1, 1] * point[1] + rotation[1, 2] * point[2] + shift[1]
+    z = rotation[2, 0] * point[0] + rotation[2, 1] * point[1] + rotation[2, 2] * point[2] + shift[2]
+    return x, y, z
+
+
+@njit(inline="always")
+def _cosine(point, normal, centre):
+    """Compute the cosine between normal and the direction to the camera."""
+    x, y, z = centre[0] - point[0], centre[1] - point[1], centre[2] - point[2]
+    return (x * normal[0] + y * normal[1] + z * normal[2]) / np.sqrt(x * x + y * y + z * z)
+
+
+@njit(inline="always")
+def _visible(depth, row, column, z, reach):
+    """Check whether one of the four depths around is that of the point."""
+    top, left = int(row), int(column)
+    for dy in range(2):
+        for dx in range(2):
+            found = depth[min(top + dy, depth.shape[0] - 1), min(left + dx, depth.shape[1] - 1)]
+            if found > 0 and abs(found - z) <= reach:
+                return True
+    return False
+
+
+@njit(inline="always")
+def _mixed(image, row, column):
+    """Interpolate an image, (h, w), bilinearly; beyond its border, its border."""
+    row = min(max(row, np.float32(0)), np.float32(image.shape[0] - 1))
+    column = min(max(column, np.float32(0)), np.float32(image.shape[1] - 1))
+    top, left = int(row), int(column)
+    bottom, right = min(top + 1, image.shape[0] - 1), min(left + 1, image.shape[1] - 1)
+    down, across = row - top, column - left
+    upper = image[top, left] + across * (image[top, right] - image[top, left])
+    lower = image[bottom, left] + across * (image[bottom, right] - image[bottom, left])
+    return upper + down * (lower - upper)
+
+
+@njit(inline="always")
+def _agreement(shown, mean, tolerance, offset):
+    """Weigh a view by how near it is to the mean: exp(−(largest log difference / tolerance)²)."""
+    largest = np.float32(0)
+    for c in range(3):
+        difference = abs(
+            np.log((max(shown[c], np.float32(0)) + offset) / (max(mean[c], np.float32(0)) + offset))
+        )
+        largest = max(largest, difference)
+    return np.exp(-((largest / tolerance) ** 2))
