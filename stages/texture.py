@@ -88,7 +88,7 @@ def _gathered(
 
     from stages.geometry.surface import smallest_footprints
     from stages.texturing.completion import completed
-    from stages.texturing.gathering import Sums, gather
+    from stages.texturing.gathering import CONFIDENCE, NORMAL, SHADING, Sums, gather
 
     how = job.settings
     origin = mesh.vertices.mean(axis=0)
@@ -103,18 +103,19 @@ def _gathered(
             gather(points, normals, view, reference, (typical, bright), origin, how.gathering, sums)
             step()
         albedo, further = sums.means()
-        if not robust:
+        if robust:
+            albedo = np.where(sums.weight[:, None] > 0, albedo, reference)  # no two views agree
+        else:
             reference, seen = albedo, sums.weight > 0
-            bright = float(np.quantile(albedo[seen], 0.99)) if seen.any() else 1.0
-    shading, shown_normals, confidence = further[:, :3], further[:, 3:6], further[:, 6]
+            bright = float(np.quantile(albedo[seen], how.gathering.bright_quantile)) if seen.any() else 1.0
     return Atlas(
         mesh,
         texels,
         seen,
-        completed(texels, mesh, np.where(seen[:, None], albedo, 0), seen, how.completion),
-        completed(texels, mesh, shading, seen, how.completion),
-        shown_normals,
-        np.where(seen, confidence, 0).astype(np.float32),
+        completed(texels, mesh, albedo, seen, how.completion),
+        completed(texels, mesh, further[:, SHADING], seen, how.completion),
+        further[:, NORMAL],
+        further[:, CONFIDENCE],
     )
 
 

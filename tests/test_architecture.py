@@ -54,6 +54,7 @@ FOLDERS_BELOW = {  # which folders of stages/ each folder may import
     "stereo": {"stereo", "geometry", "solvers", "formats", "scene"},
     "geometry": {"geometry", "solvers", "formats", "scene"},
     "photometry": {"photometry", "solvers", "formats", "scene"},
+    "texturing": {"texturing", "geometry", "solvers", "formats", "scene"},
     "synthetic": {"synthetic", "geometry", "formats", "scene"},
 }
 ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, itself besides
@@ -353,3 +354,6 @@ def test_every_dataflow_is_sound():
         for light in ("paper", "harmonics", "directions"):
             flow = stages.with_full_resolution(stages.with_relighting(stages.experiment(given, light)))
             check_flow(flow, stages.kinds_of_sources(flow))
+            for whole in (stages.dataflow(["images"], light), stages.experiment(given, light)):
+                flow = stages.with_texture(whole)
+                check_flow(flow, stages.kinds_of_sources(flow))

@@ -12,7 +12,7 @@ import stages.solvers.kernels.threading_layer  # noqa: F401 -- chooses the threa
 from stages.scene.cameras import Camera, footprint, intrinsics_for_integer_centres
 from stages.texturing.settings import GatheringSettings
 
-MAPS = 7  # besides the albedo: shading, normal in world axes, confidence
+SHADING, NORMAL, CONFIDENCE, MAPS = slice(0, 3), slice(3, 6), 6, 7  # besides the albedo
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ def gather(
                 how.min_cosine,
                 how.depth_footprints / camera.focal_px,
                 typical * camera.focal_px,
-                how.sharpness,
+                how.sharpness if len(reference) else 0,  # a reference is what most views say
                 how.tolerance,
                 how.log_offset * bright,
             )

@@ -71,7 +71,8 @@ class GatheringSettings(Settings):
         unit="of the logarithm",
         gt=0,
     )
-    log_offset: float = setting(0.02, "Added to albedo before logarithms.", unit="of the brightest", gt=0)
+    log_offset: float = setting(0.02, "Added to albedo before logarithms.", unit="of `bright_quantile`", gt=0)
+    bright_quantile: float = setting(0.99, "Quantile of the albedo that counts as bright.", gt=0, le=1)
 
 
 class CompletionSettings(Settings):
