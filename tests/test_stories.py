@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+import trimesh
 
 from pipeline.cache.store import Store
 from stages import dataflow
@@ -344,6 +345,7 @@ def test_a_workspace_among_the_photos_is_refused_before_anything_is_written(
             ["plan", *LINEAR, "--only", "raycast", "--full-resolution"],
             "--full-resolution and --only raycast were given",
         ),
+        (["plan", *LINEAR, "--to", "mesh", "--texture"], "--texture and --to mesh were given"),
         (["run", *LINEAR, "--threads", "0"], "--threads is 0"),
         (["status"], "No workspace was named"),
         (["show", "--workspace", "nowhere"], "holds no results yet"),
@@ -355,6 +357,16 @@ def test_a_mistake_gets_a_sentence_and_exit_code_2(words, sentence, tmp_path, mo
     assert code == 2
     assert sentence in said
     assert "Traceback" not in said
+
+
+def test_a_textured_model_is_made_on_demand_and_then_reused(own_copy, capsys):
+    words = [ROOT / "configs/sample.yaml", "--workspace", own_copy, *QUICK, "--texture"]
+    assert unshade(capsys, "run", *words, "--set", "texture.charts.most_faces=3000")[0] == 0
+    model = trimesh.load(own_copy / "output/model/model.glb", force="mesh", process=False)
+    assert 1000 < len(model.faces) <= 3000 and model.visual.material.baseColorTexture.size[0] >= 256
+    code, told, _ = unshade(capsys, "plan", *words, "--set", "texture.charts.most_faces=3000", "--json")
+    assert code == 0 and set(actions(told).values()) == {"reuse"}
+    assert list(actions(told))[-2:] == ["full_resolution", "texture"]
 
 
 def test_the_full_resolution_alone_may_be_asked_for(tmp_path, capsys):
