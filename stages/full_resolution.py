@@ -88,7 +88,7 @@ def write_view(view: View) -> str:
 
 FULL_RESOLUTION = Stage(
     name="full_resolution",
-    version=4,
+    version=5,
     about="The albedo at the photos' own resolution.",
     settings=FullResolutionSettings,
     takes=("images", "model", "cameras", "albedo", "mask", "scales"),

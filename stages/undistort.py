@@ -280,7 +280,7 @@ def within(settings: UndistortSettings, memory: int) -> UndistortSettings:
 
 UNDISTORT = Stage(
     name="undistort",
-    version=3,
+    version=4,
     about="Pinhole images at working size, in linear light, as a COLMAP workspace.",
     settings=UndistortSettings,
     takes=("images", "model"),

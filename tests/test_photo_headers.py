@@ -27,7 +27,10 @@ INVERSE = {1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 8, 7: 7, 8: 6}
 
 
 def profile_named(name: str, srgb: bool = False) -> bytes:
-    """ICC's own sRGB, renamed in its `desc` tag; where it is not to be sRGB, red and green exchanged."""
+    """ICC's own sRGB, renamed in its `desc` tag; where it is not to be sRGB, red and green are exchanged.
+
+    Then its connection space is said to be Lab, too, which a profile of a matrix cannot have: it is not read.
+    """
     profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
     count = struct.unpack_from(">I", profile, 128)[0]
     text = name.encode("utf-16-be")
@@ -42,6 +45,8 @@ def profile_named(name: str, srgb: bool = False) -> bytes:
             struct.pack_into(">II", profile, offset + 20, len(text), start - offset)
             struct.pack_into(">4sII", profile, 132 + 12 * k, b"desc", offset, start - offset + len(text))
     struct.pack_into(">I", profile, 0, len(profile))
+    if not srgb:
+        profile[20:24] = b"Lab "
     return bytes(profile)
 
 

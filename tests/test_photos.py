@@ -15,7 +15,7 @@ import pytest
 from PIL import Image, ImageOps
 
 from pipeline import UserError
-from stages.formats.images.colour import linear_from_srgb
+from stages.formats.colour.srgb import linear_from_srgb
 from stages.formats.images.exr import write_exr
 from stages.formats.images.photo_folder import find_mask, find_photos, unread_photos
 from stages.formats.images.photos import (

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from stages.formats.artefacts.camera_file import write_cameras
-from stages.formats.images.colour import srgb_from_linear
+from stages.formats.colour.srgb import srgb_from_linear
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import write_mask
 from stages.formats.meshes.textured_models import TexturedModel, write_glb

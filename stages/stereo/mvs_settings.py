@@ -153,7 +153,7 @@ class GapSettings(Settings):
     """Settings of stereo at smaller sizes, for what none was found at the full one: `stages.stereo.gaps`."""
 
     least_px: int = setting(
-        512,
+        400,
         "Stereo is repeated at half of the size, and half of that, while the longest side of the images has "
         "so many pixels; a large number: never.",
         unit="px",

@@ -10,11 +10,12 @@ import numpy as np
 import OpenEXR
 from PIL import Image, ImageCms
 
+from stages.formats.colour.icc_profiles import read_profile
 from stages.formats.images.photos import DECODED, DECODING_FAILED, orientation_of
+from stages.formats.images.png_chunks import chunks_before_pixels
 
 SRGB_GAMMA = 1 / 2.2  # as PNG writes it
 SRGB_CODING = bytes([1, 13])  # primaries and transfer of PNG's cICP
-LONGEST_CHUNK = 1 << 24  # bytes
 TRIED = np.array([[[0, 0, 0], [20, 20, 20], [70, 70, 70], [128, 128, 128], [200, 200, 200], [255, 255, 255],
                    [200, 60, 60], [60, 200, 60], [60, 60, 200], [180, 180, 60]]], np.uint8)  # fmt: skip
 # Tolerances decide about a remark only, never about a value.
@@ -48,7 +49,7 @@ def remarks_on(path: Path, as_stored: bool) -> list[str]:
     turned = orientation_of(path) if as_stored else 1
     remarks = [f"{TURNS[turned]} by its tag: taken as stored, as COLMAP does"] if turned != 1 else []
     with Image.open(path, formats=DECODED) as image:
-        remarks += _on_colour(image, _chunks_before_pixels(path))
+        remarks += _on_colour(image, chunks_before_pixels(path))
         if image.has_transparency_data:
             remarks.append("an alpha channel: left out")
         frames = _frames_in(image)
@@ -74,9 +75,8 @@ def _on_colour(image: Image.Image, chunks: Mapping[bytes, bytes]) -> list[str]:
         return [] if coding[:2] == SRGB_CODING else [f"a coding of {list(coding)} (cICP): taken as sRGB"]
     profile = image.info.get("icc_profile")
     if profile:
-        return (
-            [] if _is_srgb(profile) else [f"an embedded profile ({_name_of_profile(profile)}): taken as sRGB"]
-        )
+        known = read_profile(profile) is not None or _is_srgb(profile)
+        return [] if known else [f"an embedded profile ({_name_of_profile(profile)}): taken as sRGB"]
     if b"sRGB" in chunks:
         return []
     if abs(image.info.get("gamma", SRGB_GAMMA) - SRGB_GAMMA) > GAMMA_OFF:
@@ -86,17 +86,6 @@ def _on_colour(image: Image.Image, chunks: Mapping[bytes, bytes]) -> list[str]:
         if not np.allclose(np.roll(white_first, -2), REC_709, atol=PRIMARIES_OFF):
             return ["other primaries than sRGB's (cHRM): taken as sRGB's"]
     return ["Adobe RGB by its EXIF data: taken as sRGB"] if _is_adobe_by_exif(image) else []
-
-
-def _chunks_before_pixels(path: Path) -> dict[bytes, bytes]:
-    """Of a PNG, by name; Pillow tells of few of them. Of other files, none."""
-    chunks: dict[bytes, bytes] = {}
-    with path.open("rb") as file:
-        if file.read(8) != b"\x89PNG\r\n\x1a\n":
-            return chunks
-        while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
-            chunks[head[4:]] = file.read(min(int.from_bytes(head[:4], "big"), LONGEST_CHUNK) + 4)[:-4]
-    return chunks
 
 
 def _is_srgb(profile: bytes) -> bool:

@@ -16,9 +16,10 @@ from PIL import Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import TiffImageFile
 
 from pipeline import UserError
-from stages.formats.images.colour import linear_from_srgb, srgb_from_linear
+from stages.formats.colour.icc_profiles import read_profile
+from stages.formats.colour.srgb import linear_from_srgb, srgb_from_linear
 from stages.formats.images.exr import check_exr_header, read_exr
-from stages.formats.images.png_chunks import fault_of_chunks
+from stages.formats.images.png_chunks import chunks_before_pixels, fault_of_chunks
 
 # Three floats per pixel: 3 GB at this size. Checked from the header, before anything is allocated; Pillow's
 # own guard is switched off because it warns at a third of this.
@@ -80,8 +81,9 @@ def photo_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
 def read_photo(path: Path, as_stored: bool = False) -> np.ndarray:
     """Read a photo as linear RGB, shape (h, w, 3), float32, upright or as stored.
 
-    JPEG, PNG and TIFF (8 or 16 bits; grey, palette, alpha, CMYK) are taken as sRGB; alpha is dropped. EXR
-    and HDR are linear already and come as they are. What is passed over: `photo_remarks.remarks_on`.
+    JPEG, PNG and TIFF (8 or 16 bits; grey, palette, alpha, CMYK) are taken as sRGB, or as an embedded profile
+    of curves and a matrix says; alpha is dropped. EXR and HDR are linear already and come as they are. What
+    is passed over: `photo_remarks.remarks_on`.
 
     Raises
     ------
@@ -95,8 +97,9 @@ def read_photo(path: Path, as_stored: bool = False) -> np.ndarray:
     elif suffix == ".hdr":
         linear = _decoded_by_opencv(path, path.read_bytes())
     else:
-        encoded = _read_encoded(path)
-        linear = _linear_table(encoded.dtype.name)[encoded]
+        encoded, profile = _read_encoded(path)
+        known = read_profile(profile) if profile else None
+        linear = _linear_table(encoded.dtype.name)[encoded] if known is None else known.linear(encoded)
     if linear.ndim == 2:
         linear = np.repeat(linear[..., None], 3, axis=-1)
     if as_stored:
@@ -135,7 +138,7 @@ def read_environment(path: Path) -> np.ndarray:
 def read_mask(path: Path, as_stored: bool = False) -> np.ndarray:
     """Read a mask, shape (h, w), bool: True where it is white (at least half), upright or as stored."""
     photo_size(path)
-    values = _read_encoded(path)
+    values, _ = _read_encoded(path)
     if as_stored:
         values = _turned_back(values, orientation_of(path))
     brightest = values[..., :3].max(axis=-1) if values.ndim == 3 else values
@@ -172,20 +175,26 @@ def write_png8(path: Path, pixels: np.ndarray) -> None:
     _write_png(path, pixels)
 
 
-def _read_encoded(path: Path) -> np.ndarray:
-    """Upright values as they are stored: uint8 or uint16, (h, w, 3) or (h, w), RGB."""
+def _read_encoded(path: Path) -> tuple[np.ndarray, bytes]:
+    """Upright values as stored, uint8 or uint16, (h, w, 3) or (h, w), RGB; and the profile, or nothing."""
     with _opened(path) as image:
-        deep = _is_16_bit(image, path)
+        deep, profile = _is_16_bit(image, path), profile_of(image, path)
         orientation = 1 if image.format == "TIFF" else _orientation(image, path)
         try:
             image.load()  # Pillow alone notices truncation; its TIFF reader turns the image upright here
             if not deep:
-                return upright(np.asarray(image.convert("RGB")), orientation)
+                return upright(np.asarray(image.convert("RGB")), orientation), profile
         except DECODING_FAILED as error:
             raise _unreadable(path, error) from error
         if image.format == "TIFF":  # OpenCV's reader turns TIFF upright by itself, too
             orientation = 1
-    return upright(_decoded_by_opencv(path, path.read_bytes()), orientation)
+    return upright(_decoded_by_opencv(path, path.read_bytes()), orientation), profile
+
+
+def profile_of(image: Image.Image, path: Path) -> bytes:
+    """Read the embedded ICC profile; nothing without, or where a PNG's coding (cICP) comes before it."""
+    profile = image.info.get("icc_profile") or b""
+    return b"" if profile and b"cICP" in chunks_before_pixels(path) else bytes(profile)
 
 
 def orientation_of(path: Path) -> int:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import struct
+from pathlib import Path
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 AROUND = 12  # bytes of length, kind and checksum
+LONGEST_CHUNK = 1 << 24  # bytes
 
 
 def fault_of_chunks(data: bytes) -> str:
@@ -21,3 +23,14 @@ def fault_of_chunks(data: bytes) -> str:
             break
         at += AROUND + length
     return ""
+
+
+def chunks_before_pixels(path: Path) -> dict[bytes, bytes]:
+    """Read the chunks of a PNG before its pixels, by name; Pillow tells of few. Of other files, none."""
+    chunks: dict[bytes, bytes] = {}
+    with path.open("rb") as file:
+        if file.read(8) != SIGNATURE:
+            return chunks
+        while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
+            chunks[head[4:]] = file.read(min(int.from_bytes(head[:4], "big"), LONGEST_CHUNK) + 4)[:-4]
+    return chunks

@@ -9,7 +9,7 @@ import numpy as np
 import open3d as o3d
 
 from pipeline import UserError
-from stages.formats.images.colour import linear_from_srgb, srgb_from_linear
+from stages.formats.colour.srgb import linear_from_srgb, srgb_from_linear
 from stages.formats.meshes.ply import read_ply, write_ply
 from stages.formats.meshes.polygons import Polygons, triangulate
 from stages.scene.cameras import FARTHEST

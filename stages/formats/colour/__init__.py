@@ -1,0 +1,1 @@
+"""What codes of a picture mean: the sRGB curve, embedded ICC profiles."""
