@@ -9,6 +9,7 @@ from __future__ import annotations
 # OpenCV's PNG writer means for the system's, and the mixture corrupts the heap (pycolmap 4.2 with OpenCV 5).
 import zlib  # noqa: F401
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from pipeline import AnyStage, Flow, Settings, Source, UserError, settings_of
@@ -30,7 +31,7 @@ from stages.relight import RELIGHT, RELIGHT_AS_FOUND
 from stages.render import RENDER
 from stages.sfm import SFM
 from stages.solvers.kernels.loop_cache import name_loop_cache
-from stages.texture import TEXTURE, TEXTURE_OF_PHOTOS
+from stages.texture import FINER, TEXTURE
 from stages.transfer import TRANSFER
 from stages.undistort import UNDISTORT
 
@@ -166,9 +167,9 @@ def with_full_resolution(flow: Flow) -> Flow:
 
 def with_texture(flow: Flow) -> Flow:
     """Add the textured model, from the photos' own resolution where there are photos."""
-    if RENDER in flow:
-        return (*flow, TEXTURE)
-    return (*flow, *(() if FULL_RESOLUTION in flow else (FULL_RESOLUTION,)), TEXTURE_OF_PHOTOS)
+    whole = flow if RENDER in flow or FULL_RESOLUTION in flow else (*flow, FULL_RESOLUTION)
+    made = {artefact.name for stage in whole for artefact in stage.gives}
+    return (*whole, replace(TEXTURE, takes=(*TEXTURE.takes, *(name for name in FINER if name in made))))
 
 
 def kinds_of_sources(flow: Collection[AnyStage]) -> tuple[Source, ...]:

@@ -54,11 +54,12 @@ def run(job: Job[MeshSettings]) -> None:
     from stages.formats.colmap.model import cameras_of, read_model
     from stages.formats.meshes.triangle_meshes import read_points, write_mesh
     from stages.geometry import surface as s
+    from stages.scene.cameras import smallest_footprints
 
     settings = job.settings
     cameras = cameras_of(read_model(job.inputs["workspace"] / "sparse"))
     x_in_world, normals = read_points(job.inputs["fused"])
-    points = s.OrientedPoints(x_in_world, normals, s.smallest_footprints(x_in_world, cameras))
+    points = s.OrientedPoints(x_in_world, normals, smallest_footprints(x_in_world, cameras))
     points = points.chosen(points.footprints < float("inf"))
     if len(points) < settings.fewest_points:
         raise UserError(

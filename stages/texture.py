@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,7 +86,7 @@ def _gathered(
     """Average over the views in two passes, the second robust; complete what none shows."""
     import numpy as np
 
-    from stages.geometry.surface import smallest_footprints
+    from stages.scene.cameras import smallest_footprints
     from stages.texturing.completion import completed
     from stages.texturing.gathering import CONFIDENCE, NORMAL, SHADING, Sums, gather
 
@@ -200,7 +200,6 @@ TEXTURE = Stage(
     about="A textured model: mesh, atlas of the albedo, GLB and OBJ.",
     settings=TextureSettings,
     takes=("mesh", "cameras", "mask", "depth", "normal", "albedo", "shading", "scales"),
-    may_take=("confidence", "found_light"),
     gives=(
         Artefact(
             "textured_model",
@@ -213,7 +212,6 @@ TEXTURE = Stage(
         "numpy",
         "scipy",
         "numba",
-        "llvmlite",
         "trimesh",
         "xatlas",
         "fast-simplification",
@@ -222,6 +220,4 @@ TEXTURE = Stage(
     ),
     saves_memory="lower texture.charts.most_px",
 )
-
-# The same from the albedo at the photos' own resolution.
-TEXTURE_OF_PHOTOS = replace(TEXTURE, takes=(*TEXTURE.takes, "albedo_full"))
+FINER = ("confidence", "found_light", "albedo_full")  # what it takes besides, where a dataflow has it

@@ -15,7 +15,7 @@ from stages.formats.meshes.mesh_files import read_mesh_file
 from stages.formats.meshes.triangle_meshes import Surface, from_open3d, read_mesh, read_points, write_mesh
 from stages.geometry import surface as s
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
-from stages.scene.cameras import Camera, back_project
+from stages.scene.cameras import Camera, back_project, smallest_footprints
 
 SQUARE = Surface(
     np.array([[-1, -1, 4], [1, -1, 4], [1, 1, 4], [-1, 1, 4]], float),
@@ -80,7 +80,7 @@ def test_smooth_normals_of_a_sphere_point_along_its_radius():
 def test_footprint_is_the_smallest_over_the_views_that_hold_the_point():
     near, far = camera(centre=(0, 0, 2)), camera(centre=(0, 0, 0))
     points = np.array([[0, 0, 4], [0, 0, 1], [100, 0, 4]], float)
-    found = s.smallest_footprints(points, [near, far])
+    found = smallest_footprints(points, [near, far])
     np.testing.assert_allclose(found, [2 / 40, 1 / 40, np.inf])
 
 

@@ -61,6 +61,29 @@ def scene_of(surface: Surface, threads: int = 0) -> tuple[o3d.t.geometry.Raycast
     return scene, origin
 
 
+def first_faces(
+    scene: o3d.t.geometry.RaycastingScene, rays: np.ndarray, threads: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the face that each ray meets first.
+
+    Parameters
+    ----------
+    scene : RaycastingScene
+    rays : ndarray, shape (..., 6), float32
+        Origin, relative to the scene's, and direction.
+    threads : int
+        0: all.
+
+    Returns
+    -------
+    tuple of ndarray, shape (...), uint32, and ndarray, shape (..., 2), float32
+        The face, `rays.NO_TRIANGLE` where there is none, and barycentric coordinates of its second and third
+        corner.
+    """
+    hits = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=threads)
+    return hits["primitive_ids"].numpy(), hits["primitive_uvs"].numpy()
+
+
 def nearest_faces(
     scene: o3d.t.geometry.RaycastingScene, points: np.ndarray, normals: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,7 +9,6 @@ import open3d as o3d
 from scipy.spatial import cKDTree
 
 from stages.formats.meshes.triangle_meshes import Surface, from_open3d, to_open3d
-from stages.scene.cameras import Camera, footprint, project
 
 
 @dataclass(frozen=True)
@@ -35,16 +34,6 @@ class OrientedPoints:
     def chosen(self, keep: np.ndarray) -> OrientedPoints:
         """Choose the points of a boolean mask or index array."""
         return OrientedPoints(self.x_in_world[keep], self.normals[keep], self.footprints[keep])
-
-
-def smallest_footprints(x_in_world: np.ndarray, cameras: list[Camera]) -> np.ndarray:
-    """Compute points' smallest z/f over the views whose image holds them, (n,); infinite where none does."""
-    smallest = np.full(len(x_in_world), np.inf)
-    for camera in cameras:
-        xy, depth = project(camera, x_in_world)
-        inside = (depth > 0) & (xy >= 0).all(axis=1) & (xy < (camera.width, camera.height)).all(axis=1)
-        smallest[inside] = np.minimum(smallest[inside], footprint(camera, depth[inside]))
-    return smallest
 
 
 def robust_crop(points: OrientedPoints, outliers: float, margin: float) -> OrientedPoints:

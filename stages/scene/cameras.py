@@ -128,6 +128,16 @@ def footprint(camera: Camera, depth: np.ndarray | float) -> np.ndarray | float:
     return depth / camera.focal_px
 
 
+def smallest_footprints(x_in_world: np.ndarray, cameras: list[Camera]) -> np.ndarray:
+    """Compute points' smallest z/f over the views whose image holds them, (n,); infinite where none does."""
+    smallest = np.full(len(x_in_world), np.inf)
+    for camera in cameras:
+        xy, depth = project(camera, x_in_world)
+        inside = (depth > 0) & (xy >= 0).all(axis=1) & (xy < (camera.width, camera.height)).all(axis=1)
+        smallest[inside] = np.minimum(smallest[inside], footprint(camera, depth[inside]))
+    return smallest
+
+
 def normals_in_world(camera: Camera, normals_in_cam: np.ndarray) -> np.ndarray:
     """Rotate normals, shape (..., 3), from camera axes (COLMAP's normal maps) into world axes."""
     return normals_in_cam @ camera.rotation

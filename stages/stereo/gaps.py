@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stages.geometry.surface import smallest_footprints
-from stages.scene.cameras import Camera, project
+from stages.scene.cameras import Camera, project, smallest_footprints
 from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.mvs_settings import GapSettings
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
 
 from stages.formats.meshes.triangle_meshes import Surface
-from stages.geometry.occluders import scene_of
+from stages.geometry.occluders import first_faces, scene_of
 from stages.geometry.rays import NO_TRIANGLE
-from stages.geometry.surface import smallest_footprints
-from stages.scene.cameras import Camera
+from stages.scene.cameras import Camera, smallest_footprints
 from stages.texturing.settings import ChartSettings
 from stages.texturing.unwrapping import ChartedMesh, face_normals
 
@@ -88,10 +86,9 @@ def texels_of(mesh: ChartedMesh, side: int, threads: int) -> Texels:
         x, y = np.meshgrid(columns, rows)
         rays = np.zeros((*x.shape, 6), np.float32)
         rays[..., 0], rays[..., 1], rays[..., 2], rays[..., 5] = x - origin[0], y - origin[1], 1, -1
-        hits = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=threads)
-        found = hits["primitive_ids"].numpy()
+        found, within = first_faces(scene, rays, threads)
         hit = found != NO_TRIANGLE
         places.append(np.flatnonzero(hit) + first * side)
         faces.append(found[hit].astype(np.int32))
-        corners.append(hits["primitive_uvs"].numpy()[hit])
+        corners.append(within[hit])
     return Texels(side, np.concatenate(places), np.concatenate(faces), np.concatenate(corners))
