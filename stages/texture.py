@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from stages.texturing.texels import Texels
     from stages.texturing.unwrapping import ChartedMesh
 
+PARTS = 16  # of an atlas that are encoded one after another: bounds the memory
 BASE_COLOUR, NORMALS = "albedo.png", "normal.png"
 
 
@@ -114,8 +115,8 @@ def _gathered(
         seen,
         completed(texels, mesh, albedo, seen, how.completion),
         completed(texels, mesh, further[:, SHADING], seen, how.completion),
-        further[:, NORMAL],
-        further[:, CONFIDENCE],
+        further[:, NORMAL].copy(),  # without the rest
+        further[:, CONFIDENCE].copy(),
     )
 
 
@@ -163,20 +164,21 @@ def _write(job: Job[TextureSettings], atlas: Atlas, upright: np.ndarray) -> None
     from stages.formats.images.exr import write_exr
     from stages.formats.images.photos import encode_srgb8, write_png8
     from stages.formats.meshes.textured_models import TexturedModel, write_glb, write_obj
-    from stages.texturing.completion import with_gutters
+    from stages.texturing.completion import Gutters
     from stages.texturing.normal_map import tangent_space, tangents_of
 
     folder, texels, mesh = job.outputs["textured_model"], atlas.texels, atlas.mesh
-    inside = texels.image(np.ones(len(texels), bool), False)
+    gutters = Gutters(texels.image(np.ones(len(texels), bool), False))
     white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
-    albedo = with_gutters(texels.image(atlas.albedo), inside)
-    tangents = tangents_of(mesh)
-    directions = with_gutters(texels.image(tangent_space(texels, mesh, tangents, atlas.normals)), inside)
-    normal_map = np.rint(127.5 * (directions + 1)).astype(np.uint8)
-    write_exr(folder / "albedo.exr", albedo)
-    write_exr(folder / "shading.exr", with_gutters(texels.image(atlas.shading), inside))
+    write_exr(folder / "albedo.exr", gutters.fill(texels.image(atlas.albedo)))
+    write_exr(folder / "shading.exr", gutters.fill(texels.image(atlas.shading)))
     write_exr(folder / "confidence.exr", texels.image(atlas.confidence))
-    write_png8(folder / BASE_COLOUR, encode_srgb8(albedo / white))
+    parts = np.array_split(atlas.albedo, PARTS)
+    base_colour = gutters.fill(texels.image(np.concatenate([encode_srgb8(part / white) for part in parts])))
+    write_png8(folder / BASE_COLOUR, base_colour)
+    tangents = tangents_of(mesh)
+    directions = tangent_space(texels, mesh, tangents, atlas.normals)
+    normal_map = gutters.fill(texels.image(np.rint(127.5 * (directions + 1)).astype(np.uint8)))
     write_png8(folder / NORMALS, normal_map)
     to_y_up = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]) @ upright
     roughness = read_light(job.inputs["found_light"]).specular_roughness if "found_light" in job.inputs else 0
@@ -186,7 +188,7 @@ def _write(job: Job[TextureSettings], atlas: Atlas, upright: np.ndarray) -> None
         tangents,
         mesh.faces,
         mesh.uv,
-        encode_srgb8(albedo / white),
+        base_colour,
         normal_map,
         float(np.sqrt(roughness)) if roughness else 1.0,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -18,7 +19,7 @@ from stages.formats.meshes.triangle_meshes import Surface, write_mesh
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
 from stages.scene.cameras import Camera, back_project
 from stages.texture import TEXTURE
-from stages.texturing.completion import completed, with_gutters
+from stages.texturing.completion import Gutters, completed
 from stages.texturing.normal_map import tangent_space, tangents_of
 from stages.texturing.settings import ChartSettings, CompletionSettings, TextureSettings
 from stages.texturing.texels import Texels, side_of_atlas, texels_of
@@ -127,6 +128,25 @@ def test_files_for_other_programs_say_the_same(textured):
     np.testing.assert_allclose(read_exr(folder / "shading.exr"), 1, atol=1e-3)
 
 
+def test_there_is_no_seam_between_charts(textured):
+    """Doubled vertices are one place on the ball: the texture there differs less than along an edge."""
+    folder = textured.outputs["textured_model"]
+    model = trimesh.load(folder / "model.glb", force="mesh", process=False)
+    albedo, seen = read_exr(folder / "albedo.exr"), read_exr(folder / "confidence.exr")
+    side = len(albedo)
+    at = (np.column_stack([model.visual.uv[:, 0], 1 - model.visual.uv[:, 1]]) * side - 0.5).astype(np.float32)
+    shown = cv2.remap(albedo, at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR)[0]
+    known = cv2.remap(seen, at[None, :, 0], at[None, :, 1], cv2.INTER_NEAREST)[0] > 0
+    _, place = np.unique(np.round(model.vertices, 6), axis=0, return_inverse=True)
+    order = np.argsort(place.ravel(), kind="stable")
+    pairs = np.column_stack([order[:-1], order[1:]])
+    pairs = pairs[(place.ravel()[pairs[:, 0]] == place.ravel()[pairs[:, 1]]) & known[pairs].all(axis=1)]
+    edges = model.faces[:, :2][known[model.faces[:, :2]].all(axis=1)]
+    assert len(pairs) > 30
+    across, along = (np.abs(shown[ends[:, 0]] - shown[ends[:, 1]]).mean() for ends in (pairs, edges))
+    assert across < 0.5 * along, (across, along)
+
+
 def test_the_glb_has_what_a_validator_asks_for(textured):
     data = (textured.outputs["textured_model"] / "model.glb").read_bytes()
     magic, version, length = struct.unpack("<4sII", data[:12])
@@ -222,7 +242,7 @@ def test_gutters_take_the_nearest_texel():
     image = np.zeros((8, 8, 3), np.float32)
     image[2, 2], image[6, 6] = 1, 2
     inside = image[..., 0] > 0
-    filled = with_gutters(image, inside)
+    filled = Gutters(inside).fill(image.copy())
     assert filled[0, 0, 0] == 1 and filled[7, 7, 0] == 2 and (filled > 0).all()
 
 

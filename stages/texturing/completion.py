@@ -37,16 +37,24 @@ def completed(
     return np.where(seen[:, None], values, spread)
 
 
-def with_gutters(image: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Fill what lies outside all charts with the nearest texel, so that no background bleeds in.
+class Gutters:
+    """What lies outside all charts: it takes the nearest texel, so that no background bleeds in.
 
     Parameters
     ----------
-    image : ndarray, shape (s, s, …)
     inside : ndarray, shape (s, s), bool
     """
-    row, column = distance_transform_edt(~inside, return_distances=False, return_indices=True)
-    return image[row, column]
+
+    def __init__(self, inside: np.ndarray) -> None:
+        row, column = distance_transform_edt(~inside, return_distances=False, return_indices=True)
+        self._outside = np.flatnonzero(~inside)
+        self._nearest = (row * inside.shape[1] + column).ravel()[self._outside]
+
+    def fill(self, image: np.ndarray) -> np.ndarray:
+        """Fill them in an image, (s, s, …), in place; returns it."""
+        flat = image.reshape(-1, *image.shape[2:])
+        flat[self._outside] = flat[self._nearest]
+        return image
 
 
 def _at_vertices(
