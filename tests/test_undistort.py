@@ -82,7 +82,7 @@ def test_a_photo_more_seldom_changes_the_automatic_size_and_more_time_never_lowe
     sizes = [affordable_size(count * [(3072, 2048)], AutoSizeSettings()) for count in range(8, 60)]
     assert len(set(sizes)) <= 8 and sizes == sorted(sizes, reverse=True)
     by_time = [
-        affordable_size(20 * [(3072, 2048)], AutoSizeSettings(processor_minutes=minutes))
+        affordable_size(20 * [(3072, 2048)], AutoSizeSettings(processor_minutes=minutes, view_megapixels=100))
         for minutes in (1, 10, 30, 60, 200, 1e6)
     ]
     assert by_time == sorted(by_time) and by_time[0] == 768 and by_time[-1] == 3072

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from typing import Any
 
 import numpy as np
+
+from pipeline.files.json_text import json_text
 
 MAGIC, VERSION, JSON_CHUNK, BINARY_CHUNK = b"glTF", 2, b"JSON", b"BIN\0"
 FLOAT, UINT32 = 5126, 5125
@@ -62,7 +63,7 @@ def packed(content: dict[str, Any], buffer: BinaryBuffer) -> bytes:
         "bufferViews": buffer.views,
         "accessors": buffer.accessors,
     }
-    text = json.dumps(content, separators=(",", ":")).encode()
+    text = json_text(content).encode()
     text += b" " * (-len(text) % ALIGNMENT)
     parts = [(JSON_CHUNK, text), (BINARY_CHUNK, data)]
     chunks = b"".join(struct.pack("<I", len(part)) + kind + part for kind, part in parts)
