@@ -39,7 +39,7 @@ name_loop_cache(
     Path(__file__).parent
 )  # before any stage imports numba, which is late, so that a plan answers at once
 
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".hdr")
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr", ".hdr")
 MODEL_FILES = (  # not *.bin: a dense workspace holds gigabytes of depth maps
     *(
         f"{part}.{form}"

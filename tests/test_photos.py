@@ -291,3 +291,19 @@ def test_pycolmap_before_opencv_does_not_corrupt_png(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False)
     assert done.returncode == 0, done.stderr.decode()[:300]
+
+
+def test_webp_is_read_as_png_is_and_found_beside_it(tmp_path, codes):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(codes).save(tmp_path / "a.webp", lossless=True, exact=True)
+    Image.fromarray(codes).save(tmp_path / "b.png")
+    Image.fromarray(codes).save(tmp_path / "c.webp", lossless=True, exact=True, exif=exif)
+    assert find_photos(tmp_path) == ["a.webp", "b.png", "c.webp"]
+    np.testing.assert_array_equal(read_photo(tmp_path / "a.webp"), read_photo(tmp_path / "b.png"))
+    np.testing.assert_array_equal(
+        read_photo(tmp_path / "c.webp"), np.rot90(read_photo(tmp_path / "b.png"), -1)
+    )
+    (tmp_path / "cut.webp").write_bytes((tmp_path / "a.webp").read_bytes()[:-40])
+    with pytest.raises(UserError, match="cut.webp cannot be read"):
+        read_photo(tmp_path / "cut.webp")

@@ -13,7 +13,7 @@ from stages.scene.cameras import view_name
 from stages.scene.image_names import ENDINGS, fault_of_name
 from stages.scene.wording import listed
 
-ENCODED = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+ENCODED = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp")
 LINEAR = (".exr", ".hdr")
 
 # Cameras and telephones write these too, and no decoder here knows them.
