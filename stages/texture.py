@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage
 from stages.scene.distributions import OPEN3D, PICTURES
@@ -63,7 +63,7 @@ def run(job: Job[TextureSettings]) -> None:
     use_threads(job.threads)
     how, cameras = job.settings, read_cameras(job.inputs["cameras"])
     with job.progress("texture", 2 * len(cameras) + 3) as step:
-        surface = within_budget(read_mesh(job.inputs["mesh"]), how.charts.most_faces)
+        surface = within_budget(read_mesh(job.inputs["mesh"]), how.charts)
         side = side_of_atlas(surface, [_as_large_as_its_albedo(job.inputs, c) for c in cameras], how.charts)
         mesh = unwrapped(surface, side, how.charts)
         step()
@@ -82,7 +82,11 @@ def run(job: Job[TextureSettings]) -> None:
 
 
 def _gathered(
-    job: Job[TextureSettings], mesh: ChartedMesh, texels: Texels, cameras: list[Camera], step: Any
+    job: Job[TextureSettings],
+    mesh: ChartedMesh,
+    texels: Texels,
+    cameras: list[Camera],
+    step: Callable[[], None],
 ) -> Atlas:
     """Average over the views in two passes, the second robust; complete what none shows."""
     import numpy as np

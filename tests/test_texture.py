@@ -247,14 +247,14 @@ def test_gutters_take_the_nearest_texel():
 
 
 def test_a_large_mesh_is_brought_within_its_budget_and_a_small_one_is_left_alone():
-    assert len(within_budget(SURFACE, 10_000).faces) == len(SURFACE.faces)
-    fewer = within_budget(SURFACE, 1000)
+    assert len(within_budget(SURFACE, ChartSettings()).faces) == len(SURFACE.faces)
+    fewer = within_budget(SURFACE, ChartSettings(most_faces=1000))
     assert len(fewer.faces) <= 1000
     assert np.abs(np.linalg.norm(fewer.vertices, axis=1) - 1).max() < 0.05
     broken = Surface(
         SURFACE.vertices, np.concatenate([SURFACE.faces, [[0, 0, 1], [5, 5, 5]]]).astype(np.int32)
     )
-    assert len(within_budget(broken, 10_000).faces) == len(SURFACE.faces)
+    assert len(within_budget(broken, ChartSettings()).faces) == len(SURFACE.faces)
 
 
 def test_the_atlas_is_as_fine_as_the_views_within_bounds():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pipeline import Settings, group, setting
+from stages.geometry.settings import ProxySettings
 from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
 
 
@@ -30,6 +31,7 @@ class ChartSettings(Settings):
     padding_px: int = setting(
         4, "Texels between charts, so that smaller copies of the texture do not mix them.", ge=0, le=64
     )
+    proxy: ProxySettings = group(ProxySettings, "The decimation.")
 
 
 class GatheringSettings(Settings):

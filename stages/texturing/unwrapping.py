@@ -10,7 +10,6 @@ import xatlas
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.proxy import roughly_decimated, welded
 from stages.geometry.rays import vertex_normals
-from stages.geometry.settings import ProxySettings
 from stages.texturing.settings import ChartSettings
 
 
@@ -38,11 +37,11 @@ class ChartedMesh:
     original: np.ndarray
 
 
-def within_budget(surface: Surface, most_faces: int) -> Surface:
+def within_budget(surface: Surface, how: ChartSettings) -> Surface:
     """Weld a mesh, drop faces without area, and decimate it if it has more faces than allowed."""
     whole = welded(surface)
-    if len(whole.faces) > most_faces:
-        whole = roughly_decimated(whole, most_faces, ProxySettings())
+    if len(whole.faces) > how.most_faces:
+        whole = roughly_decimated(whole, how.most_faces, how.proxy)
     solid = np.linalg.norm(face_normals(whole), axis=1) > 0
     return Surface(whole.vertices, whole.faces[solid])
 
