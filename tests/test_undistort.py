@@ -106,7 +106,7 @@ def test_an_automatic_size_is_told_with_what_it_will_take(tmp_path, make_job):
     for index in range(2):
         write_png_srgb8(images / f"{index}.png", np.full((800, 1200, 3), 0.5, np.float32))
     model = one_image_model("{}.png", lens, 2)
-    settings = UndistortSettings(auto=AutoSizeSettings(processor_minutes=1.1))
+    settings = UndistortSettings(auto=AutoSizeSettings(processor_minutes=1.3))
     said: list[str] = []
 
     def listening(*args, **inputs):
