@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from hypothesis import given
+from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 import stages
@@ -48,6 +49,7 @@ def street(views: int, reach: int = 3, pixels: int = 100) -> ViewGraph:
     return ViewGraph(np.full(views, pixels), sp.csr_array(links), 10.0)
 
 
+@examples(deadline=None)
 @given(views=st.integers(1, 40), most=st.integers(50, 5000), seed=st.integers(0, 9))
 def test_every_view_is_in_one_cluster_and_none_is_too_large(views, most, seed):
     order = np.random.default_rng(seed).permutation(views)
@@ -254,6 +256,7 @@ def test_further_views_are_lit_as_those_that_the_light_was_found_on(gloss, tmp_p
     np.testing.assert_array_equal(data.trusted, found.observations.trusted)
 
 
+@examples(deadline=None)  # a loaded machine takes its time
 @given(st.integers(2, 60), st.integers(100, 6000), st.integers(100, 6000))
 def test_the_views_that_a_light_is_found_on_have_room_and_come_from_everywhere(views, most, room):
     graph = street(views)

@@ -74,7 +74,7 @@ def clusters_of(graph: ViewGraph, most_pixels: float) -> list[Cluster]:
     division has room, and the least leaves a cluster of `WORTHWHILE` of the set, it stays whole: each view
     corresponds to most of the others.
     """
-    parts = _divided(graph, np.arange(len(graph.pixels)), most_pixels)
+    parts, _ = _divided(graph, np.arange(len(graph.pixels)), most_pixels)
     return [Cluster.of(part, graph.links) for part in sorted(parts, key=min)]
 
 
@@ -133,22 +133,20 @@ def _following(linked: np.ndarray, places: list[int]) -> list[int]:
     return [int(np.argmax(common))]
 
 
-def _divided(graph: ViewGraph, views: np.ndarray, most_pixels: float) -> list[np.ndarray]:
-    size = _taking_part(graph, views)
+def _divided(graph: ViewGraph, views: np.ndarray, most_pixels: float) -> tuple[list[np.ndarray], float]:
+    """Divide some views; returns the parts, and the pixels that take part in the largest."""
+    size, _ = size_of(Cluster.of(views, graph.links), graph)
     if len(views) < 2 or size <= most_pixels:
-        return [views]
+        return [views], size
     ordered = views[np.argsort(_fiedler_vector(graph.links[views][:, views]), kind="stable")]
     pixels = graph.pixels[ordered]
     middles = np.cumsum(pixels) - pixels / 2
     first = int(np.clip(np.searchsorted(middles, pixels.sum() / 2), 1, len(views) - 1))
-    halves = ordered[:first], ordered[first:]
-    parts = [part for half in halves for part in _divided(graph, half, most_pixels)]
-    largest = max(_taking_part(graph, part) for part in parts)
-    return parts if largest <= most_pixels or largest < WORTHWHILE * size else [views]
-
-
-def _taking_part(graph: ViewGraph, views: np.ndarray) -> float:
-    return size_of(Cluster.of(views, graph.links), graph)[0]
+    halves = [_divided(graph, half, most_pixels) for half in (ordered[:first], ordered[first:])]
+    largest = max(size_of_half for _, size_of_half in halves)
+    if largest <= most_pixels or largest < WORTHWHILE * size:
+        return [part for parts, _ in halves for part in parts], largest
+    return [views], size
 
 
 def _fiedler_vector(links: sp.csr_array) -> np.ndarray:
