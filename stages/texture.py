@@ -55,7 +55,7 @@ def run(job: Job[TextureSettings]) -> None:
     """Unwrap the mesh, gather what the views show, complete it, write the model."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.meshes.triangle_meshes import read_mesh
-    from stages.scene.upright import upright_from_world
+    from stages.scene.upright import gltf_from_world
     from stages.solvers.kernels.threading_layer import use_threads
     from stages.texturing.texels import side_of_atlas, texels_of
     from stages.texturing.unwrapping import unwrapped, within_budget
@@ -70,8 +70,7 @@ def run(job: Job[TextureSettings]) -> None:
         texels = texels_of(mesh, side, job.threads)
         step()
         atlas = _gathered(job, mesh, texels, cameras, step)
-        upright = upright_from_world(cameras, how.upright_within_deg)
-        _write(job, atlas, upright)
+        _write(job, atlas, gltf_from_world(cameras, how.upright_within_deg))
         step()
     job.note(
         faces=len(mesh.faces),
@@ -93,7 +92,7 @@ def _gathered(
 
     from stages.scene.cameras import smallest_footprints
     from stages.texturing.completion import completed
-    from stages.texturing.gathering import CONFIDENCE, NORMAL, SHADING, Sums, gather
+    from stages.texturing.gathering import CONFIDENCE, MAPS, NORMAL, SHADING, Sums, gather
 
     how = job.settings
     origin = mesh.vertices.mean(axis=0)
@@ -103,7 +102,7 @@ def _gathered(
     typical = float(np.median(footprints[np.isfinite(footprints)]))
     reference, bright = np.zeros((0, 3), np.float32), 1.0
     for robust in (False, True):
-        sums = Sums.none(len(texels))
+        sums = Sums.none(len(texels), MAPS if robust else 0)
         for view in _views(job.inputs, cameras, how):
             gather(points, normals, view, reference, (typical, bright), origin, how.gathering, sums)
             step()
@@ -160,8 +159,8 @@ def _as_large_as_its_albedo(inputs: Mapping[str, Path], camera: Camera) -> Camer
     return camera.scaled(*check_exr_header(_albedo_of(inputs, camera)))
 
 
-def _write(job: Job[TextureSettings], atlas: Atlas, upright: np.ndarray) -> None:
-    """Write textures, GLB and OBJ; y is up, as glTF has it."""
+def _write(job: Job[TextureSettings], atlas: Atlas, gltf_from_world: np.ndarray) -> None:
+    """Write textures, GLB and OBJ."""
     import numpy as np
 
     from stages.formats.artefacts.light_npz import read_light
@@ -184,7 +183,6 @@ def _write(job: Job[TextureSettings], atlas: Atlas, upright: np.ndarray) -> None
     directions = tangent_space(texels, mesh, tangents, atlas.normals)
     normal_map = gutters.fill(texels.image(np.rint(127.5 * (directions + 1)).astype(np.uint8)))
     write_png8(folder / NORMALS, normal_map)
-    to_y_up = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]) @ upright
     roughness = read_light(job.inputs["found_light"]).specular_roughness if "found_light" in job.inputs else 0
     model = TexturedModel(
         mesh.vertices,
@@ -196,7 +194,7 @@ def _write(job: Job[TextureSettings], atlas: Atlas, upright: np.ndarray) -> None
         normal_map,
         float(np.sqrt(roughness)) if roughness else 1.0,
     )
-    write_glb(folder / "model.glb", model, to_y_up)
+    write_glb(folder / "model.glb", model, gltf_from_world)
     write_obj(folder / "model.obj", model, BASE_COLOUR, NORMALS)
 
 

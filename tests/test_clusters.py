@@ -351,8 +351,8 @@ def test_the_memory_that_was_given_is_in_the_settings_and_so_in_the_key(tmp_path
 @pytest.mark.parametrize(("machine", "fits"), [(None, None), (10**8, 5e8), (8 * 10**9, 5.6e9)])
 def test_without_memory_that_was_given_stages_fit_into_most_of_the_machines(machine, fits, monkeypatch):
     monkeypatch.setattr("stages.command.machine.machine_bytes", lambda: machine)
-    assert memory_to_fit(Run()) == (None if fits is None else pytest.approx(fits))
-    assert memory_to_fit(Run(memory="3GB")) == 3 * 10**9
+    assert memory_to_fit(memory_of(Run())) == (None if fits is None else pytest.approx(fits))
+    assert memory_to_fit(memory_of(Run(memory="3GB"))) == 3 * 10**9
 
 
 def test_a_small_machine_has_smaller_clusters_and_a_large_one_the_default(tmp_path, monkeypatch):

@@ -18,6 +18,7 @@ from stages.formats.meshes.textured_models import TexturedModel, write_glb
 from stages.formats.meshes.triangle_meshes import Surface, write_mesh
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
 from stages.scene.cameras import Camera, back_project
+from stages.synthetic.views import look_at
 from stages.texture import TEXTURE
 from stages.texturing.completion import Gutters, completed
 from stages.texturing.normal_map import tangent_space, tangents_of
@@ -37,12 +38,7 @@ def cameras(count: int = 8, side: int = 160) -> list[Camera]:
     for index in range(count):
         angle, high = 2 * np.pi * index / count, 1.2 * (-1) ** index
         centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), high])
-        z = -centre / np.linalg.norm(centre)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        rotation = np.stack([x, np.cross(z, x), z])
-        pose = np.column_stack([rotation, -rotation @ centre])
-        found.append(Camera(f"view {index}", side, side, K, pose))
+        found.append(Camera(f"view {index}", side, side, K, look_at(centre, np.zeros(3))))
     return found
 
 

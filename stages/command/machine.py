@@ -55,15 +55,12 @@ def cluster_of(command: Given) -> ClusterRequest | None:
     return ClusterRequest(workers, scheduler)
 
 
-def memory_to_fit(command: Given) -> int | None:
+def memory_to_fit(given: int | None) -> int | None:
     """Choose the memory, bytes, into which stages divide their work: the one given, or most of the machine's.
 
-    Raises
-    ------
-    UserError
-        As `memory_of`.
+    None where neither is known.
     """
-    given, machine = memory_of(command), machine_bytes()
+    machine = machine_bytes()
     if given is not None or machine is None:
         return given
     return max(int(SHARE_OF_MACHINE * machine), LEAST_MEMORY)

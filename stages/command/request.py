@@ -46,10 +46,10 @@ def request_of(command: Run) -> Request:
     """
     selection = Selection(command.only, command.first, command.last, command.force)
     config = config_of(command)
-    last = {stages.TEXTURE.name} if command.texture else {stages.FULL_RESOLUTION.name, stages.TEXTURE.name}
-    asked = "texture" if command.texture else "full-resolution" if command.full_resolution else None
+    added = stages.TEXTURE if command.texture else stages.FULL_RESOLUTION if command.full_resolution else None
     for flag, stage in (("to", command.last), ("only", command.only)):
-        if asked and stage is not None and stage not in last:
+        if added is not None and stage not in (None, added.name):
+            asked = added.name.replace("_", "-")
             raise UserError(f"--{asked} and --{flag} {stage} were given: it comes last. Leave out one.")
     return _request(
         command, config, sources_of(command, config), selection, command.full_resolution, command.texture
@@ -95,9 +95,10 @@ def _request(
         flow = stages.with_texture(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
-    memory = memory_to_fit(command)
-    if memory is not None:
-        settings |= {stage.name: stage.within(settings_of(stage, settings), memory) for stage in flow}
+    memory = memory_of(command)
+    room = memory_to_fit(memory)
+    if room is not None:
+        settings |= {stage.name: stage.within(settings_of(stage, settings), room) for stage in flow}
     workspace = workspace_of(command, config, sources)
     for path in (workspace, *sources.values()):
         check_text(path)
@@ -113,7 +114,7 @@ def _request(
         workspace=workspace,
         threads=threads_of(command),
         cluster=cluster,
-        memory=memory_of(command),
+        memory=memory,
         selection=selection,
         absent=absent_sources(command, config),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.scene.cameras import Camera, project
+from stages.scene.cameras import Camera, in_image, project
 
 
 def gaps_at_points(camera: Camera, depth: np.ndarray, x_in_world: np.ndarray) -> np.ndarray:
@@ -20,8 +20,7 @@ def gaps_at_points(camera: Camera, depth: np.ndarray, x_in_world: np.ndarray) ->
         the background of an object, say nothing.
     """
     xy, z = project(camera, x_in_world)
-    xy, z = xy[z > 0], z[z > 0]
-    inside = ((xy >= 0) & (xy < [camera.width, camera.height])).all(axis=1)
+    inside = in_image(camera, xy, z)
     column, row = xy[inside].astype(np.int64).T
     there = depth[row, column]
     return np.abs(z[inside] - there)[there > 0]

@@ -79,16 +79,25 @@ class RayCaster:
         return smooth / np.where(length > 0, length, 1)
 
 
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Compute area-weighted unit normals, shape (v, 3) float32; zero at a vertex without area around it."""
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Compute normals of faces, twice their area long, shape (f, 3)."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    twice_area = np.cross(b - a, c - a)
-    summed = np.stack(
+    return np.cross(b - a, c - a)
+
+
+def summed_at_vertices(of_faces: np.ndarray, faces: np.ndarray, vertices: int) -> np.ndarray:
+    """Sum up vectors of faces, (f, 3), at their corners, shape (v, 3), float64."""
+    return np.stack(
         [
-            np.bincount(faces.ravel(), np.repeat(twice_area[:, axis], 3), minlength=len(vertices))
+            np.bincount(faces.ravel(), np.repeat(of_faces[:, axis], 3), minlength=vertices)
             for axis in range(3)
         ],
         axis=1,
     )
+
+
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Compute area-weighted unit normals, shape (v, 3) float32; zero at a vertex without area around it."""
+    summed = summed_at_vertices(face_normals(vertices, faces), faces, len(vertices))
     length = np.linalg.norm(summed, axis=1, keepdims=True)
     return (summed / np.where(length > 0, length, 1)).astype(np.float32)

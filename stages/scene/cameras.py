@@ -58,6 +58,10 @@ class Camera:
         scale = np.diag([width / self.width, height / self.height, 1.0])
         return replace(self, width=width, height=height, intrinsics=scale @ self.intrinsics)
 
+    def reduced(self, scale: float) -> Camera:
+        """Scale the camera by a factor, to whole pixels, two at least."""
+        return self.scaled(max(2, round(self.width * scale)), max(2, round(self.height * scale)))
+
 
 def view_name(image_name: str) -> str:
     """Derive the view name of a COLMAP image name: its extension dropped, its sub-folders kept."""
@@ -128,12 +132,17 @@ def footprint(camera: Camera, depth: np.ndarray | float) -> np.ndarray | float:
     return depth / camera.focal_px
 
 
+def in_image(camera: Camera, xy: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Test whether points, projected by `project`, fall into the image, (...), bool; not whether hidden."""
+    return (depth > 0) & ((xy >= 0) & (xy < (camera.width, camera.height))).all(axis=-1)
+
+
 def smallest_footprints(x_in_world: np.ndarray, cameras: list[Camera]) -> np.ndarray:
     """Compute points' smallest z/f over the views whose image holds them, (n,); infinite where none does."""
     smallest = np.full(len(x_in_world), np.inf)
     for camera in cameras:
         xy, depth = project(camera, x_in_world)
-        inside = (depth > 0) & (xy >= 0).all(axis=1) & (xy < (camera.width, camera.height)).all(axis=1)
+        inside = in_image(camera, xy, depth)
         smallest[inside] = np.minimum(smallest[inside], footprint(camera, depth[inside]))
     return smallest
 

@@ -44,6 +44,11 @@ def upright_from_world(cameras: Sequence[Camera], within_deg: float) -> np.ndarr
     return _smallest_rotation(up, np.array([0.0, 0, 1]))
 
 
+def gltf_from_world(cameras: Sequence[Camera], within_deg: float) -> np.ndarray:
+    """Compute the rotation from the world to glTF's axes, y up, (3, 3): upright, then z to y and −y to z."""
+    return np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]) @ upright_from_world(cameras, within_deg)
+
+
 def _smallest_rotation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Compute the rotation of a unit vector to another; 180° about x where they are opposed (Rodrigues)."""
     cosine = float(one @ other)

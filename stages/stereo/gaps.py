@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stages.scene.cameras import Camera, project, smallest_footprints
+from stages.scene.cameras import Camera, in_image, project, smallest_footprints
 from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.mvs_settings import GapSettings
 
@@ -62,9 +62,7 @@ def _in_free_space(
     free = np.zeros(len(x_in_world), bool)
     for view, camera in enumerate(cameras):
         xy, z = project(camera, x_in_world)
-        inside = np.flatnonzero(
-            (z > 0) & (xy >= 0).all(axis=1) & (xy < (camera.width, camera.height)).all(axis=1)
-        )
+        inside = np.flatnonzero(in_image(camera, xy, z))
         if inside.size:
             column, row = xy[inside].astype(np.int64).T
             free[inside] |= depth_of(view)[row, column] > (1 + behind) * z[inside]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.scene.cameras import Camera, project, rays_in_world
+from stages.scene.cameras import Camera, in_image, project, rays_in_world
 from stages.stereo.mvs_settings import MvsSettings, PosePointsSettings
 
 
@@ -69,13 +69,9 @@ def points_from_poses(cameras: list[Camera], settings: PosePointsSettings) -> Sp
         steps = middle / inverse[None, :, None]
         points.append((camera.centre_in_world + rays * steps).reshape(-1, 3))
     x_in_world = np.concatenate(points)
-    return SparsePoints(x_in_world, np.stack([falls_inside(camera, x_in_world) for camera in cameras]))
-
-
-def falls_inside(camera: Camera, x_in_world: np.ndarray) -> np.ndarray:
-    """Test whether each point projects into the view's image, shape (n,), bool (no test of occlusion)."""
-    xy, depth = project(camera, x_in_world)
-    return (depth > 0) & np.all((xy >= 0) & (xy < [camera.width, camera.height]), axis=-1)
+    return SparsePoints(
+        x_in_world, np.stack([in_image(camera, *project(camera, x_in_world)) for camera in cameras])
+    )
 
 
 def pair_scores(cameras: list[Camera], points: SparsePoints, view: int, settings: MvsSettings) -> np.ndarray:

@@ -48,11 +48,7 @@ class Workspace:
 
     def reduced(self, scale: float) -> Workspace:
         """Reduce the size at which the images are read."""
-        smaller = [
-            one.scaled(max(1, round(one.width * scale)), max(1, round(one.height * scale)))
-            for one in self.cameras
-        ]
-        return replace(self, cameras=smaller)
+        return replace(self, cameras=[camera.reduced(scale) for camera in self.cameras])
 
     def images(self) -> ImageReader:
         """Make a reader of the images."""

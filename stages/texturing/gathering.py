@@ -48,7 +48,7 @@ class Sums:
     ----------
     weight : ndarray, shape (T,), float32
     albedo : ndarray, shape (T, 3), float32
-    maps : ndarray, shape (T, 7), float32
+    maps : ndarray, shape (T, 7) or (T, 0), float32
     """
 
     weight: np.ndarray
@@ -56,12 +56,12 @@ class Sums:
     maps: np.ndarray
 
     @classmethod
-    def none(cls, texels: int) -> Sums:
-        """Begin with nothing."""
+    def none(cls, texels: int, maps: int) -> Sums:
+        """Begin with nothing; `maps` of 0: of the albedo alone."""
         return cls(
             np.zeros(texels, np.float32),
             np.zeros((texels, 3), np.float32),
-            np.zeros((texels, MAPS), np.float32),
+            np.zeros((texels, maps), np.float32),
         )
 
     def means(self) -> tuple[np.ndarray, np.ndarray]:
@@ -186,7 +186,7 @@ def _gather(points, normals, pose, centre, small, large, maps, reference, how, s
         total[t] += own
         for c in range(3):
             sum_of_albedo[t, c] += own * shown[c]
-        for c in range(further.shape[2]):
+        for c in range(sum_of_maps.shape[1]):
             sum_of_maps[t, c] += own * _mixed(further[:, :, c], row, column)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from stages.geometry.rays import summed_at_vertices
 from stages.texturing.texels import Texels
 from stages.texturing.unwrapping import ChartedMesh
 
@@ -19,8 +20,10 @@ def tangents_of(mesh: ChartedMesh) -> np.ndarray:
     one, other = mesh.vertices[second] - mesh.vertices[first], mesh.vertices[third] - mesh.vertices[first]
     (u1, v1), (u2, v2) = (mesh.uv[second] - mesh.uv[first]).T, (mesh.uv[third] - mesh.uv[first]).T
     sign = np.sign(u1 * v2 - u2 * v1)[:, None]  # over the determinant: weighted by the area in the atlas
-    along_u = _at_vertices(mesh, sign * (v2[:, None] * one - v1[:, None] * other))
-    along_v = _at_vertices(mesh, sign * (u1[:, None] * other - u2[:, None] * one))
+    along_u, along_v = (
+        summed_at_vertices(sign * of_faces, mesh.faces, len(mesh.vertices))
+        for of_faces in (v2[:, None] * one - v1[:, None] * other, u1[:, None] * other - u2[:, None] * one)
+    )
     straight = along_u - (along_u * mesh.normals).sum(axis=1, keepdims=True) * mesh.normals
     lost = np.linalg.norm(straight, axis=1) < TINY
     straight[lost] = np.cross(mesh.normals[lost], _least_axis(mesh.normals[lost]))
@@ -59,15 +62,6 @@ def tangent_space(texels: Texels, mesh: ChartedMesh, tangents: np.ndarray, norma
 def _least_axis(normals: np.ndarray) -> np.ndarray:
     """Choose the axis most nearly perpendicular to each normal, (n, 3)."""
     return np.eye(3)[np.abs(normals).argmin(axis=1)]
-
-
-def _at_vertices(mesh: ChartedMesh, of_faces: np.ndarray) -> np.ndarray:
-    """Sum up vectors of faces, (F, 3), at their vertices, (V, 3)."""
-    sums = np.zeros_like(mesh.vertices)
-    for corner in range(3):
-        for axis in range(3):
-            sums[:, axis] += np.bincount(mesh.faces[:, corner], of_faces[:, axis], len(mesh.vertices))
-    return sums
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

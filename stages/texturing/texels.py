@@ -8,10 +8,10 @@ import numpy as np
 
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.occluders import first_faces, scene_of
-from stages.geometry.rays import NO_TRIANGLE
+from stages.geometry.rays import NO_TRIANGLE, face_normals
 from stages.scene.cameras import Camera, smallest_footprints
 from stages.texturing.settings import ChartSettings
-from stages.texturing.unwrapping import ChartedMesh, face_normals
+from stages.texturing.unwrapping import ChartedMesh
 
 ROWS_AT_ONCE = 256  # of an atlas: bounds the memory of rays
 
@@ -67,7 +67,7 @@ def side_of_atlas(surface: Surface, cameras: list[Camera], how: ChartSettings) -
     how : ChartSettings
     """
     middles = surface.vertices[surface.faces].mean(axis=1)
-    areas = np.linalg.norm(face_normals(surface), axis=1) / 2
+    areas = np.linalg.norm(face_normals(surface.vertices, surface.faces), axis=1) / 2
     smallest = smallest_footprints(middles, cameras) / how.texels_per_pixel
     seen = np.isfinite(smallest)
     texels = float((areas[seen] / smallest[seen] ** 2).sum()) / how.expected_use

@@ -9,7 +9,7 @@ import xatlas
 
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.proxy import roughly_decimated, welded
-from stages.geometry.rays import vertex_normals
+from stages.geometry.rays import face_normals, vertex_normals
 from stages.texturing.settings import ChartSettings
 
 
@@ -42,7 +42,7 @@ def within_budget(surface: Surface, how: ChartSettings) -> Surface:
     whole = welded(surface)
     if len(whole.faces) > how.most_faces:
         whole = roughly_decimated(whole, how.most_faces, how.proxy)
-    solid = np.linalg.norm(face_normals(whole), axis=1) > 0
+    solid = np.linalg.norm(face_normals(whole.vertices, whole.faces), axis=1) > 0
     return Surface(whole.vertices, whole.faces[solid])
 
 
@@ -73,16 +73,10 @@ def unwrapped(surface: Surface, side_px: int, how: ChartSettings) -> ChartedMesh
     )
 
 
-def face_normals(surface: Surface) -> np.ndarray:
-    """Compute normals of faces, twice their area long, (F, 3)."""
-    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
-
-
 def _normals_of(surface: Surface) -> np.ndarray:
     """Compute unit normals of vertices, (V, 3); where those of the faces around cancel, one of theirs."""
     normals = vertex_normals(surface.vertices - surface.vertices.mean(axis=0), surface.faces).astype(float)
     any_face = np.zeros_like(normals)
-    any_face[surface.faces.ravel()] = np.repeat(face_normals(surface), 3, axis=0)
+    any_face[surface.faces.ravel()] = np.repeat(face_normals(surface.vertices, surface.faces), 3, axis=0)
     normals = np.where(np.linalg.norm(normals, axis=1, keepdims=True) > 0.5, normals, any_face)
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)

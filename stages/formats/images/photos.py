@@ -178,7 +178,7 @@ def write_png8(path: Path, pixels: np.ndarray) -> None:
 def _read_encoded(path: Path) -> tuple[np.ndarray, bytes]:
     """Upright values as stored, uint8 or uint16, (h, w, 3) or (h, w), RGB; and the profile, or nothing."""
     with _opened(path) as image:
-        deep, profile = _is_16_bit(image, path), profile_of(image, path)
+        deep, profile = _is_16_bit(image, path), _profile_of(image, path)
         orientation = 1 if image.format == "TIFF" else _orientation(image, path)
         try:
             image.load()  # Pillow alone notices truncation; its TIFF reader turns the image upright here
@@ -191,7 +191,7 @@ def _read_encoded(path: Path) -> tuple[np.ndarray, bytes]:
     return upright(_decoded_by_opencv(path, path.read_bytes()), orientation), profile
 
 
-def profile_of(image: Image.Image, path: Path) -> bytes:
+def _profile_of(image: Image.Image, path: Path) -> bytes:
     """Read the embedded ICC profile; nothing without, or where a PNG's coding (cICP) comes before it."""
     profile = image.info.get("icc_profile") or b""
     return b"" if profile and b"cICP" in chunks_before_pixels(path) else bytes(profile)

@@ -51,21 +51,23 @@ class TexturedModel:
     roughness: float
 
 
-def write_glb(path: Path, model: TexturedModel, up: np.ndarray) -> None:
+def write_glb(path: Path, model: TexturedModel, gltf_from_world: np.ndarray) -> None:
     """Write a GLB: one mesh, one lit metallic-roughness material, base colour and normals as PNG inside.
 
     Parameters
     ----------
     path : Path
     model : TexturedModel
-    up : ndarray, shape (3, 3)
-        Rotation from the model's axes to glTF's, y up: that of its node.
+    gltf_from_world : ndarray, shape (3, 3)
+        Rotation from the model's axes to glTF's, y up.
     """
     buffer = BinaryBuffer()
     attributes = {
-        "POSITION": buffer.attribute(model.vertices @ up.T, bounded=True),
-        "NORMAL": buffer.attribute(model.normals @ up.T),
-        "TANGENT": buffer.attribute(np.column_stack([model.tangents[:, :3] @ up.T, model.tangents[:, 3]])),
+        "POSITION": buffer.attribute(model.vertices @ gltf_from_world.T, bounded=True),
+        "NORMAL": buffer.attribute(model.normals @ gltf_from_world.T),
+        "TANGENT": buffer.attribute(
+            np.column_stack([model.tangents[:, :3] @ gltf_from_world.T, model.tangents[:, 3]])
+        ),
         "TEXCOORD_0": buffer.attribute(model.uv),
     }
     primitive = {"attributes": attributes, "indices": buffer.indices(model.faces), "material": 0}

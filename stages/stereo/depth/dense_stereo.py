@@ -93,7 +93,7 @@ def sweep_view(scene: Scene, view: int, settings: MvsSettings) -> np.ndarray:
     """Sweep a view at reduced size: its first planes, full size, (h, w, 3), float32, by winner and fit."""
     plan, sweep = scene.plans[view], settings.sweep
     scale = min(settings.sweep_scale, settings.sweep_longest_px / max(scene.cameras[view].shape))
-    small = {j: _resized(scene.cameras[j], scale) for j in (view, *plan.sources)}
+    small = {j: scene.cameras[j].reduced(scale) for j in (view, *plan.sources)}
     grey = {j: _shrunk(scene.grey(j), camera) for j, camera in small.items()}
     projections = np.stack([j_from_i(small[view], small[j]) for j in plan.sources])
     images = [grey[j] for j in plan.sources]
@@ -206,10 +206,6 @@ def _inverse_or_nothing(scene: Scene, view: int) -> np.ndarray:
     if view in scene.planes:
         return scene.planes[view][..., 0]
     return np.zeros(scene.cameras[view].shape, np.float32)
-
-
-def _resized(camera: Camera, scale: float) -> Camera:
-    return camera.scaled(max(2, round(camera.width * scale)), max(2, round(camera.height * scale)))
 
 
 def _shrunk(grey: np.ndarray, camera: Camera) -> np.ndarray:
