@@ -1,4 +1,4 @@
-"""Albedo of every view under the light of the stage `lighting`, cluster by cluster of views."""
+"""Albedo of every view under the light of the stage `lighting`, cluster by cluster of the surface."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline import Job, Stage, counted
-from stages.photometry.clusters.settings import LEAST_PIXELS
 from stages.photometry.decomposition_record import ALBEDO, ENERGY, OF_TRANSFER
 from stages.photometry.decomposition_settings import IGNORED, DecompositionSettings
 from stages.photometry.solver_settings import weights_at
@@ -22,15 +21,15 @@ if TYPE_CHECKING:
     from stages.photometry.albedo.albedo_given_light import SmoothAlbedos
     from stages.photometry.albedo_data import AlbedoData
     from stages.photometry.clusters.cluster_views import ClusterViews
-    from stages.photometry.clusters.view_clusters import Cluster
+    from stages.photometry.clusters.parts import Parts
+    from stages.photometry.clusters.surface_clusters import Cluster
     from stages.photometry.decomposition_record import Solution
     from stages.photometry.detail.albedo_detail import Detail
     from stages.photometry.detail.scene_statistics import DetailStatistics
     from stages.photometry.joint.fast_alternation import FastSolver
     from stages.scene.cameras import Camera
 
-INPUTS = ("mask", "correspondences", "found_light", "shading", "observations")
-OUTPUTS = ("albedo", "albedo_tv", "confidence")
+MAPS = ("albedo", "albedo_tv", "confidence")
 KINDS = ("observed", "diffuse", "trusted")
 BYTES_PER_PIXEL = 400  # that take part, all channels together
 BYTES_PER_LINK = 40
@@ -42,9 +41,10 @@ class ClusterTask:
 
     Attributes
     ----------
-    inputs, outputs : mapping of str to Path
+    inputs : mapping of str to Path
         Artefacts as of the stage.
-    scratch : Path
+    parts : Parts
+        Where maps of the pixels are kept, until they are put together view by view.
     cameras : list of Camera
         Of all views.
     side : float
@@ -56,8 +56,7 @@ class ClusterTask:
     """
 
     inputs: Mapping[str, Path]
-    outputs: Mapping[str, Path]
-    scratch: Path
+    parts: Parts
     cameras: list[Camera]
     side: float
     typical_light: float | None
@@ -77,22 +76,20 @@ class OpenedCluster:
 
 
 def run(job: Job[DecompositionSettings]) -> None:
-    """Divide the views into clusters, solve each, measure what is common to them, add the detail to each."""
+    """Divide the surface into clusters, solve each, measure what is common to all, add the detail."""
     from stages.formats.artefacts.camera_file import read_cameras
-    from stages.photometry.clusters.cluster_views import view_graph
-    from stages.photometry.clusters.view_clusters import clusters_of
+    from stages.photometry.clusters.cluster_views import divided_surface, view_graph
+    from stages.photometry.clusters.parts import Parts
     from stages.photometry.decomposition_record import write_solutions
-    from stages.photometry.detail.scene_statistics import DetailStatistics
     from stages.photometry.joint.fast_alternation import FastSolver
 
-    cameras, settings, tasks = read_cameras(job.inputs["cameras"]), job.settings, job.tasks
-    graph = view_graph(job.inputs, cameras)
-    clusters = clusters_of(graph, settings.clusters.pixels)
+    cameras, settings, inputs = read_cameras(job.inputs["cameras"]), job.settings, dict(job.inputs)
+    graph = view_graph(inputs, cameras)
+    clusters = divided_surface(inputs, cameras, graph, settings.clusters, job.executor.map)
     weights = weights_at(settings, graph.side, graph.links_per_pixel)
     task = ClusterTask(
-        {name: job.inputs[name] for name in INPUTS},
-        {name: job.outputs[name] for name in OUTPUTS},
-        job.scratch,
+        inputs,
+        Parts(job.scratch, inputs, cameras, clusters),
         cameras,
         graph.side,
         _typical_light(job, cameras, int(graph.pixels.sum())) if len(clusters) > 1 else None,
@@ -103,42 +100,52 @@ def run(job: Job[DecompositionSettings]) -> None:
         with job.progress("rounds", 2 * settings.stopping.max_rounds) as step:
             solutions = [solve_whole(clusters[0], task, job.threads, step)]
     else:
-        job.say(f"{len(cameras)} views in {len(clusters)} clusters.")
-        with job.progress("clusters", 2 * len(clusters)) as step:
-            drafts = list(counted(tasks.large(begin_cluster, clusters, task), step))
-            classes = settings.detail.classes
-            common = DetailStatistics.merged(
-                [draft.statistics for draft in drafts], classes.most * classes.fewest_pixels
-            )
-            begun = list(zip(clusters, drafts, strict=True))
-            solutions = list(counted(tasks.large(finish_cluster, begun, common, task), step))
+        solutions = _solve_clusters(job, task, clusters)
+    with job.progress("views", len(cameras)) as step:
+        folders = {name: job.outputs[name] for name in MAPS}
+        for _ in job.tasks.small(write_view, range(len(cameras)), task.parts, folders):
+            step()
     job.note(
         weights={"lambda": weights.smoothness, "mu": weights.consistency},
         uncertainty=solutions[0].statistics.uncertainty.as_json(),
-        clusters=[len(cluster.own) for cluster in clusters],
-        pixels_with_halos=sum(solution.pixels_with_halo for solution in solutions),
+        clusters=[solution.pixels for solution in solutions],
+        pixels_with_margins=sum(solution.pixels_with_margin for solution in solutions),
     )
     write_solutions(job, solutions)
 
 
+def _solve_clusters(
+    job: Job[DecompositionSettings], task: ClusterTask, clusters: list[Cluster]
+) -> list[Solution]:
+    """Solve all clusters, and add their detail by statistics of all."""
+    from stages.photometry.detail.scene_statistics import DetailStatistics
+
+    job.say(f"The surface is solved in {len(clusters)} clusters.")
+    with job.progress("clusters", 2 * len(clusters)) as step:
+        drafts = list(counted(job.tasks.large(begin_cluster, clusters, task), step))
+        classes = task.settings.detail.classes
+        common = DetailStatistics.merged(
+            [draft.statistics for draft in drafts], classes.most * classes.fewest_pixels
+        )
+        begun = list(zip(clusters, drafts, strict=True))
+        return list(counted(job.tasks.large(finish_cluster, begun, common, task), step))
+
+
 def solve_whole(cluster: Cluster, task: ClusterTask, threads: int, step: Callable[[], None]) -> Solution:
-    """Solve the only cluster, write its maps, and report."""
+    """Solve the only cluster, keep its maps, and report."""
     opened = _opened(cluster, task, threads)
-    smooth = _smooth(task, opened, step)
+    smooth = _smooth(task, opened, cluster, step)
     detail = _with_detail(task, opened, smooth.by_edge.albedo, None)
-    return _written(task, opened, detail, _draft(task, opened, smooth, detail.statistics))
+    return _kept(task, opened, cluster, detail, _draft(task, opened, smooth, detail.statistics))
 
 
 def begin_cluster(cluster: Cluster, task: ClusterTask, threads: int) -> Solution:
-    """Solve a cluster for its smooth albedo, and measure its own statistics; the albedo goes to `scratch`.
-
-    Picklable.
-    """
+    """Solve a cluster for its smooth albedo, which is kept, and measure its own statistics. Picklable."""
     import numpy as np
 
     opened = _opened(cluster, task, threads)
-    smooth = _smooth(task, opened, lambda: None)
-    np.save(_kept_file(task, cluster), smooth.by_edge.albedo)
+    smooth = _smooth(task, opened, cluster, lambda: None)
+    np.save(_smooth_file(task, cluster), smooth.by_edge.albedo)
     statistics = _with_detail(task, opened, smooth.by_edge.albedo, None).statistics
     return _draft(task, opened, smooth, statistics)
 
@@ -146,17 +153,26 @@ def begin_cluster(cluster: Cluster, task: ClusterTask, threads: int) -> Solution
 def finish_cluster(
     begun: tuple[Cluster, Solution], common: DetailStatistics, task: ClusterTask, threads: int
 ) -> Solution:
-    """Add the detail to a cluster's smooth albedo, by statistics of all; write its maps. Picklable."""
+    """Add the detail to a cluster's smooth albedo, by statistics of all; keep its maps. Picklable."""
     import numpy as np
 
     cluster, draft = begun
     opened = _opened(cluster, task, threads)
-    albedo = np.load(_kept_file(task, cluster), allow_pickle=False)
-    return _written(task, opened, _with_detail(task, opened, albedo, common), draft)
+    albedo = np.load(_smooth_file(task, cluster), allow_pickle=False)
+    return _kept(task, opened, cluster, _with_detail(task, opened, albedo, common), draft)
 
 
-def _kept_file(task: ClusterTask, cluster: Cluster) -> Path:
-    return task.scratch / f"smooth_albedo_{cluster.own[0]}.npy"
+def write_view(view: int, parts: Parts, folders: Mapping[str, Path]) -> None:
+    """Write the maps of a view, out of clusters. Picklable."""
+    from stages.formats.artefacts.view_files import write_maps
+
+    mask, values = parts.of_view(view, MAPS)
+    for name, folder in folders.items():
+        write_maps(folder, [parts.cameras[view]], [mask], values[name])
+
+
+def _smooth_file(task: ClusterTask, cluster: Cluster) -> Path:
+    return task.parts.folder / f"{cluster.number}_smooth_albedo_with_margin.npy"
 
 
 def _typical_light(job: Job[DecompositionSettings], cameras: list[Camera], pixels: int) -> float:
@@ -190,14 +206,16 @@ def _opened(cluster: Cluster, task: ClusterTask, threads: int) -> OpenedCluster:
 
     use_threads(threads)
     light = read_light(task.inputs["found_light"])
-    views = open_cluster(task.inputs, task.cameras, cluster, task.side)
+    views = open_cluster(task.inputs, task.cameras, cluster, task.side, on_threads)
     shading = views.maps(task.inputs["shading"], on_threads) / light.mean_shading.astype(np.float32)
     observed = AlbedoData(**views.arrays(task.inputs["observations"], KINDS, on_threads), glossy=light.glossy)
     return OpenedCluster(views, light, shading, observed, threads)
 
 
-def _smooth(task: ClusterTask, opened: OpenedCluster, step: Callable[[], None]) -> SmoothAlbedos:
-    """Estimate the smooth albedos, and write that of Eq. 2."""
+def _smooth(
+    task: ClusterTask, opened: OpenedCluster, cluster: Cluster, step: Callable[[], None]
+) -> SmoothAlbedos:
+    """Estimate the smooth albedos, and keep that of Eq. 2."""
     import numpy as np
 
     from stages.photometry.albedo.albedo_given_light import smooth_albedos_under_light
@@ -214,7 +232,8 @@ def _smooth(task: ClusterTask, opened: OpenedCluster, step: Callable[[], None]) 
         opened.threads,
         step,
     )
-    _write(task, opened, "albedo_tv", np.maximum(smooth.alike.albedo, 0) * _unit(opened))
+    of_energy = np.maximum(smooth.alike.albedo, 0) * _unit(opened)
+    task.parts.keep(cluster, opened.views, {"albedo_tv": of_energy})
     return smooth
 
 
@@ -249,9 +268,9 @@ def _draft(
 
     views, outcome = opened.views, worse(smooth.alike.outcome, smooth.by_edge.outcome)
     return Solution(
-        views=[camera.name for camera in views.own_cameras],
+        views=[camera.name for camera, own in zip(views.cameras, views.own_counts, strict=True) if own],
         pixels=int(views.own.sum()),
-        pixels_with_halo=len(views.own),
+        pixels_with_margin=len(views.own),
         links=views.stack.correspondence_count,
         negative_shading=below_zero(opened.shading[views.own]),
         negative_albedo={},
@@ -261,8 +280,10 @@ def _draft(
     )
 
 
-def _written(task: ClusterTask, opened: OpenedCluster, detail: Detail, draft: Solution) -> Solution:
-    """Write the albedo and its confidence, and complete the report."""
+def _kept(
+    task: ClusterTask, opened: OpenedCluster, cluster: Cluster, detail: Detail, draft: Solution
+) -> Solution:
+    """Keep the albedo and its confidence, and complete the report."""
     from dataclasses import replace
 
     from stages.photometry.albedo.confidence import confidence_of
@@ -270,8 +291,8 @@ def _written(task: ClusterTask, opened: OpenedCluster, detail: Detail, draft: So
 
     trusted = opened.observed.trusted & opened.light.trusted  # if none is, all are used: a guess
     albedo = detail.albedo * _unit(opened)
-    _write(task, opened, "albedo", albedo)
-    _write(task, opened, "confidence", confidence_of(detail.variance, trusted, task.settings.confidence))
+    confidence = confidence_of(detail.variance, trusted, task.settings.confidence)
+    task.parts.keep(cluster, opened.views, {"albedo": albedo, "confidence": confidence})
     negative = below_zero(albedo[opened.views.own])
     return replace(draft, negative_albedo=negative, statistics=detail.statistics)
 
@@ -283,41 +304,30 @@ def _unit(opened: OpenedCluster) -> Any:
     return np.float32(opened.light.image_scale) / opened.light.mean_shading.astype(np.float32)
 
 
-def _write(task: ClusterTask, opened: OpenedCluster, name: str, stacked: np.ndarray) -> None:
-    """Write a map of a cluster's own views."""
-    from stages.formats.artefacts.view_files import write_maps
-    from stages.solvers.kernels.pixelwise import on_threads
-
-    views = opened.views
-    write_maps(task.outputs[name], views.own_cameras, views.own_masks, stacked[views.own], on_threads)
-
-
 def estimated_memory(settings: DecompositionSettings, inputs: Mapping[str, Path], threads: int) -> int:
     """Estimate the memory of the largest cluster."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.photometry.clusters.cluster_views import view_graph
-    from stages.photometry.clusters.view_clusters import clusters_of, size_of
+    from stages.photometry.clusters.settings import expected_size
 
     graph = view_graph(inputs, read_cameras(inputs["cameras"]))
-    sizes = (size_of(cluster, graph) for cluster in clusters_of(graph, settings.clusters.pixels))
-    largest = max(BYTES_PER_PIXEL * pixels + BYTES_PER_LINK * links for pixels, links in sizes)
-    return BYTES_OF_LIBRARIES + int(largest)
+    pixels = expected_size(int(graph.pixels.sum()), settings.clusters)
+    per_pixel = BYTES_PER_PIXEL + BYTES_PER_LINK * graph.links_per_pixel / 2
+    return BYTES_OF_LIBRARIES + int(per_pixel * pixels)
 
 
 def within(settings: DecompositionSettings, memory: int) -> DecompositionSettings:
     """Make clusters small enough for the memory, bytes."""
-    how = settings.clusters
-    pixels = max((memory - BYTES_OF_LIBRARIES) // BYTES_PER_PIXEL_OF_CLUSTER, LEAST_PIXELS)
-    clusters = how.model_copy(update={"pixels": min(how.pixels, pixels)})
-    return settings.model_copy(update={"clusters": clusters})
+    room = (memory - BYTES_OF_LIBRARIES) // BYTES_PER_PIXEL_OF_CLUSTER
+    return settings.model_copy(update={"clusters": settings.clusters.within(room)})
 
 
 DECOMPOSITION_UNDER_LIGHT = Stage(
     name="decomposition",
-    version=45,  # ahead of the other variants
+    version=46,  # ahead of the other variants
     about="Albedo of each view under the light that was found, from all views together.",
     settings=DecompositionSettings,
-    takes=("mask", "cameras", "correspondences", "found_light", "shading", "observations"),
+    takes=("mask", "depth", "cameras", "correspondences", "found_light", "shading", "observations"),
     gives=(ALBEDO, ENERGY, *OF_TRANSFER),
     ignores=IGNORED["directions"],
     run=run,

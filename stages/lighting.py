@@ -1,16 +1,16 @@
 """Estimation of the illumination of all views before the albedo: light, distance, gains, specular.
 
-Many views have their light estimated from some of them; the pixels of all are then lit cluster by cluster.
+Many views have their light estimated from some of them; the pixels of all are then lit in clusters.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline import Artefact, Job, Stage
+from pipeline import Artefact, Job, Stage, counted
 from stages.photometry.clusters.settings import LEAST_PIXELS
 from stages.photometry.lighting.settings import LightingSettings
 from stages.scene.distributions import OPEN3D, PICTURES
@@ -18,13 +18,12 @@ from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, FEWER_OR_SMALLER_VI
 
 if TYPE_CHECKING:
     import numpy as np
-    import scipy.sparse as sp
 
     from stages.formats.artefacts.transfer_file import StoredTransfer
-    from stages.geometry.short_edges import ShortEdged
-    from stages.photometry.clusters.view_clusters import Cluster, ViewGraph
+    from stages.photometry.clusters.typical_views import ViewGraph
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
+    from stages.photometry.lighting.lit_clusters import Scene
     from stages.photometry.lighting.opened_views import Opened
     from stages.photometry.transport.lit_scenes import LitScene
     from stages.photometry.transport.sky_visibility import VisibilityProbes
@@ -34,34 +33,6 @@ if TYPE_CHECKING:
 BYTES_AT_ANY_SIZE = 400_000_000  # of specular reflection and of the picture of the light
 BYTES_PER_PIXEL = 400  # masked
 BYTES_PER_BYTE_OF_MESH = 15  # of its file, with short edges and for casting rays
-WITH_HALOS = 2  # pixels that take part in a cluster, over those that the light is found on
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """What is known of all views before their pixels are opened.
-
-    Attributes
-    ----------
-    cameras : list of Camera
-    graph : ViewGraph
-    stored : StoredTransfer
-    short : ShortEdged
-        The mesh, with edges as short as those of the transfer.
-    """
-
-    cameras: list[Camera]
-    graph: ViewGraph
-    stored: StoredTransfer
-    short: ShortEdged
-
-
-@dataclass(frozen=True)
-class Parts:
-    """The views that one light is estimated from, and the clusters in which the pixels of all are lit."""
-
-    some: Cluster
-    clusters: list[Cluster]
 
 
 def run(job: Job[LightingSettings]) -> None:
@@ -71,73 +42,63 @@ def run(job: Job[LightingSettings]) -> None:
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.short_edges import with_short_edges
     from stages.photometry.clusters.cluster_views import view_graph
+    from stages.photometry.lighting.lit_clusters import Scene
+    from stages.photometry.lighting.opened_views import ViewFiles
 
     cameras, stored = read_cameras(job.inputs["cameras"]), read_transfer(job.inputs["transfer"])
     short = with_short_edges(read_mesh(job.inputs["mesh"]), float(stored.longest_edge))
-    scene = Scene(cameras, view_graph(job.inputs, cameras), stored, short)
-    parts = _parts(job.settings, job.inputs, scene.graph)
-    if parts is not None:
-        if _from_some(job, scene, parts):
-            return
+    graph = view_graph(job.inputs, cameras)
+    files = ViewFiles(dict(job.inputs), cameras, graph.side, job.settings.trusted_pixels)
+    scene = Scene(cameras, files, graph, stored, short)
+    if _has_room(job.settings, job.inputs, graph):
+        _from_all(job, scene)
+    elif not _from_some(job, scene):
         job.warn(
             "Views differ by more than one light explains: their lights are estimated from all at once, "
             "with memory for all. Where that is too much, choose fewer views (raycast.views), or set "
             "lighting.lights=shared."
         )
-    _from_all(job, scene)
+        _from_all(job, scene)
 
 
 def estimated_memory(settings: LightingSettings, inputs: Mapping[str, Path], threads: int) -> int:
     """Estimate the memory from masked pixels; measured values are up to a third off it."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.photometry.clusters.cluster_views import view_graph
-    from stages.photometry.clusters.view_clusters import size_of
+    from stages.photometry.clusters.settings import expected_size
 
     graph = view_graph(inputs, read_cameras(inputs["cameras"]))
-    parts = _parts(settings, inputs, graph)
-    for_mesh = BYTES_PER_BYTE_OF_MESH * inputs["mesh"].stat().st_size
-    if parts is None:
-        return for_mesh + _bytes(graph.pixels.sum())
-    return for_mesh + _bytes(max(size_of(one, graph)[0] for one in (parts.some, *parts.clusters)))
+    pixels = int(graph.pixels.sum())
+    if not _has_room(settings, inputs, graph):
+        pixels = max(settings.pixels, expected_size(pixels, settings.clusters))
+    mesh = BYTES_PER_BYTE_OF_MESH * inputs["mesh"].stat().st_size
+    return BYTES_OF_LIBRARIES + BYTES_AT_ANY_SIZE + mesh + BYTES_PER_PIXEL * pixels
 
 
-def _parts(how: LightingSettings, inputs: Mapping[str, Path], graph: ViewGraph) -> Parts | None:
-    """Divide the views, unless they are few, or their light is known or not one."""
-    from stages.photometry.clusters.view_clusters import clusters_of, typical_views
-
-    if graph.pixels.sum() <= how.pixels or "known_light" in inputs or how.lights == "per-view":
-        return None
-    clusters = clusters_of(graph, WITH_HALOS * how.pixels)
-    return Parts(typical_views(graph, clusters, how.pixels), clusters)
+def _has_room(how: LightingSettings, inputs: Mapping[str, Path], graph: ViewGraph) -> bool:
+    """Whether all views are opened at once: they are few, or their light is known or not one."""
+    return graph.pixels.sum() <= how.pixels or "known_light" in inputs or how.lights == "per-view"
 
 
-def _bytes(pixels: float) -> int:
-    """Estimate the memory of so many pixels that are held at once."""
-    return BYTES_OF_LIBRARIES + BYTES_AT_ANY_SIZE + int(BYTES_PER_PIXEL * pixels)
-
-
-def _from_all(
-    job: Job[LightingSettings],
-    scene: Scene,
-) -> None:
+def _from_all(job: Job[LightingSettings], scene: Scene) -> None:
     """Estimate the light from all views at once."""
     import numpy as np
 
     from stages.formats.images.photos import read_environment
-    from stages.photometry.clusters.view_clusters import Cluster
+    from stages.photometry.clusters.surface_clusters import Cluster
     from stages.photometry.lighting import lighting_record as record
     from stages.photometry.lighting.estimate_illumination import find_illumination
     from stages.photometry.lighting.illumination_by_known_light import illumination_by
-    from stages.photometry.lighting.opened_views import open_views
 
-    cameras, stored = scene.cameras, scene.stored
-    every = Cluster(tuple(range(len(cameras))), ())
+    cameras = scene.cameras
     known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
-    opened, how = open_views(job, cameras, scene.graph.side, every, None), job.settings
+    opened = scene.files.open(Cluster.whole(range(len(cameras))), None, job.executor.map)
+    how = job.settings
     record.warn_of_clipping(job, int(np.count_nonzero(~opened.unclipped)), len(opened.unclipped))
     if known is not None:
-        stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # infinitely far away
-    scenes = _scenes(job, opened, stored, scene.short)
+        far = replace(scene.stored, radii=scene.stored.radii[:1], visible=scene.stored.visible[:1])
+        scene = replace(scene, stored=far)  # infinitely far away
+    scenes = _scenes(job, opened, scene)
     seen = opened.views.stack, opened.images
     if known is not None:
         light = _as_known(known, how, cameras, opened.scale)
@@ -147,88 +108,73 @@ def _from_all(
         with job.progress("steps", _steps(how, len(scenes))) as step:
             found = find_illumination(*seen, scenes, opened.viewing, how, job.threads, step)
     trusted = opened.viewing.trusted & found.observations.trusted
-    record.note_light(job, stored, found, int(np.count_nonzero(~trusted)))
-    record.report_light(job, stored, found)
-    record.write_pixels(job, cameras, opened.views.own_masks, found.light.shading, found.observations)
+    record.note_light(job, scene.stored, found, int(np.count_nonzero(~trusted)))
+    record.report_light(job, scene.stored, found)
+    record.write_pixels(job, cameras, opened.views.masks, found.light.shading, found.observations)
     views = record.AllViews(
         cameras, found.light_of_view, found.gains.gains, bool(opened.viewing.trusted.any())
     )
-    record.write_light_of(job, stored, found, views, opened.scale)
+    record.write_light_of(job, scene.stored, found, views, opened.scale)
 
 
-def _from_some(
-    job: Job[LightingSettings],
-    scene: Scene,
-    parts: Parts,
-) -> bool:
+def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
     """Estimate one light from some views and light all with it; False if they have lights of their own."""
     import numpy as np
 
+    from stages.photometry.clusters.surface_clusters import Cluster
+    from stages.photometry.clusters.typical_views import typical_views
     from stages.photometry.lighting import lighting_record as record
     from stages.photometry.lighting.estimate_illumination import find_illumination
-    from stages.photometry.lighting.opened_views import gains_of_all, open_views
+    from stages.photometry.lighting.opened_views import gains_of_all
 
-    cameras, stored, some = scene.cameras, scene.stored, parts.some
-    opened, how = open_views(job, cameras, scene.graph.side, some, None), job.settings
-    gains = gains_of_all(job, cameras, opened.scale)
-    scenes, seen = _scenes(job, opened, stored, scene.short), (opened.views.stack, opened.images)
+    cameras, how = scene.cameras, job.settings
+    some = typical_views(scene.graph, how.pixels)
+    opened = scene.files.open(Cluster.whole(some), None, job.executor.map)
+    scale, gains = opened.scale, gains_of_all(job, scene.files, opened.scale)
+    scenes, seen = _scenes(job, opened, scene), (opened.views.stack, opened.images)
     with job.progress("steps", _steps(how, len(scenes))) as step:
-        found = find_illumination(
-            *seen, scenes, opened.viewing, how, job.threads, step, gains[list(some.own)]
-        )
+        found = find_illumination(*seen, scenes, opened.viewing, how, job.threads, step, gains[list(some)])
     if found.apart:
         return False
-    job.note(light_found_on=[cameras[view].name for view in some.own])
-    scale, clipped, untrusted, trusted = opened.scale, 0, 0, False
-    typical = float(np.median(found.light.shading))
-    found = found.without_pixels()
+    job.note(light_found_on=[cameras[view].name for view in some])
+    typical, found = float(np.median(found.light.shading)), found.without_pixels()
     del opened, scenes, seen
-    with job.progress("clusters", len(parts.clusters)) as step:
-        for cluster in parts.clusters:
-            counts = _light_cluster(job, scene, cluster, found, typical, gains, scale)
-            clipped, untrusted, trusted = clipped + counts[0], untrusted + counts[1], trusted or counts[2] > 0
-            step()
+    clipped, untrusted, usable = _light_all(job, scene, found, typical, gains, scale)
     record.warn_of_clipping(job, clipped, int(scene.graph.pixels.sum()))
-    record.note_light(job, stored, found, untrusted)
-    record.report_light(job, stored, found)
-    views = record.AllViews(cameras, np.zeros(len(cameras), np.int64), gains, trusted)
-    record.write_light_of(job, stored, found, views, scale)
+    record.note_light(job, scene.stored, found, untrusted)
+    record.report_light(job, scene.stored, found)
+    views = record.AllViews(cameras, np.zeros(len(cameras), np.int64), gains, usable > 0)
+    record.write_light_of(job, scene.stored, found, views, scale)
     return True
 
 
-def _light_cluster(
+def _light_all(
     job: Job[LightingSettings],
     scene: Scene,
-    cluster: Cluster,
     found: Illumination,
     typical: float,
     gains: np.ndarray,
     scale: float,
 ) -> tuple[int, int, int]:
-    """Write shading and data of a cluster's own views; count their clipped, untrusted and usable pixels."""
-    import numpy as np
+    """Light the pixels of all views, in clusters; count the clipped, untrusted and usable ones."""
+    from stages.photometry.clusters.cluster_views import divided_surface
+    from stages.photometry.clusters.parts import Parts
+    from stages.photometry.lighting.lighting_record import write_view
+    from stages.photometry.lighting.lit_clusters import LightTask, light_cluster
 
-    from stages.photometry.albedo_data import AlbedoData
-    from stages.photometry.lighting.further_views import further_pixels
-    from stages.photometry.lighting.lighting_record import write_pixels
-    from stages.photometry.lighting.opened_views import open_views
-    from stages.photometry.transport.pixel_transfer import without_opposed
-
-    opened = open_views(job, scene.cameras, scene.graph.side, cluster, scale)
-    blend, _ = without_opposed(
-        opened.normals, _blend(job, opened, scene.stored, scene.short), scene.stored.normals
+    clusters = divided_surface(
+        job.inputs, scene.cameras, scene.graph, job.settings.clusters, job.executor.map
     )
-    own_gains = gains[sorted({*cluster.own, *cluster.halo})]
-    image = np.stack(opened.images, axis=1)
-    shading, data = further_pixels(
-        found, typical, opened.views.stack, image, opened.viewing, opened.normals, blend, own_gains
-    )
-    own = opened.views.own
-    kept = AlbedoData(data.observed[own], data.diffuse[own], data.trusted[own], data.glossy)
-    write_pixels(job, opened.views.own_cameras, opened.views.own_masks, shading[own], kept)
-    usable = opened.viewing.trusted[own]
-    untrusted = int(np.count_nonzero(~(usable & kept.trusted)))
-    return int(np.count_nonzero(~opened.unclipped[own])), untrusted, int(np.count_nonzero(usable))
+    parts = Parts(job.scratch, scene.files.paths, scene.cameras, clusters)
+    task = LightTask(scene, parts, found, typical, gains, scale)
+    with job.progress("clusters", len(clusters)) as step:
+        counts = list(counted(job.tasks.large(light_cluster, clusters, task), step))
+    folders = job.outputs["shading"], job.outputs["observations"]
+    with job.progress("views", len(scene.cameras)) as step:
+        for _ in job.tasks.small(write_view, range(len(scene.cameras)), parts, *folders):
+            step()
+    clipped, untrusted, usable = (sum(column) for column in zip(*counts, strict=True))
+    return clipped, untrusted, usable
 
 
 def _steps(how: LightingSettings, scenes: int) -> int:
@@ -248,26 +194,13 @@ def _tries(how: LightingSettings) -> int:
     return len(how.reflectance.tried) // 2 if how.reflectance_is_found else 0
 
 
-def _blend(
-    job: Job[LightingSettings], opened: Opened, stored: StoredTransfer, short: ShortEdged
-) -> sp.csr_array:
-    """Interpolate the proxy's vertices at the pixels, (N, P)."""
-    from stages.formats.artefacts.view_files import read_surface_points
-    from stages.geometry.vertex_interpolation import pixels_on_proxy_of
-
-    points = read_surface_points(job.inputs, opened.views.cameras, opened.views.stack.masks)
-    return pixels_on_proxy_of(short, stored, points)
-
-
-def _scenes(
-    job: Job[LightingSettings], opened: Opened, stored: StoredTransfer, short: ShortEdged
-) -> list[LitScene]:
+def _scenes(job: Job[LightingSettings], opened: Opened, scene: Scene) -> list[LitScene]:
     """Build the scene for each distance of the light; surface points and blends are released."""
     from stages.photometry.transport.lit_scenes import scenes_by_distance
     from stages.scene.wording import tell_seen_from_behind
 
-    blend, probes = _blend(job, opened, stored, short), _probes(job, stored)
-    scenes, opposed = scenes_by_distance(stored, blend, opened.normals, probes)
+    blend, probes = scene.blend(opened), _probes(job, scene.stored)
+    scenes, opposed = scenes_by_distance(scene.stored, blend, opened.normals, probes)
     tell_seen_from_behind(job, opposed, len(opened.normals))
     return scenes
 
@@ -302,19 +235,28 @@ def _probes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityPro
 
 
 def within(settings: LightingSettings, memory: int) -> LightingSettings:
-    """Estimate the light on fewer pixels where the memory, bytes, has no room for as many."""
-    pixels = max(
-        (memory - BYTES_OF_LIBRARIES - BYTES_AT_ANY_SIZE) // (WITH_HALOS * BYTES_PER_PIXEL), LEAST_PIXELS
-    )
-    return settings.model_copy(update={"pixels": min(settings.pixels, pixels)})
+    """Estimate the light on fewer pixels, in smaller clusters, as the memory, bytes, has room for."""
+    room = max((memory - BYTES_OF_LIBRARIES - BYTES_AT_ANY_SIZE) // BYTES_PER_PIXEL, LEAST_PIXELS)
+    clusters = settings.clusters.within(room)
+    return settings.model_copy(update={"pixels": min(settings.pixels, room), "clusters": clusters})
 
 
 LIGHTING = Stage(
     name="lighting",
-    version=9,
+    version=10,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
-    takes=("linear", "normal", "mask", "cameras", "correspondences", "mesh", "triangles", "transfer"),
+    takes=(
+        "linear",
+        "depth",
+        "normal",
+        "mask",
+        "cameras",
+        "correspondences",
+        "mesh",
+        "triangles",
+        "transfer",
+    ),
     may_take=("known_light",),
     gives=(
         Artefact("lighting", "light per view and channel", file="lighting.json", output="lighting.json"),

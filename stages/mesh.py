@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.distributions import OPEN3D, PYCOLMAP
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES
+
+BYTES_PER_BYTE_OF_POINTS = 6  # of their file
+BYTES_PER_CELL = 1200  # of the octree, occupied
+CELLS_PER_BYTE_OF_POINTS = 0.015  # of their file, at the automatic depth: 0.4 for each point
+LEAST_CELLS = 10_000
 
 
 class MeshSettings(Settings):
@@ -26,6 +35,13 @@ class MeshSettings(Settings):
     )
     deepest: int = setting(
         12, "Bound of the automatic depth: each step costs four times the memory.", ge=5, le=14
+    )
+    most_cells: int = setting(
+        8_000_000,
+        "Octree cells that the points may occupy, at most; of more, the automatic depth is lowered. Memory "
+        "is about 1.2 kB for each.",
+        unit="cells",
+        ge=1000,
     )
     trim_footprints: float = setting(
         6.0,
@@ -69,7 +85,14 @@ def run(job: Job[MeshSettings]) -> None:
         )
     points = s.robust_crop(points, settings.crop_outliers, settings.crop_margin)
     bounds = settings.shallowest, settings.deepest
-    depth = settings.depth or s.octree_depth(points, settings.cell_footprints, *bounds)
+    wished = settings.depth or s.octree_depth(points, settings.cell_footprints, *bounds)
+    depth = settings.depth or s.depth_within(points, wished, settings.shallowest, settings.most_cells)
+    if depth < wished:
+        job.warn(
+            f"The mesh has an octree depth of {depth} instead of {wished}, since the memory has room for "
+            f"{settings.most_cells} cells (mesh.most_cells): its relief is {2 ** (wished - depth)} times as "
+            "coarse as the photos would allow. Allow more memory with --memory."
+        )
     with job.progress("mesh", 4) as step:
         surface = s.poisson(points, depth)
         step()
@@ -88,6 +111,19 @@ def run(job: Job[MeshSettings]) -> None:
     job.note(points=len(points), octree_depth=depth, vertices=len(surface.vertices), faces=len(surface.faces))
 
 
+def estimated_memory(settings: MeshSettings, inputs: Mapping[str, Path], threads: int) -> int:
+    """Estimate the memory of Poisson from the number of points."""
+    points = inputs["fused"].stat().st_size
+    cells = min(CELLS_PER_BYTE_OF_POINTS * points, settings.most_cells)
+    return BYTES_OF_LIBRARIES + BYTES_PER_BYTE_OF_POINTS * points + int(BYTES_PER_CELL * cells)
+
+
+def within(settings: MeshSettings, memory: int) -> MeshSettings:
+    """Allow as many cells as the memory, bytes, has room for beside a third for the points."""
+    cells = max((2 * memory // 3 - BYTES_OF_LIBRARIES) // BYTES_PER_CELL, LEAST_CELLS)
+    return settings.model_copy(update={"most_cells": min(settings.most_cells, cells)})
+
+
 MESH = Stage(
     name="mesh",
     version=2,
@@ -97,5 +133,7 @@ MESH = Stage(
     gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
     run=run,
     tools=("numpy", "scipy", *PYCOLMAP, *OPEN3D),
+    memory=estimated_memory,
+    within=within,
     saves_memory="set mesh.depth: each step less takes a quarter of it",
 )

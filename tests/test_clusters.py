@@ -1,4 +1,4 @@
-"""Many views in clusters: the cuts of the view graph, the halos, and the same albedo as of all at once."""
+"""Clusters of the surface: the cuts, the margins, and the same albedo as of all at once."""
 
 from __future__ import annotations
 
@@ -28,8 +28,16 @@ from stages.formats.images.photos import read_mask
 from stages.formats.meshes.triangle_meshes import read_mesh
 from stages.geometry.short_edges import with_short_edges
 from stages.lighting import LIGHTING, LightingSettings
-from stages.photometry.clusters.cluster_views import open_cluster, view_graph
-from stages.photometry.clusters.view_clusters import Cluster, ViewGraph, clusters_of, size_of, typical_views
+from stages.photometry.clusters.cluster_views import (
+    divided_surface,
+    open_cluster,
+    sampled_surface,
+    surface_points,
+    view_graph,
+)
+from stages.photometry.clusters.settings import ClusterSettings
+from stages.photometry.clusters.surface_clusters import Cluster, SampledSurface, clusters_of, size_of
+from stages.photometry.clusters.typical_views import ViewGraph, parts_of, typical_views
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.detail.scene_statistics import DetailStatistics, OctaveStatistics
 from stages.photometry.detail.shading_uncertainty import ShownChange
@@ -37,7 +45,8 @@ from stages.photometry.detail.statistics_by_class import mean_of_curves
 from stages.photometry.detail.texture_limit import TextureLimit
 from stages.photometry.lighting.estimate_illumination import find_illumination
 from stages.photometry.lighting.further_views import further_pixels
-from stages.photometry.lighting.opened_views import open_views
+from stages.photometry.lighting.lit_clusters import Scene
+from stages.photometry.lighting.opened_views import ViewFiles
 from stages.photometry.lighting.view_gains import PairRatio, log_gains
 from stages.scene.memory_of_views import BYTES_PER_PIXEL_OF_CLUSTER
 
@@ -51,42 +60,77 @@ def street(views: int, reach: int = 3, pixels: int = 100) -> ViewGraph:
 
 @examples(deadline=None)
 @given(views=st.integers(1, 40), most=st.integers(50, 5000), seed=st.integers(0, 9))
-def test_every_view_is_in_one_cluster_and_none_is_too_large(views, most, seed):
+def test_every_view_is_in_one_part_and_none_is_too_large(views, most, seed):
     order = np.random.default_rng(seed).permutation(views)
     row = street(views)
-    graph = ViewGraph(row.pixels, row.links[order][:, order], row.side)
-    clusters = clusters_of(graph, most)
-    assert sorted(view for one in clusters for view in one.own) == list(range(views))
-    for one in clusters:
-        assert size_of(one, graph)[0] <= most or most < 700  # a view and the six that are linked to it
-        linked = {int(other) for view in one.own for other in graph.links[[view]].nonzero()[1]}
-        assert set(one.halo) == linked - set(one.own)
+    parts = parts_of(ViewGraph(row.pixels, row.links[order][:, order], row.side), most)
+    assert sorted(view for part in parts for view in part) == list(range(views))
+    assert all(100 * len(part) <= max(most, 100) for part in parts)
 
 
 def test_a_street_is_cut_across():
-    """Shuffled, 32 views in four clusters: each a stretch of eight."""
+    """Shuffled, 32 views in four parts: each a stretch of eight."""
     order = np.random.default_rng(0).permutation(32)
     row = street(32)
-    graph = ViewGraph(row.pixels, row.links[order][:, order], row.side)
-    stretches = [sorted(order[list(one.own)].tolist()) for one in clusters_of(graph, 1200)]
+    parts = parts_of(ViewGraph(row.pixels, row.links[order][:, order], row.side), 800)
+    stretches = [sorted(order[part].tolist()) for part in parts]
     assert sorted(stretches) == [list(range(first, first + 8)) for first in range(0, 32, 8)]
-
-
-def test_a_set_whose_views_all_correspond_stays_whole_rather_than_being_solved_over_and_over():
-    links = sp.csr_array(1000 * (1 - np.eye(6, dtype=int)))
-    graph = ViewGraph(np.full(6, 1000), links, 10.0)
-    assert [one.own for one in clusters_of(graph, 100)] == [tuple(range(6))]
-    assert [one.own for one in clusters_of(graph, 5999)] == [tuple(range(6))]
 
 
 def test_parts_without_common_surface_are_cut_apart():
     one = street(6).links.toarray()
     graph = ViewGraph(np.full(12, 100), sp.csr_array(np.kron(np.eye(2, dtype=int), one)), 10.0)
-    assert [cluster.own for cluster in clusters_of(graph, 600)] in (
-        [tuple(range(6)), tuple(range(6, 12))],
-        [tuple(range(6, 12)), tuple(range(6))],
+    parts = [sorted(part.tolist()) for part in parts_of(graph, 600)]
+    assert sorted(parts) == [list(range(6)), list(range(6, 12))]
+
+
+def wall(seed, points=4000, views=5):
+    """Samples of a long wall with some depth, of which each view sees a stretch; and whose they are."""
+    rng = np.random.default_rng(seed)
+    at = rng.uniform([0, 0, 0], [10, 1, 0.3], (points, 3))
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    own = [at[np.abs(at[:, 0] - 2.5 * view) < 2] for view in range(views)]
+    seen = np.concatenate(own) @ turn
+    boxes = [[(part @ turn).min(axis=0), (part @ turn).max(axis=0)] for part in own]
+    of_view = np.repeat(np.arange(views), [len(part) for part in own])
+    return of_view, SampledSurface(
+        seen, np.full(len(seen), 0.01), np.full(len(seen), 50.0), np.array(boxes), np.full(views, 0.01)
     )
-    assert all(cluster.halo == () for cluster in clusters_of(graph, 600))
+
+
+@examples(deadline=None)
+@given(seed=st.integers(0, 20), bound=st.floats(0.15, 2), margin=st.floats(0.01, 0.2))
+def test_every_point_is_in_one_cluster_and_as_many_take_part_as_may(seed, bound, margin):
+    _, surface = wall(seed)
+    pixels = surface.weights.sum()
+    how = ClusterSettings(pixels=max(1000, int(bound * pixels)), margin=margin)
+    clusters = clusters_of(surface, 100.0, how)
+    assert (len(clusters) == 1) == (pixels <= how.pixels)
+    owned = np.array([one.owns(surface.points) for one in clusters])
+    assert (owned.sum(axis=0) == 1).all()
+    for one, own in zip(clusters, owned, strict=True):
+        taking_part = one.reaches(surface.points, surface.footprints)
+        assert size_of(one, surface) <= how.pixels and not (own & ~taking_part & (len(clusters) > 1)).any()
+    assert [one.number for one in clusters] == list(range(len(clusters)))
+
+
+@given(seed=st.integers(0, 20), count=st.integers(2, 9))
+def test_a_margin_is_as_wide_as_asked_and_its_views_are_listed(seed, count):
+    of_view, surface = wall(seed)
+    how = ClusterSettings(pixels=int(1.5 * surface.weights.sum() / count), margin=0.05)
+    for one in clusters_of(surface, 100.0, how):
+        near = one.reaches(surface.points, surface.footprints)
+        assert set(of_view[near]) <= set(one.views)
+        own = surface.points[one.owns(surface.points)]
+        for point in surface.points[near][::50]:
+            assert np.linalg.norm(own - point, axis=1).min() < 5 * 0.01 * np.sqrt(3) + 0.3
+
+
+def test_what_a_margin_would_double_is_not_divided():
+    """A margin as wide as the scene: every cluster would be all of it."""
+    _, surface = wall(0)
+    how = ClusterSettings(pixels=1000, margin=1.0)
+    assert [one.is_whole for one in clusters_of(surface, 3000.0, how)] == [True]
 
 
 def test_curves_of_one_kind_have_themselves_as_mean():
@@ -151,7 +195,7 @@ def at_once(workspace):
 
 @pytest.fixture(scope="module")
 def in_clusters(workspace):
-    return decomposed(workspace, 8000)
+    return decomposed(workspace, 5000)
 
 
 def maps(paths, kind):
@@ -165,38 +209,52 @@ def maps(paths, kind):
     )
 
 
-def test_an_opened_cluster_has_its_own_pixels_and_those_that_correspond_to_them(at_once):
+def test_an_opened_cluster_has_its_own_pixels_and_those_of_its_margin(at_once):
     paths, _ = at_once
     cameras = read_cameras(paths["cameras"])
     graph, every = view_graph(paths, cameras), numbered_correspondences(paths["correspondences"], cameras)
-    cluster = Cluster.of(np.array([0, 1]), graph.links)
-    opened = open_cluster(paths, cameras, cluster, graph.side)
-    assert opened.own.sum() == graph.pixels[:2].sum()
-    assert [camera.name for camera in opened.own_cameras] == [camera.name for camera in cameras[:2]]
-    for number, view in enumerate(sorted({*cluster.own, *cluster.halo})):
-        if view in cluster.own:
-            assert opened.kept[number].all()
-            continue
-        linked = np.zeros(graph.pixels[view], bool)
-        for own in cluster.own:
-            block = every.get((min(own, view), max(own, view)))
-            if block is not None:
-                block = block if view > own else block.T
-                linked[np.unique(block.nonzero()[1])] = True
-        np.testing.assert_array_equal(opened.kept[number], linked)
-    inside = sum(every[pair].nnz for pair in every if set(pair) <= set(cluster.own))
-    between = sum(every[pair].nnz for pair in every if len(set(pair) & set(cluster.own)) == 1)
-    assert opened.stack.correspondence_count >= inside + between
-    everything = np.concatenate(opened.kept)
-    albedo = opened.maps(paths["albedo"])
-    chosen = [cameras[view].name for view in sorted({*cluster.own, *cluster.halo})]
-    whole = np.concatenate(
-        [read_exr(paths["albedo"] / f"{n}.exr")[read_mask(paths["mask"] / f"{n}.png")] for n in chosen]
-    )
-    np.testing.assert_array_equal(albedo, whole[everything])
-    pixels, links = size_of(cluster, graph)
-    assert pixels == pytest.approx(len(opened.own), rel=0.4)
-    assert links == pytest.approx(opened.stack.correspondence_count, rel=0.5)
+    clusters = divided_surface(paths, cameras, graph, ClusterSettings(pixels=5000))
+    assert len(clusters) > 2
+    owned = {camera.name: 0 for camera in cameras}
+    for cluster in clusters:
+        opened = open_cluster(paths, cameras, cluster, graph.side)
+        surface = [
+            surface_points(paths, one, read_mask(paths["mask"] / f"{one.name}.png")) for one in cameras
+        ]
+        for number, view in enumerate(opened.numbers):
+            points, footprints = surface[view]
+            near = cluster.reaches(points, footprints) | cluster.owns(points)
+            np.testing.assert_array_equal(opened.kept[number], near)
+            own = opened.own[opened.stack.view(number)]
+            np.testing.assert_array_equal(own, cluster.owns(points)[near])
+            owned[cameras[view].name] += cluster.owns(points)
+        everything = np.concatenate(opened.kept)
+        whole = np.concatenate(
+            [
+                read_exr(paths["albedo"] / f"{one.name}.exr")[read_mask(paths["mask"] / f"{one.name}.png")]
+                for one in opened.cameras
+            ]
+        )
+        np.testing.assert_array_equal(opened.maps(paths["albedo"]), whole[everything])
+        kept = dict(zip(opened.numbers, opened.kept, strict=True))
+        links = sum(
+            np.count_nonzero(kept[i][block.nonzero()[0]] & kept[j][block.nonzero()[1]])
+            for (i, j), block in every.items()
+            if i in kept and j in kept
+        )
+        assert opened.stack.correspondence_count == links
+    assert all((counts == 1).all() for counts in owned.values())
+
+
+def test_samples_stand_for_all_pixels_and_boxes_hold_them(at_once):
+    paths, _ = at_once
+    cameras = read_cameras(paths["cameras"])
+    graph, surface = view_graph(paths, cameras), sampled_surface(paths, cameras, 7)
+    assert surface.weights.sum() == pytest.approx(graph.pixels.sum())
+    assert len(surface.points) == pytest.approx(graph.pixels.sum() / 7, rel=0.01)
+    for camera, box in zip(cameras, surface.boxes, strict=True):
+        points, _ = surface_points(paths, camera, read_mask(paths["mask"] / f"{camera.name}.png"))
+        assert (points >= box[0]).all() and (points <= box[1]).all()
 
 
 def test_counts_of_links_are_those_of_the_matrices(at_once):
@@ -210,8 +268,8 @@ def test_counts_of_links_are_those_of_the_matrices(at_once):
 
 def test_clusters_give_the_albedo_of_all_views_at_once(at_once, in_clusters):
     (whole, one), (parts, several) = at_once, in_clusters
-    assert len(one["clusters"]) == 1 and len(several["clusters"]) == 2
-    assert several["pixels"] == one["pixels"] < several["pixels_with_halos"]
+    assert len(one["clusters"]) == 1 and len(several["clusters"]) > 2
+    assert several["pixels"] == one["pixels"] == sum(several["clusters"]) < several["pixels_with_margins"]
     for kind, most in (("albedo", 0.02), ("albedo_tv", 0.03)):  # so few pixels that statistics differ
         own, other = maps(whole, kind), maps(parts, kind)
         extent = np.quantile(own, 0.999) - np.quantile(own, 0.001)
@@ -221,7 +279,7 @@ def test_clusters_give_the_albedo_of_all_views_at_once(at_once, in_clusters):
 
 def lit(workspace, pixels):
     """The relief's light, estimated and applied with at most so many pixels at once."""
-    given = SCENE | {"lighting": {**SCENE["lighting"], "pixels": pixels}}
+    given = SCENE | {"lighting": {**SCENE["lighting"], "pixels": pixels, "clusters": {"pixels": pixels}}}
     done = results_of(stages.experiment({}), {}, given, workspace, "lighting", 2, Terminal())
     return dict(done.paths), done.facts["lighting"]
 
@@ -236,8 +294,10 @@ def test_further_views_are_lit_as_those_that_the_light_was_found_on(gloss, tmp_p
     job, cameras = make_job(tmp_path, LIGHTING, how, **inputs), read_cameras(done.paths["cameras"])
     graph, stored = view_graph(inputs, cameras), read_transfer(done.paths["transfer"])
     short = with_short_edges(read_mesh(done.paths["mesh"]), float(stored.longest_edge))
-    opened = open_views(job, cameras, graph.side, Cluster(tuple(range(6)), ()), None)
-    scenes, seen = lighting._scenes(job, opened, stored, short), (opened.views.stack, opened.images)
+    files = ViewFiles(inputs, cameras, graph.side, how.trusted_pixels)
+    opened = files.open(Cluster.whole(range(6)), None)
+    scenes = lighting._scenes(job, opened, Scene(cameras, files, graph, stored, short))
+    seen = opened.views.stack, opened.images
     found = find_illumination(*seen, scenes, opened.viewing, how, 2, lambda: None)
     shading, data = further_pixels(
         found.without_pixels(),
@@ -257,17 +317,17 @@ def test_further_views_are_lit_as_those_that_the_light_was_found_on(gloss, tmp_p
 
 
 @examples(deadline=None)  # a loaded machine takes its time
-@given(st.integers(2, 60), st.integers(100, 6000), st.integers(100, 6000))
-def test_the_views_that_a_light_is_found_on_have_room_and_come_from_everywhere(views, most, room):
+@given(st.integers(2, 60), st.integers(100, 6000))
+def test_the_views_that_a_light_is_found_on_have_room_and_come_from_everywhere(views, room):
     graph = street(views)
-    clusters = clusters_of(graph, most)
-    chosen = typical_views(graph, clusters, room).own
+    parts = parts_of(graph, room)
+    chosen = typical_views(graph, room)
     assert list(chosen) == sorted(set(chosen)) and len(chosen) >= min(2, views)
     assert graph.pixels[list(chosen)].sum() <= max(room, 200)
     if graph.pixels.sum() <= room:
         assert chosen == tuple(range(views))
-    if 200 * len(clusters) <= room:
-        assert all(set(one.own) & set(chosen) for one in clusters)
+    if 200 * len(parts) <= room:
+        assert all(set(part.tolist()) & set(chosen) for part in parts)
 
 
 def test_a_light_found_on_some_views_is_near_that_of_all(workspace, at_once):
@@ -300,13 +360,13 @@ def test_channels_with_too_few_correspondences_have_no_gain():
 def test_the_energies_of_clusters_are_told_one_by_one(in_clusters):
     paths, facts = in_clusters
     content = json.loads(paths["energy"].read_text(encoding="utf-8"))
-    assert [len(one["views"]) for one in content["clusters"]] == facts["clusters"]
+    assert len(content["clusters"]) == len(facts["clusters"])
     names = [camera.name for camera in read_cameras(paths["cameras"])]
-    assert sorted(name for one in content["clusters"] for name in one["views"]) == names
+    assert sorted({name for one in content["clusters"] for name in one["views"]}) == names
 
 
 def test_clusters_give_the_same_bytes_on_any_number_of_threads(in_clusters, workspace, tmp_path):
-    again, _ = decomposed(tmp_path / "w", 8000, threads=1)
+    again, _ = decomposed(tmp_path / "w", 5000, threads=1)
     for kind in ("albedo", "confidence"):
         for path in in_clusters[0][kind].iterdir():
             assert path.read_bytes() == (again[kind] / path.name).read_bytes()

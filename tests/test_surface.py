@@ -15,6 +15,7 @@ from stages.formats.meshes.mesh_files import read_mesh_file
 from stages.formats.meshes.triangle_meshes import Surface, from_open3d, read_mesh, read_points, write_mesh
 from stages.geometry import surface as s
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
+from stages.mesh import MeshSettings, estimated_memory, within
 from stages.scene.cameras import Camera, back_project, smallest_footprints
 
 SQUARE = Surface(
@@ -233,3 +234,31 @@ def test_points_that_are_not_finite_are_left_out(tmp_path):
     o3d.io.write_point_cloud(str(tmp_path / "cloud.ply"), cloud)
     points, normals = read_points(tmp_path / "cloud.ply")
     assert points.shape == normals.shape == (1, 3)
+
+
+@pytest.mark.parametrize(
+    ("most", "depth"), [(10**6, 7), (20_000, 7), (16_000, 6), (4000, 5), (1000, 4), (1, 3)]
+)
+def test_a_mesh_has_the_deepest_octree_whose_cells_fit(most, depth):
+    """A square sheet of points occupies (2^depth)² cells, or (2^depth + 1)², by where a grid begins."""
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(300), np.arange(300)))
+    sheet = np.stack([x, y, np.zeros(x.size)], axis=1) + 0.25
+    points = s.OrientedPoints(sheet, np.tile([0.0, 0, 1], (x.size, 1)), np.ones(x.size))
+    assert s.depth_within(points, 7, 3, most) == depth
+
+
+def test_points_in_one_place_have_any_depth():
+    nowhere = s.OrientedPoints(np.zeros((5, 3)), np.tile([0.0, 0, 1], (5, 1)), np.ones(5))
+    assert s.depth_within(nowhere, 9, 5, 1) == 9
+
+
+def test_little_memory_allows_fewer_cells_and_its_estimate_is_no_more(tmp_path):
+    (tmp_path / "fused.ply").write_bytes(bytes(30_000_000))
+    points = {"fused": tmp_path / "fused.ply"}
+    usual = MeshSettings()
+    for memory in (5 * 10**8, 10**9, 2 * 10**9, 10**11):
+        bounded = within(usual, memory)
+        assert bounded.most_cells <= usual.most_cells
+        if memory >= 10**9:
+            assert estimated_memory(bounded, points, 2) <= memory
+    assert within(usual, 10**11) == usual

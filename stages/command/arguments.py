@@ -58,7 +58,7 @@ class Given:
         further, which is part of the settings (lighting.pixels, decomposition.clusters.pixels,
         undistort.auto.view_megapixels).
     workers
-        Run the tasks of stages (views, pairs, clusters of views) in so many processes of this machine. Needs
+        Run the tasks of stages (views, pairs, clusters of pixels) in so many processes of this machine. Needs
         Dask. Never changes a result.
     scheduler
         Run them on the workers of a Dask scheduler, as in `--scheduler tcp://HOST:8786`. All machines must

@@ -54,6 +54,17 @@ def octree_depth(points: OrientedPoints, cell_footprints: float, shallowest: int
     return int(np.clip(np.ceil(np.log2(max(extent / cell, 1.0))), shallowest, deepest))
 
 
+def depth_within(points: OrientedPoints, depth: int, shallowest: int, most_cells: int) -> int:
+    """Lower a depth until the points occupy no more cells of the octree than allowed, or it is the lowest."""
+    extent = float(np.ptp(points.x_in_world, axis=0).max())
+    if len(points) <= most_cells or extent == 0:
+        return depth
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.x_in_world))
+    while depth > shallowest and len(cloud.voxel_down_sample(extent / 2**depth).points) > most_cells:
+        depth -= 1
+    return depth
+
+
 def poisson(points: OrientedPoints, depth: int) -> Surface:
     """Reconstruct a screened Poisson surface; on one thread, since more move vertices from run to run."""
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.x_in_world))

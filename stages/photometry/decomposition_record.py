@@ -28,18 +28,18 @@ OF_TRANSFER = (
 
 @dataclass(frozen=True)
 class Solution:
-    """Record of the solution of a cluster of views under a given light.
+    """Record of the solution of a cluster under a given light.
 
     Attributes
     ----------
     views : list of str
-        Names of its own views.
-    pixels, pixels_with_halo, links : int
-        Its own pixels; those and the pixels of other views that take part; correspondences among these.
+        Names of the views that see its part of the surface.
+    pixels, pixels_with_margin, links : int
+        Its own pixels; those and the pixels of its margin; correspondences among these.
     negative_shading, negative_albedo : dict of str to int
         Pixels below 0, per channel.
     histories : list of dict
-        Per channel, for `energy.json`; the halo included.
+        Per channel, for `energy.json`; the margin included.
     outcomes : list of Outcome
         Per channel.
     statistics : DetailStatistics
@@ -48,7 +48,7 @@ class Solution:
 
     views: list[str]
     pixels: int
-    pixels_with_halo: int
+    pixels_with_margin: int
     links: int
     negative_shading: dict[str, int]
     negative_albedo: dict[str, int]
@@ -124,7 +124,7 @@ def write_solutions(job: Job[DecompositionSettings], solutions: Sequence[Solutio
     if len(solutions) == 1:
         _warn_unless_converged(job, {"All channels": solutions[0].outcomes[0]})
     else:
-        names = (f"The cluster of {one.views[0]}" for one in solutions)
+        names = (f"Cluster {number} of {len(solutions)}" for number in range(1, len(solutions) + 1))
         _warn_unless_converged(
             job, {name: one.outcomes[0] for name, one in zip(names, solutions, strict=True)}
         )

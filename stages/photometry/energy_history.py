@@ -13,7 +13,7 @@ UNDER_LIGHT = {
     "outcome": "of albedo_tv and albedo together: converged if both did",
     "energy": "Eq. 2 of albedo_tv under the light of the stage before, without a gauge",
     "gap": "upper bound of its excess over the least energy, relative to it, all channels together",
-    "clusters": "energies of each with its halo: what clusters share counts in each",
+    "clusters": "energies of each with its margin: what clusters share counts in each",
 }
 LEGEND = {
     "energy": "Eq. 2 in the gauge (sum of |albedo| = sum of |image| in each channel)",

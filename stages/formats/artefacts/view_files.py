@@ -187,15 +187,22 @@ def write_arrays(
 
 
 def read_arrays(
-    folder: Path, cameras: Sequence[Camera], kinds: Sequence[str], each: Each = map
+    folder: Path,
+    cameras: Sequence[Camera],
+    kinds: Sequence[str],
+    each: Each = map,
+    kept: Sequence[np.ndarray] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Read some kinds of what `write_arrays` wrote, stacked again."""
+    """Read some kinds of what `write_arrays` wrote, stacked again; of each view all pixels, or those kept."""
 
-    def read_view(camera: Camera) -> list[np.ndarray]:
+    def read_view(view: tuple[Camera, np.ndarray | None]) -> list[np.ndarray]:
+        camera, some = view
         with np.load(folder / f"{camera.name}.npz", allow_pickle=False) as file:
-            return [file[kind] for kind in kinds]
+            values = [file[kind] for kind in kinds]
+        return values if some is None or some.all() else [one[some] for one in values]
 
-    of_views = zip(*each(read_view, cameras), strict=True)
+    some = [None] * len(cameras) if kept is None else kept
+    of_views = zip(*each(read_view, zip(cameras, some, strict=True)), strict=True)
     return {kind: np.concatenate(own) for kind, own in zip(kinds, of_views, strict=True)}
 
 

@@ -1,1 +1,1 @@
-"""Decomposition of many views in clusters: partition of the view graph, halos of corresponding pixels."""
+"""Decomposition of many pixels in clusters: parts of the surface, with a margin around each."""

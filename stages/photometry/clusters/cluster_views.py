@@ -1,4 +1,4 @@
-"""The views of a cluster, opened: its own pixels, and those of other views that correspond to them."""
+"""The pixels of a cluster, opened: its own, and those of the margin around it, of all views that see them."""
 
 from __future__ import annotations
 
@@ -11,46 +11,56 @@ import scipy.sparse as sp
 
 from stages.formats.artefacts.correspondence_files import CorrespondenceFiles
 from stages.formats.artefacts.view_files import Each, read_arrays, read_maps
+from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
-from stages.photometry.clusters.view_clusters import Cluster, ViewGraph
+from stages.photometry.clusters.settings import ClusterSettings
+from stages.photometry.clusters.surface_clusters import Cluster, SampledSurface, clusters_of
+from stages.photometry.clusters.typical_views import ViewGraph
 from stages.photometry.stack import StackedViews, stack_views
-from stages.scene.cameras import Camera
+from stages.scene.cameras import Camera, back_project, footprint
+
+ALIGNED = 64  # px: crops begin at multiples, so that groups of pixels of any level are those of whole views
 
 
 @dataclass(frozen=True, eq=False)
 class ClusterViews:
-    """Opened views of a cluster.
+    """Opened pixels of a cluster.
 
     Attributes
     ----------
+    numbers : list of int
+        Of the views that have any, ascending.
     cameras : list of Camera
-        Of its own views and its halo, in the order of all views.
+        Of these.
+    masks : list of ndarray, shape (h_i, w_i), bool
+        The pixels that take part, in each.
     kept : list of ndarray, shape (N_i,), bool
-        Of the masked pixels of each, those that take part: all of its own views.
+        Of the masked pixels of each, those that take part.
     stack : StackedViews
-        Of the pixels that take part.
+        Of the pixels that take part; its masks are cropped to them.
     own : ndarray, shape (N,), bool
-        Which of these are of its own views.
-    own_cameras : list of Camera
-    own_masks : list of ndarray, shape (h_i, w_i), bool
+        Which of these are the cluster's own, not of its margin.
     """
 
+    numbers: list[int]
     cameras: list[Camera]
+    masks: list[np.ndarray]
     kept: list[np.ndarray]
     stack: StackedViews
     own: np.ndarray
-    own_cameras: list[Camera]
-    own_masks: list[np.ndarray]
 
     def maps(self, folder: Path, each: Each = map) -> np.ndarray:
         """Read an EXR per view; values of the pixels that take part, (N,) or (N, 3)."""
-        return read_maps(folder, self.cameras, self.stack.masks, each)
+        return read_maps(folder, self.cameras, self.masks, each)
 
     def arrays(self, folder: Path, kinds: Sequence[str], each: Each = map) -> dict[str, np.ndarray]:
         """Read some kinds of what `write_arrays` wrote of all masked pixels, for those that take part."""
-        everything = np.concatenate(self.kept)
-        found = read_arrays(folder, self.cameras, kinds, each)
-        return found if everything.all() else {kind: values[everything] for kind, values in found.items()}
+        return read_arrays(folder, self.cameras, kinds, each, self.kept)
+
+    @property
+    def own_counts(self) -> np.ndarray:
+        """Number of its own pixels in each of its views, (n,), int64."""
+        return np.diff(np.concatenate([[0], np.cumsum(self.own)])[self.stack.starts])
 
 
 def view_graph(paths: Mapping[str, Path], cameras: Sequence[Camera]) -> ViewGraph:
@@ -61,42 +71,99 @@ def view_graph(paths: Mapping[str, Path], cameras: Sequence[Camera]) -> ViewGrap
     return ViewGraph(pixels, CorrespondenceFiles.of(paths["correspondences"], cameras).counts(), side)
 
 
-def open_cluster(
-    paths: Mapping[str, Path], cameras: Sequence[Camera], cluster: Cluster, side: float
-) -> ClusterViews:
-    """Open masks and correspondences of a cluster; `side`: that of all views."""
-    chosen, own = sorted({*cluster.own, *cluster.halo}), set(cluster.own)
-    masks = {view: read_mask(paths["mask"] / f"{cameras[view].name}.png") for view in chosen}
-    files = CorrespondenceFiles.of(paths["correspondences"], cameras)
-    kept = {view: np.full(int(np.count_nonzero(mask)), view in own) for view, mask in masks.items()}
-    pairs = [pair for pair in files.pairs if pair[0] in masks and pair[1] in masks]
-    for i, j in pairs:
-        if (i in own) != (j in own):
-            block = files.read(i, j)
-            here, there = (i, j) if i in own else (j, i)
-            kept[there] |= _linked_to(block if there == j else block.T, kept[here])
-    number = {view: index for index, view in enumerate(chosen)}
-    blocks = {
-        (number[i], number[j]): block
-        for i, j in pairs
-        if (block := _among(files.read(i, j), kept[i], kept[j])).nnz
-    }
-    reduced = [_with(masks[view], kept[view]) for view in chosen]
-    stack = replace(stack_views(reduced, None, blocks), side_of_all=side)
-    of_pixel = np.concatenate([np.full(int(kept[view].sum()), view in own) for view in chosen])
-    return ClusterViews(
-        [cameras[view] for view in chosen],
-        [kept[view] for view in chosen],
-        stack,
-        of_pixel,
-        [cameras[view] for view in cluster.own],
-        [masks[view] for view in cluster.own],
+def surface_points(
+    paths: Mapping[str, Path], camera: Camera, mask: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Read where the masked pixels' surface is, (n, 3), and the length of a pixel there, z/f, (n,).
+
+    A pixel of the mask without depth is taken to be at the camera.
+    """
+    depth = read_exr(paths["depth"] / f"{camera.name}.exr").astype(np.float64)
+    return back_project(camera, depth)[mask], np.asarray(footprint(camera, depth[mask]))
+
+
+def sampled_surface(
+    paths: Mapping[str, Path], cameras: Sequence[Camera], step: int, each: Each = map
+) -> SampledSurface:
+    """Sample every so manieth masked pixel of all views: the artefacts `mask` and `depth`."""
+
+    def sample(camera: Camera) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, float]:
+        mask = read_mask(paths["mask"] / f"{camera.name}.png")
+        points, footprints = surface_points(paths, camera, mask)
+        if not len(points):
+            return points, footprints, 0.0, np.full((2, 3), np.nan), 0.0
+        box = np.stack([points.min(axis=0), points.max(axis=0)])
+        some = slice(min(step // 2, len(points) - 1), None, step)
+        stands_for = len(points) / len(points[some])
+        return points[some], footprints[some], stands_for, box, float(footprints.max())
+
+    samples = list(each(sample, cameras))
+    points, footprints, weights, boxes, reach = zip(*samples, strict=True)
+    return SampledSurface(
+        np.concatenate(points),
+        np.concatenate(footprints),
+        np.repeat(weights, [len(one) for one in points]),
+        np.stack(boxes),
+        np.array(reach),
     )
 
 
-def _linked_to(block: sp.csr_array | sp.csc_array, rows: np.ndarray) -> np.ndarray:
-    """Find the columns that are linked to the chosen rows, (columns,), bool."""
-    return (block.T @ rows.astype(np.float32)) > 0
+def divided_surface(
+    paths: Mapping[str, Path],
+    cameras: Sequence[Camera],
+    graph: ViewGraph,
+    how: ClusterSettings,
+    each: Each = map,
+) -> list[Cluster]:
+    """Divide the surface that all views see into clusters; few pixels are not looked at, but are one."""
+    pixels = int(graph.pixels.sum())
+    if pixels <= how.pixels:
+        return [Cluster.whole(range(len(cameras)))]
+    step = max(1, -(-pixels // how.sample_pixels))
+    return clusters_of(sampled_surface(paths, cameras, step, each), graph.side, how)
+
+
+def open_cluster(
+    paths: Mapping[str, Path], cameras: Sequence[Camera], cluster: Cluster, side: float, each: Each = map
+) -> ClusterViews:
+    """Open masks and correspondences of a cluster; `side`: that of all views."""
+
+    def select(view: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        mask = read_mask(paths["mask"] / f"{cameras[view].name}.png")
+        if cluster.is_whole:
+            everything = np.ones(int(np.count_nonzero(mask)), bool)
+            return mask, everything, everything
+        points, footprints = surface_points(paths, cameras[view], mask)
+        own = cluster.owns(points)
+        return mask, own | cluster.reaches(points, footprints), own
+
+    selected = dict(zip(cluster.views, each(select, cluster.views), strict=True))
+    numbers = [view for view in cluster.views if cluster.is_whole or selected[view][1].any()]
+    kept, own = ({view: selected[view][part] for view in numbers} for part in (1, 2))
+    masks = [_with(selected[view][0], kept[view]) for view in numbers]
+    del selected
+    files = CorrespondenceFiles.of(paths["correspondences"], cameras)
+    place = {view: index for index, view in enumerate(numbers)}
+    pairs = [(i, j) for i, j in files.pairs if i in place and j in place]
+
+    def select_links(pair: tuple[int, int]) -> sp.csr_array:
+        i, j = pair
+        return _among(files.read(i, j), kept[i], kept[j])
+
+    blocks = {
+        (place[i], place[j]): block
+        for (i, j), block in zip(pairs, each(select_links, pairs), strict=True)
+        if block.nnz
+    }
+    cropped = masks if cluster.is_whole else [_cropped(mask) for mask in masks]
+    return ClusterViews(
+        numbers,
+        [cameras[view] for view in numbers],
+        masks,
+        [kept[view] for view in numbers],
+        replace(stack_views(cropped, None, blocks), side_of_all=side),
+        np.concatenate([own[view][kept[view]] for view in numbers]),
+    )
 
 
 def _among(block: sp.csr_array, rows: np.ndarray, columns: np.ndarray) -> sp.csr_array:
@@ -115,3 +182,10 @@ def _with(mask: np.ndarray, kept: np.ndarray) -> np.ndarray:
     reduced = np.zeros_like(mask)
     reduced[mask] = kept
     return reduced
+
+
+def _cropped(mask: np.ndarray) -> np.ndarray:
+    """Crop a mask to what is in it, from multiples of `ALIGNED`: its pixels and their order stay."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    top, left = rows[0] // ALIGNED * ALIGNED, columns[0] // ALIGNED * ALIGNED
+    return np.ascontiguousarray(mask[top : rows[-1] + 1, left : columns[-1] + 1])

@@ -1,6 +1,8 @@
-"""Settings of clusters of views."""
+"""Settings of clusters: parts of the surface that are solved one by one."""
 
 from __future__ import annotations
+
+from typing import Self
 
 from pipeline import Settings, setting
 
@@ -8,19 +10,45 @@ LEAST_PIXELS = 1000  # fewer make no cluster
 
 
 class ClusterSettings(Settings):
-    """Settings of clusters of views that are solved together."""
+    """Settings of clusters: parts of the surface whose pixels, of all views, are solved together."""
 
     pixels: int = setting(
         20_000_000,
-        "Pixels that take part in a cluster, at most: those of its views, and of other views those that "
-        "correspond to them. Memory is about 0.65 kB for each. Fewer take more time, since what clusters "
-        "share is solved in each.",
+        "Pixels that take part in a cluster, at most: all that show its part of the surface, and those of "
+        "the margin around it. Memory is about 0.65 kB for each.",
         unit="pixels",
         ge=LEAST_PIXELS,
+    )
+    margin: float = setting(
+        0.1,
+        "Width of the margin around a cluster's part of the surface. Its pixels take part, but their values "
+        "are taken from the neighbouring cluster. It is wider than the patches and octaves in which photos "
+        "are compared.",
+        unit="mean sides of the views",
+        gt=0,
+        le=1,
     )
     sample_pixels: int = setting(
-        10_000_000,
-        "Pixels, at most, whose median brightness of the shading is what all clusters call typical.",
+        1_000_000,
+        "Pixels, at most, evenly from all views, by which the surface is divided, and whose median "
+        "brightness of the shading is what all clusters call typical.",
         unit="pixels",
         ge=LEAST_PIXELS,
     )
+    most_margin: float = setting(
+        3.0,
+        "No further division once all clusters together have this many times the pixels of all views: the "
+        "margins would be most of them. More memory is then needed, and said.",
+        unit="of all pixels",
+        ge=1.1,
+        le=100,
+    )
+
+    def within(self, pixels: int) -> Self:
+        """Bound the pixels of a cluster by those that there is room for."""
+        return self.model_copy(update={"pixels": min(self.pixels, max(pixels, LEAST_PIXELS))})
+
+
+def expected_size(pixels: int, how: ClusterSettings) -> int:
+    """Estimate how many pixels take part in the largest cluster, before the surface is divided."""
+    return min(pixels, how.pixels)

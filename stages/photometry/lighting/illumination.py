@@ -16,7 +16,7 @@ from stages.photometry.lighting.trusted_pixels import Viewing, unlit
 from stages.photometry.lighting.view_gains import ViewGains, view_gains
 from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.specular.specular_reflection import SpecularReflection
-from stages.photometry.stack import StackedViews
+from stages.photometry.stack import StackedViews, stack_views
 from stages.photometry.transport.lit_scenes import LitScene
 
 
@@ -223,14 +223,18 @@ class Illumination:
         """Drop all that is per pixel: what further views need is kept."""
         none = np.zeros(0, np.int64)
         explained = self.explained
+        nothing = np.zeros((0, 3), np.float32)
         photos = replace(
-            explained.photos, observed=np.zeros((0, 3), np.float32), diffuse=np.zeros((0, 3), np.float32)
+            explained.photos,
+            views=stack_views([], None, {}),
+            viewing=Viewing(none.astype(bool), nothing),
+            observed=nothing,
+            diffuse=nothing,
         )
         removed = explained.removed_under and (
             explained.removed_under[0].at(none),
             explained.removed_under[1],
         )
-        nothing = np.zeros((0, 3), np.float32)
         return replace(
             self,
             light=replace(self.light, shading=nothing),

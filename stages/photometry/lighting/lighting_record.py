@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Job
@@ -13,8 +14,11 @@ if TYPE_CHECKING:
 
     from stages.formats.artefacts.transfer_file import StoredTransfer
     from stages.photometry.albedo_data import AlbedoData
+    from stages.photometry.clusters.parts import Parts
     from stages.photometry.lighting.illumination import Illumination
     from stages.scene.cameras import Camera
+
+OBSERVATIONS = ("observed", "diffuse", "trusted")  # of `AlbedoData`, pixel by pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +96,22 @@ def write_pixels(
     shading: np.ndarray,
     observed: AlbedoData,
 ) -> None:
-    """Write the shading of some views, and their pixels' data for the albedo."""
+    """Write the shading of all views, and their pixels' data for the albedo."""
     from stages.formats.artefacts.view_files import write_arrays, write_maps
 
     write_maps(job.outputs["shading"], cameras, masks, shading, job.executor.map)
-    data = {kind: getattr(observed, kind) for kind in ("observed", "diffuse", "trusted")}
+    data = {kind: getattr(observed, kind) for kind in OBSERVATIONS}
     write_arrays(job.outputs["observations"], cameras, masks, data, job.executor.map)
+
+
+def write_view(view: int, parts: Parts, shading: Path, observations: Path) -> None:
+    """Write the same of one view into their folders, out of clusters. Picklable."""
+    from stages.formats.artefacts.view_files import write_arrays, write_maps
+
+    mask, values = parts.of_view(view, ("shading", *OBSERVATIONS))
+    of_one = [parts.cameras[view]], [mask]
+    write_maps(shading, *of_one, values.pop("shading"))
+    write_arrays(observations, *of_one, values)
 
 
 def write_light_of(

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Job
-from stages.photometry.lighting.settings import LightingSettings
+from stages.photometry.lighting.settings import LightingSettings, TrustedPixelSettings
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from stages.formats.artefacts.view_files import Each
     from stages.photometry.clusters.cluster_views import ClusterViews
-    from stages.photometry.clusters.view_clusters import Cluster
+    from stages.photometry.clusters.surface_clusters import Cluster
     from stages.photometry.lighting.trusted_pixels import Viewing
     from stages.photometry.lighting.view_gains import LogView
     from stages.scene.cameras import Camera
@@ -43,57 +46,60 @@ class Opened:
     unclipped: np.ndarray
 
 
-def _read_view(
-    job: Job[LightingSettings], camera: Camera
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Read linear values, normals, ways to the camera, (N_i, 3) each, and unclipped pixels, of a view."""
-    from stages.formats.artefacts.view_files import read_views, ways_to_cameras
-    from stages.photometry.lighting.trusted_pixels import unclipped
+@dataclass(frozen=True)
+class ViewFiles:
+    """What views are opened from. Picklable.
 
-    ((mask, normal, linear),) = read_views(job.inputs, [camera])
-    towards = ways_to_cameras([camera], [mask])
-    return linear, normal[mask], towards, unclipped(linear, job.settings.trusted_pixels)
-
-
-def _viewing(
-    job: Job[LightingSettings], unclipped: np.ndarray, normals: np.ndarray, towards: np.ndarray
-) -> Viewing:
-    from stages.photometry.lighting.trusted_pixels import Viewing
-
-    return Viewing.of(unclipped, normals, towards, job.settings.trusted_pixels)
-
-
-def open_views(
-    job: Job[LightingSettings],
-    cameras: list[Camera],
-    side: float,
-    cluster: Cluster,
-    scale: float | None,
-) -> Opened:
-    """Open the views of a cluster; without a scale, images are divided by their own.
-
-    `side`: mean side of all views, taken as squares, px.
+    Attributes
+    ----------
+    paths : mapping of str to Path
+        The artefacts `mask`, `depth`, `normal`, `linear` and `correspondences`.
+    cameras : sequence of Camera
+        Of all views.
+    side : float
+        Mean side of all views, taken as squares, px.
+    how : TrustedPixelSettings
     """
-    import numpy as np
 
-    from stages.formats.artefacts.view_files import scaled_channels
-    from stages.photometry.clusters.cluster_views import open_cluster
+    paths: Mapping[str, Path]
+    cameras: Sequence[Camera]
+    side: float
+    how: TrustedPixelSettings
 
-    views = open_cluster(job.inputs, cameras, cluster, side)
-    parts = []
-    with job.progress("views", len(views.cameras)) as step:
-        found = job.executor.map(lambda camera: _read_view(job, camera), views.cameras)
-        for kept, view in zip(views.kept, found, strict=True):
+    def read(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Read linear values, normals, ways to the camera, (N_i, 3) each, and unclipped pixels, of a view."""
+        from stages.formats.artefacts.view_files import read_views, ways_to_cameras
+        from stages.photometry.lighting.trusted_pixels import unclipped
+
+        ((mask, normal, linear),) = read_views(self.paths, [camera])
+        towards = ways_to_cameras([camera], [mask])
+        return linear, normal[mask], towards, unclipped(linear, self.how)
+
+    def viewing(self, unclipped: np.ndarray, normals: np.ndarray, towards: np.ndarray) -> Viewing:
+        """Tell which pixels count."""
+        from stages.photometry.lighting.trusted_pixels import Viewing
+
+        return Viewing.of(unclipped, normals, towards, self.how)
+
+    def open(self, cluster: Cluster, scale: float | None, each: Each = map) -> Opened:
+        """Open the pixels of a cluster; without a scale, images are divided by their own."""
+        import numpy as np
+
+        from stages.formats.artefacts.view_files import scaled_channels
+        from stages.photometry.clusters.cluster_views import open_cluster
+
+        views = open_cluster(self.paths, self.cameras, cluster, self.side, each)
+        parts = []
+        for kept, view in zip(views.kept, each(self.read, views.cameras), strict=True):
             parts.append([values[kept] for values in view])
-            step()
-    pixels, normals, towards, unclipped = (np.concatenate(own) for own in zip(*parts, strict=True))
-    del parts
-    images, scale = scaled_channels(pixels, scale)
-    viewing = _viewing(job, unclipped, normals, towards)
-    return Opened(views, images, scale, normals, viewing, unclipped)
+        pixels, normals, towards, unclipped = (np.concatenate(own) for own in zip(*parts, strict=True))
+        del parts
+        images, scale = scaled_channels(pixels, scale)
+        viewing = self.viewing(unclipped, normals, towards)
+        return Opened(views, images, scale, normals, viewing, unclipped)
 
 
-def gains_of_all(job: Job[LightingSettings], cameras: list[Camera], scale: float) -> np.ndarray:
+def gains_of_all(job: Job[LightingSettings], views: ViewFiles, scale: float) -> np.ndarray:
     """Estimate the gains of all views, (n, 3), pair by pair; few views are in memory at a time."""
     import numpy as np
 
@@ -104,15 +110,15 @@ def gains_of_all(job: Job[LightingSettings], cameras: list[Camera], scale: float
 
     def log_view(number: int) -> LogView:
         if number not in held:
-            linear, normals, towards, unclipped = _read_view(job, cameras[number])
-            viewing = _viewing(job, unclipped, normals, towards)
+            linear, normals, towards, unclipped = views.read(views.cameras[number])
+            viewing = views.viewing(unclipped, normals, towards)
             held[number] = LogView.of(linear / np.float32(scale), viewing.trusted, job.settings.gains)
             while len(held) > 2 and sum(len(one.logs) for one in held.values()) > PIXELS_HELD:
                 held.popitem(last=False)
         held.move_to_end(number)
         return held[number]
 
-    files, ratios = CorrespondenceFiles.of(job.inputs["correspondences"], cameras), []
+    files, ratios = CorrespondenceFiles.of(job.inputs["correspondences"], views.cameras), []
     with job.progress("gains", len(files.pairs)) as step:
         for i, j in sorted(files.pairs):
             block = files.read(i, j)
@@ -120,4 +126,4 @@ def gains_of_all(job: Job[LightingSettings], cameras: list[Camera], scale: float
             fewest = job.settings.gains.fewest_correspondences
             ratios.append(PairRatio.of(i, j, log_view(i), log_view(j), here, there, fewest))
             step()
-    return np.exp(log_gains(len(cameras), ratios))
+    return np.exp(log_gains(len(views.cameras), ratios))

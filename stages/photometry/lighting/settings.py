@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import ValidationInfo, field_validator, model_validator
 
 from pipeline import Settings, UserError, group, setting
-from stages.photometry.clusters.settings import LEAST_PIXELS
+from stages.photometry.clusters.settings import LEAST_PIXELS, ClusterSettings
 from stages.photometry.light_search.settings import LightSearchSettings
 from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSettings, SpecularSettings
 from stages.photometry.transport.settings import (
@@ -189,10 +189,12 @@ class LightingSettings(LightSearchSettings):
     pixels: int = setting(
         10_000_000,
         "Masked pixels, at most, of the views that the light is estimated from: all, or some from every part "
-        "of the scene. Of more views, the pixels are then lit in clusters in which twice as many take "
-        "part. Memory is about 0.4 kB for each.",
+        "of the scene; the pixels of all are then lit in clusters. Memory is about 0.4 kB for each.",
         unit="pixels",
         ge=LEAST_PIXELS,
+    )
+    clusters: ClusterSettings = group(
+        ClusterSettings, "Of more pixels than the light is estimated from, all are lit in clusters."
     )
     gains: ViewGainSettings = group(
         ViewGainSettings, "Gains of the views from corresponding pixels, and the spread that remains."
