@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from stages.photometry.clusters.surface_clusters import Cluster
     from stages.photometry.decomposition_record import Solution
     from stages.photometry.detail.albedo_detail import Detail
-    from stages.photometry.detail.scene_statistics import DetailStatistics
+    from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
     from stages.photometry.joint.fast_alternation import FastSolver
     from stages.scene.cameras import Camera
 
@@ -49,6 +49,8 @@ class ClusterTask:
         Of all views.
     side : float
         Mean side of all views, taken as squares, px.
+    pixels : int
+        Masked, of all views.
     typical_light : float or None
         Median brightness of the shading in all views; None: of the cluster, which has all.
     solver : FastSolver
@@ -59,6 +61,7 @@ class ClusterTask:
     parts: Parts
     cameras: list[Camera]
     side: float
+    pixels: int
     typical_light: float | None
     solver: FastSolver
     settings: DecompositionSettings
@@ -81,10 +84,12 @@ def run(job: Job[DecompositionSettings]) -> None:
     from stages.photometry.clusters.cluster_views import divided_surface, view_graph
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.decomposition_record import write_solutions
+    from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
     from stages.photometry.joint.fast_alternation import FastSolver
 
     cameras, settings, inputs = read_cameras(job.inputs["cameras"]), job.settings, dict(job.inputs)
     graph = view_graph(inputs, cameras)
+    pixels = int(graph.pixels.sum())
     clusters = divided_surface(inputs, cameras, graph, settings.clusters, job.executor.map)
     weights = weights_at(settings, graph.side, graph.links_per_pixel)
     task = ClusterTask(
@@ -92,62 +97,53 @@ def run(job: Job[DecompositionSettings]) -> None:
         Parts(job.scratch, inputs, cameras, clusters),
         cameras,
         graph.side,
-        _typical_light(job, cameras, int(graph.pixels.sum())) if len(clusters) > 1 else None,
+        pixels,
+        _typical_light(job, cameras, pixels) if len(clusters) > 1 else None,
         FastSolver(weights, settings.stopping, settings.fast),
         settings,
     )
     if len(clusters) == 1:
         with job.progress("rounds", 2 * settings.stopping.max_rounds) as step:
-            solutions = [solve_whole(clusters[0], task, job.threads, step)]
+            whole, sample = solve_whole(clusters[0], task, job.threads, step)
+        solutions, statistics = [whole], DetailStatistics.of(sample, settings.detail)
     else:
-        solutions = _solve_clusters(job, task, clusters)
+        job.say(f"The surface is solved in {len(clusters)} clusters.")
+        with job.progress("clusters", 2 * len(clusters)) as step:
+            drafts, samples = zip(*counted(job.tasks.large(begin_cluster, clusters, task), step), strict=True)
+            statistics = DetailStatistics.of(SampledDetail.joined(samples), settings.detail)
+            begun = list(zip(clusters, drafts, strict=True))
+            solutions = list(counted(job.tasks.large(finish_cluster, begun, statistics, task), step))
     with job.progress("views", len(cameras)) as step:
         folders = {name: job.outputs[name] for name in MAPS}
         for _ in job.tasks.small(write_view, range(len(cameras)), task.parts, folders):
             step()
     job.note(
         weights={"lambda": weights.smoothness, "mu": weights.consistency},
-        uncertainty=solutions[0].statistics.uncertainty.as_json(),
+        uncertainty=statistics.uncertainty.as_json(),
         clusters=[solution.pixels for solution in solutions],
         pixels_with_margins=sum(solution.pixels_with_margin for solution in solutions),
     )
     write_solutions(job, solutions)
 
 
-def _solve_clusters(
-    job: Job[DecompositionSettings], task: ClusterTask, clusters: list[Cluster]
-) -> list[Solution]:
-    """Solve all clusters, and add their detail by statistics of all."""
-    from stages.photometry.detail.scene_statistics import DetailStatistics
-
-    job.say(f"The surface is solved in {len(clusters)} clusters.")
-    with job.progress("clusters", 2 * len(clusters)) as step:
-        drafts = list(counted(job.tasks.large(begin_cluster, clusters, task), step))
-        classes = task.settings.detail.classes
-        common = DetailStatistics.merged(
-            [draft.statistics for draft in drafts], classes.most * classes.fewest_pixels
-        )
-        begun = list(zip(clusters, drafts, strict=True))
-        return list(counted(job.tasks.large(finish_cluster, begun, common, task), step))
-
-
-def solve_whole(cluster: Cluster, task: ClusterTask, threads: int, step: Callable[[], None]) -> Solution:
-    """Solve the only cluster, keep its maps, and report."""
+def solve_whole(
+    cluster: Cluster, task: ClusterTask, threads: int, step: Callable[[], None]
+) -> tuple[Solution, SampledDetail]:
+    """Solve the only cluster, keep its maps, and report; with what was sampled for statistics."""
     opened = _opened(cluster, task, threads)
     smooth = _smooth(task, opened, cluster, step)
     detail = _with_detail(task, opened, smooth.by_edge.albedo, None)
-    return _kept(task, opened, cluster, detail, _draft(task, opened, smooth, detail.statistics))
+    return _kept(task, opened, cluster, detail, _draft(opened, smooth)), detail.sample
 
 
-def begin_cluster(cluster: Cluster, task: ClusterTask, threads: int) -> Solution:
-    """Solve a cluster for its smooth albedo, which is kept, and measure its own statistics. Picklable."""
+def begin_cluster(cluster: Cluster, task: ClusterTask, threads: int) -> tuple[Solution, SampledDetail]:
+    """Solve a cluster for its smooth albedo, which is kept, and sample its detail. Picklable."""
     import numpy as np
 
     opened = _opened(cluster, task, threads)
     smooth = _smooth(task, opened, cluster, lambda: None)
     np.save(_smooth_file(task, cluster), smooth.by_edge.albedo)
-    statistics = _with_detail(task, opened, smooth.by_edge.albedo, None).statistics
-    return _draft(task, opened, smooth, statistics)
+    return _draft(opened, smooth), _with_detail(task, opened, smooth.by_edge.albedo, None).sample
 
 
 def finish_cluster(
@@ -255,12 +251,11 @@ def _with_detail(
         task.settings.detail,
         views.own,
         common,
+        task.pixels if task.typical_light is not None else None,
     )
 
 
-def _draft(
-    task: ClusterTask, opened: OpenedCluster, smooth: SmoothAlbedos, statistics: DetailStatistics
-) -> Solution:
+def _draft(opened: OpenedCluster, smooth: SmoothAlbedos) -> Solution:
     """Report the smooth albedo of a cluster."""
     from stages.photometry.decomposition_record import Solution, below_zero
     from stages.photometry.energy_history import rounds_under_light_as_json
@@ -276,7 +271,6 @@ def _draft(
         negative_albedo={},
         histories=rounds_under_light_as_json(smooth.alike, outcome),
         outcomes=[outcome] * 3,
-        statistics=statistics,
     )
 
 
@@ -284,8 +278,6 @@ def _kept(
     task: ClusterTask, opened: OpenedCluster, cluster: Cluster, detail: Detail, draft: Solution
 ) -> Solution:
     """Keep the albedo and its confidence, and complete the report."""
-    from dataclasses import replace
-
     from stages.photometry.albedo.confidence import confidence_of
     from stages.photometry.decomposition_record import below_zero
 
@@ -294,7 +286,7 @@ def _kept(
     confidence = confidence_of(detail.variance, trusted, task.settings.confidence)
     task.parts.keep(cluster, opened.views, {"albedo": albedo, "confidence": confidence})
     negative = below_zero(albedo[opened.views.own])
-    return replace(draft, negative_albedo=negative, statistics=detail.statistics)
+    return replace(draft, negative_albedo=negative)
 
 
 def _unit(opened: OpenedCluster) -> Any:

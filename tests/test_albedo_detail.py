@@ -14,6 +14,7 @@ from stages.photometry.detail.noise_estimation import (
 )
 from stages.photometry.detail.octaves import KnownPixels, gaussian_mean, response_to_noise
 from stages.photometry.detail.other_views import OtherViews
+from stages.photometry.detail.scene_statistics import DetailStatistics
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.detail.shading_uncertainty import ShownChange, error_of_change, log_shading
 from stages.photometry.detail.texture_limit import TextureLimit, limit_for_mean
@@ -166,7 +167,7 @@ def test_bumps_that_the_photos_do_not_show_do_not_get_into_the_albedo():
     shading = np.repeat(np.exp(bumps), 3, axis=1).astype(np.float32)
     truth = (PAINT * stone).astype(np.float32)
     found = found_in(truth, shading)
-    assert max(found.statistics.uncertainty.shown[:3]) < 0.3
+    assert max(DetailStatistics.of(found.sample, HOW).uncertainty.shown[:3]) < 0.3
     divided = gains(truth / shading, truth)
     for (gain, error), (_, before) in zip(gains(found.albedo, truth)[:2], divided, strict=False):
         assert 0.85 < gain < 1.1
@@ -178,7 +179,8 @@ def test_bumps_that_the_photos_do_not_show_do_not_get_into_the_albedo():
 def test_noise_is_what_views_do_not_share_whatever_they_show(noise, texture):
     views, stone = several_views(3), np.exp(fractal(7, texture)).reshape(-1, 1)
     exact = np.tile((PAINT * stone).astype(np.float32), (3, 1))
-    found = found_in(noisy(exact, noise), np.ones_like(exact), views=views).statistics.uncertainty
+    found = found_in(noisy(exact, noise), np.ones_like(exact), views=views)
+    found = DetailStatistics.of(found.sample, HOW).uncertainty
     assert found.noise[0] == pytest.approx(noise / np.sqrt(3), rel=0.2)
     assert found.noise[1:] == pytest.approx([noise * np.sqrt(2)] * 2, rel=0.2)
 
@@ -326,7 +328,11 @@ def test_what_is_lent_bears_no_witness(count, untrusted):
     linked, unlinked = (
         found_in(image, np.ones_like(image), views=each, trusted=trusted) for each in (views, alone)
     )
-    assert linked.statistics.uncertainty.noise[0] > 0.8 * unlinked.statistics.uncertainty.noise[0] > 0.02
+    assert (
+        DetailStatistics.of(linked.sample, HOW).uncertainty.noise[0]
+        > 0.8 * DetailStatistics.of(unlinked.sample, HOW).uncertainty.noise[0]
+        > 0.02
+    )
     off = np.std(np.log(linked.albedo[:, 1] / PAINT[1])[trusted])
     assert off < 0.35 * np.std(np.log(image[:, 1]))
     assert np.std(np.log(linked.albedo[:, 1] / PAINT[1])[~trusted]) < 1.5 * off

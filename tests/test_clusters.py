@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -39,10 +40,13 @@ from stages.photometry.clusters.settings import ClusterSettings
 from stages.photometry.clusters.surface_clusters import Cluster, SampledSurface, clusters_of, size_of
 from stages.photometry.clusters.typical_views import ViewGraph, parts_of, typical_views
 from stages.photometry.decomposition_settings import DecompositionSettings
-from stages.photometry.detail.scene_statistics import DetailStatistics, OctaveStatistics
-from stages.photometry.detail.shading_uncertainty import ShownChange
-from stages.photometry.detail.statistics_by_class import mean_of_curves
-from stages.photometry.detail.texture_limit import TextureLimit
+from stages.photometry.detail.scene_statistics import (
+    DetailStatistics,
+    SampledDetail,
+    SampledOctave,
+    SampledViews,
+)
+from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.lighting.estimate_illumination import find_illumination
 from stages.photometry.lighting.further_views import further_pixels
 from stages.photometry.lighting.lit_clusters import Scene
@@ -133,29 +137,62 @@ def test_what_a_margin_would_double_is_not_divided():
     assert [one.is_whole for one in clusters_of(surface, 3000.0, how)] == [True]
 
 
-def test_curves_of_one_kind_have_themselves_as_mean():
-    x, y = np.linspace(-2, 3, 8), np.arange(8.0) ** 2
-    grid, mean = mean_of_curves([(x, y), (x, y), (np.zeros(0), np.zeros(0))], [1, 5, 2])
-    np.testing.assert_allclose(mean, np.interp(grid, x, y))
-    assert grid[0] == x[0] and grid[-1] == x[-1]
-
-
-def test_equal_statistics_have_themselves_as_mean():
-    size, axes = np.linspace(-9, -1, 5), np.linspace(-6, 0, 15).reshape(3, 5)
-    octave = OctaveStatistics(
-        ShownChange(size, np.linspace(-1, 0, 5)), 0.3, np.array([0.1, 0.2, 0.3]), TextureLimit(size, axes)
+def sampled(octave, size, seed):
+    """An octave of a made-up scene: shading that the photos show in part, noise, texture."""
+    rng = np.random.default_rng(seed)
+    change = rng.normal(0, 0.2, size).astype(np.float32)
+    left = rng.normal(0, 0.05, (size, 3)).astype(np.float32)
+    left[:, 0] -= 0.4 * change
+    return SampledOctave(
+        octave,
+        0.5 * 2**octave,
+        change,
+        left,
+        left[:, 0] + rng.normal(0, 0.02, size).astype(np.float32),
+        change**2 + 0.01,
+        rng.normal(0, 0.03, (size // 2, 3)).astype(np.float32),
+        rng.uniform(0, 0.01, size // 2).astype(np.float32),
+        rng.uniform(0, 0.02, (size, 3)).astype(np.float32),
+        rng.uniform(0, 0.1, size).astype(np.float32),
     )
-    one = DetailStatistics((octave, octave), 0.8, np.ones(3), 0.01, 3000, 2000)
-    nothing = replace(octave, of_change=9.0, noise=np.zeros(3))  # of too few pixels to tell
-    few = DetailStatistics((nothing, nothing), 5.0, 9 * np.ones(3), 0.0, 50, 0)
-    both = DetailStatistics.merged([one, few, replace(one, measured=5000)], 1000)
+
+
+@pytest.mark.parametrize("few_links", [False, True])
+def test_statistics_of_joined_parts_are_those_of_the_whole(few_links):
+    how, cuts = DetailSettings(), [0, 700, 2600, 5000]
+    whole = [sampled(number, 5000, number) for number in range(7)]
+    rng = np.random.default_rng(9)
+    sizes, quotients = rng.uniform(0.001, 1, (5, 5000)), rng.normal(0, 0.1, (5, 5000))
+
+    def part(begin, end):
+        octaves = []
+        for one in whole:
+            linked = slice(begin // 2, end // 2)
+            arrays = {
+                name: getattr(one, name)[begin:end] for name in ("change", "left", "quotient", "stated")
+            }
+            arrays |= {name: getattr(one, name)[begin:end] for name in ("energy", "wide_change")}
+            arrays |= {name: getattr(one, name)[linked] for name in ("difference", "texture")}
+            octaves.append(replace(one, **arrays))
+        alone = SampledViews(tuple(sizes[:, begin:end]), tuple(quotients[:, begin:end]))
+        links = 0 if few_links else (end - begin) // 2
+        return SampledDetail(
+            tuple(octaves), alone if few_links else None, 0.8, np.ones(3), 0.01, end - begin, links
+        )
+
+    once = DetailStatistics.of(part(0, 5000), how)
+    joined = SampledDetail.joined([part(*ends) for ends in pairwise(cuts)])
+    assert (joined.measured, joined.linked) == (5000, 0 if few_links else 2500)
+    pieces = DetailStatistics.of(joined, how)
     at = np.exp(np.linspace(-10, 0, 30))
-    for own, other in zip(one.octaves, both.octaves, strict=True):
-        assert other.of_change == pytest.approx(own.of_change)
-        np.testing.assert_allclose(other.noise, own.noise)
-        np.testing.assert_allclose(other.shown.at(at), own.shown.at(at), atol=1e-6)
-        np.testing.assert_allclose(other.limit.at(at), own.limit.at(at), rtol=1e-5)
-    assert (both.typical_light, both.between_views) == pytest.approx((0.8, 0.01))
+    for one, other in zip(once.octaves, pieces.octaves, strict=True):
+        assert one.of_change == other.of_change and one.noise[0] > 0
+        np.testing.assert_array_equal(one.noise, other.noise)
+        np.testing.assert_array_equal(one.limit.at(at), other.limit.at(at))
+        if one.shown is not None:
+            np.testing.assert_array_equal(one.shown.at(at), other.shown.at(at))
+            assert 0.6 < one.shown.shown < 0.99  # reduced by what may be chance
+    assert pieces.typical_light == pytest.approx(0.8) and pieces.between_views == pytest.approx(0.01)
 
 
 SCENE = {

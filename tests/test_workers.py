@@ -28,11 +28,12 @@ from tests.faults import small_runs
 from tests.faults.small_runs import one_line, results, words
 
 BEFORE = dict(os.environ)
-DISTRIBUTED = ("sfm", "undistort", "mvs", "correspondence", "decomposition")
+DISTRIBUTED = ("sfm", "undistort", "mvs", "correspondence", "lighting", "decomposition")
 AT_WORK_S = 0.3  # from when a stage begins until its tasks run
 TRANSFER = (  # eight views in clusters, so that every stage has tasks
     "--set", "decomposition.mode=transfer", "--set", "decomposition.clusters.pixels=10000",
-    "--set", "lighting.pixels=10000", "--set", "lighting.lights=shared", "--set", "lighting.samples=4000",
+    "--set", "lighting.pixels=10000", "--set", "lighting.clusters.pixels=10000",
+    "--set", "lighting.lights=shared", "--set", "lighting.samples=4000",
     "--set", "transfer.max_vertices=3000", "--set", "correspondence.all_up_to=2",
     "--set", "correspondence.neighbours=2",
 )  # fmt: skip

@@ -12,7 +12,6 @@ from stages.photometry.decomposition_settings import IGNORED, DecompositionSetti
 if TYPE_CHECKING:
     import numpy as np
 
-    from stages.photometry.detail.scene_statistics import DetailStatistics
     from stages.photometry.paper.alternation import Outcome
     from stages.photometry.solutions import Solved
     from stages.scene.cameras import Camera
@@ -42,8 +41,6 @@ class Solution:
         Per channel, for `energy.json`; the margin included.
     outcomes : list of Outcome
         Per channel.
-    statistics : DetailStatistics
-        By which its detail is added.
     """
 
     views: list[str]
@@ -54,7 +51,6 @@ class Solution:
     negative_albedo: dict[str, int]
     histories: list[dict[str, Any]]
     outcomes: list[Outcome]
-    statistics: DetailStatistics
 
 
 def below_zero(values: np.ndarray) -> dict[str, int]:

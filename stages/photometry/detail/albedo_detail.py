@@ -19,10 +19,16 @@ from stages.photometry.detail.detail_octaves import (
     DetailOctave,
     DetailScene,
     channels_of,
-    noise_without_others,
+    octaves_of_views,
 )
 from stages.photometry.detail.octaves import response_to_noise
-from stages.photometry.detail.scene_statistics import DetailStatistics, OctaveStatistics
+from stages.photometry.detail.scene_statistics import (
+    DetailStatistics,
+    OctaveNoise,
+    SampledDetail,
+    SampledOctave,
+    SampledViews,
+)
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.stack import StackedViews
 from stages.solvers.kernels.pixelwise import pixelwise
@@ -37,12 +43,13 @@ class Detail:
     albedo : ndarray, shape (N, 3), float32
     variance : ndarray, shape (N,), float32
         Expected variance of the albedo's mean logarithm; its square root is the relative error.
-    statistics : DetailStatistics
+    sample : SampledDetail
+        What the statistics of these views, or of all, are computed from.
     """
 
     albedo: np.ndarray
     variance: np.ndarray
-    statistics: DetailStatistics
+    sample: SampledDetail
 
 
 def with_detail(
@@ -54,6 +61,7 @@ def with_detail(
     how: DetailSettings,
     counted: np.ndarray | None = None,
     known: DetailStatistics | None = None,
+    of_scene: int | None = None,
 ) -> Detail:
     """Add the photo's detail to a smooth albedo, except what noise and shading error explain.
 
@@ -72,6 +80,9 @@ def with_detail(
         Pixels that statistics are measured on; None: all.
     known : DetailStatistics or None
         Of the scene that these views are part of; None: they are measured.
+    of_scene : int or None
+        Pixels of the scene that these are part of, about, of which they have their share of samples; None:
+        they are all.
 
     Notes
     -----
@@ -95,17 +106,15 @@ def with_detail(
     typical_light = float(np.median(shading[counted])) if known is None else known.typical_light
     least = UNLIT * max(typical_light, 1e-6)
     light, smooth, explained = pixelwise(partial(_model, least), albedo, shading)
-    scene = DetailScene(views, image, light, explained, trusted, how, counted, known)
-    kept, variance, octaves = _kept(scene)
+    scene = DetailScene(views, image, light, explained, trusted, how, counted, known, of_scene)
+    kept, variance, octaves, alone = _kept(scene)
     filled, has_value = scene.others.filled_in(np.column_stack([kept, variance]))
     add_kept = partial(_with_kept, how.log_offset)
     detailed = pixelwise(add_kept, smooth, explained, light, filled[:, :3], has_value)
     variance = filled[:, 3] / np.maximum(scene.response, how.variance.least_response) ** 2
     between, typical = _variance_between_views(scene, detailed)
-    statistics = known or DetailStatistics(
-        octaves, typical_light, scene.typical_noise, typical, *scene.measured_and_linked
-    )
-    return Detail(detailed, (variance + between).astype(np.float32), statistics)
+    of_all = typical_light, scene.typical_noise, typical, *scene.measured_and_linked
+    return Detail(detailed, (variance + between).astype(np.float32), SampledDetail(octaves, alone, *of_all))
 
 
 def _model(
@@ -147,17 +156,19 @@ def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> tuple[np.
     return np.where(seen, square, np.float32(typical)), typical
 
 
-def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, tuple[OctaveStatistics, ...]]:
-    """Filter the three axes: the kept albedo, (N, 3), its expected variance, (N,), and the statistics."""
+def _kept(
+    scene: DetailScene,
+) -> tuple[np.ndarray, np.ndarray, tuple[SampledOctave, ...], SampledViews | None]:
+    """Filter the three axes: the kept albedo, (N, 3), its expected variance, (N,), and what was sampled."""
     how, limits, response = scene.how, scene.how.uncertainty, response_to_noise(scene.how.sigmas_px)
-    measured, between_views = how.noise.compared_octaves, scene.linked_share >= how.noise.linked_share
-    noise = np.zeros((measured, 3))
-    if not between_views and scene.known is None:
-        noise[:] = noise_without_others(scene)
+    alone = None
+    if scene.known is None and scene.linked_share < how.noise.linked_share:
+        alone = octaves_of_views(scene)
+    noise = OctaveNoise.of(alone, how)
     kept = np.zeros((len(scene.maps), 3), np.float32)
     residual = scene.pixels.mean(scene.maps[:, 0], how.variance.window_px, np.square)
     variance = limits.level**2 + how.variance.residual_share * residual
-    found: list[OctaveStatistics] = []
+    sampled: list[SampledOctave] = []
     octaves = enumerate(pairwise(scene.pixels.octaves(scene.maps, how.sigmas_px)))
     for number, ((bands, sigma_px), (coarser, _)) in octaves:
         octave = DetailOctave.of(scene, number, bands, sigma_px)
@@ -165,18 +176,18 @@ def _kept(scene: DetailScene) -> tuple[np.ndarray, np.ndarray, tuple[OctaveStati
             now = scene.known.octaves[number]
             error, deviation, limit = now.of_change, now.noise, now.limit
         else:
-            error = float(np.clip(octave.error_of_change(), limits.least[number], limits.most))
-            if number < measured and between_views:
-                noise[number] = octave.noise(coarser[:, QUOTIENT]) / response[number]
-            deviation, limit = noise[number] if number < measured else noise.max(axis=0), None
-        own, expected, limit = octave.kept(error, deviation * response[number], limit)
-        found.append(OctaveStatistics(octave.shown, error, deviation.copy(), limit))
+            if number < how.noise.compared_octaves and alone is None:
+                octave = octave.with_differences(coarser[:, QUOTIENT])
+            error, limit = octave.sample.error_of_change(octave.shown, how), None
+            deviation = noise.at(octave.sample)
+        own, expected, sample = octave.kept(error, deviation * response[number], limit)
+        sampled.append(sample)
         kept += own
         variance += expected + how.variance.shading_change_share * octave.stated
         rest = coarser[:, AXES]
     of_level = limits.level * np.array(limits.of_axes, np.float32)
     kept += rest * _share_of_signal(rest**2, of_level**2)
-    return kept, variance, tuple(found)
+    return kept, variance, tuple(sampled), alone
 
 
 def _share_of_signal(energy: np.ndarray, uncertain: np.ndarray) -> np.ndarray:

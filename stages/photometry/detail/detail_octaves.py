@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from stages.photometry.detail.noise_estimation import (
-    noise_between_views,
-    noise_of_one_view,
-    relative_noise,
-    relative_noise_variance,
-)
+from stages.photometry.detail.noise_estimation import relative_noise, relative_noise_variance
 from stages.photometry.detail.octaves import KnownPixels
 from stages.photometry.detail.other_views import OtherViews
-from stages.photometry.detail.scene_statistics import DetailStatistics
+from stages.photometry.detail.scene_statistics import DetailStatistics, SampledOctave, SampledViews
 from stages.photometry.detail.settings import DetailSettings
-from stages.photometry.detail.shading_uncertainty import (
-    ShownChange,
-    error_of_change,
-    log_quotient,
-    log_shading,
-)
+from stages.photometry.detail.shading_uncertainty import ShownChange, log_quotient, log_shading
 from stages.photometry.detail.texture_limit import TextureLimit
 from stages.photometry.stack import StackedViews
 from stages.solvers.kernels.pixelwise import pixelwise
 
-CHROMA_NOISE = 6.0  # variance of log R/G, 2 σ², over that of the mean logarithm, σ²/3, for equal noise in all
 TINY = 1e-12  # against division by 0, of squares
 AXES, QUOTIENT, LIT = slice(0, 3), 3, 4  # columns of `DetailScene.maps`
 
@@ -36,7 +25,8 @@ AXES, QUOTIENT, LIT = slice(0, 3), 3, 4  # columns of `DetailScene.maps`
 class DetailScene:
     """Photos with their model; fields as the arguments of `with_detail`; `light`: S, `explained`: ρ S.
 
-    `counted`: the pixels of which the scene consists; the others are neighbours that help.
+    `counted`: the pixels of which the scene consists; the others are neighbours that help. `of_scene`: pixels
+    of the scene that these are part of, about; None: they are all.
     """
 
     views: StackedViews
@@ -47,6 +37,7 @@ class DetailScene:
     how: DetailSettings
     counted: np.ndarray
     known: DetailStatistics | None = None
+    of_scene: int | None = None
 
     @cached_property
     def pixels(self) -> KnownPixels:
@@ -91,7 +82,8 @@ class DetailScene:
     def sample(self) -> np.ndarray:
         """Indices of the pixels that uncertainty and noise are estimated from."""
         measured = np.flatnonzero(self.trusted & self.counted)
-        return measured[:: max(1, -(-len(measured) // self.how.sample_pixels))]
+        of_all = len(measured) if self.of_scene is None else self.of_scene
+        return measured[:: max(1, -(-of_all // self.how.sample_pixels))]
 
     @property
     def measured_and_linked(self) -> tuple[int, int]:
@@ -127,60 +119,59 @@ class DetailOctave:
     scene : DetailScene
     left : ndarray, shape (N, 3)
         Band of the residual, in its axes.
-    quotient : ndarray, shape (N,)
-        Band of log I/S.
     size, stated : ndarray, shape (N,)
         Local mean square of the shading's band, after and before the reduction.
     shown : ShownChange or None
         How much of the shading's change the photos show; None in the coarse octaves.
     wide_px : float
         σ of the Gaussian that energies are averaged under.
+    sample : SampledOctave
+        Of the bands before the reduction; energies are missing.
     """
 
     scene: DetailScene
     left: np.ndarray
-    quotient: np.ndarray
     size: np.ndarray
     stated: np.ndarray
     shown: ShownChange | None
     wide_px: float
+    sample: SampledOctave
 
     @classmethod
     def of(cls, scene: DetailScene, number: int, bands: np.ndarray, sigma_px: float) -> DetailOctave:
         """Reduce the shading's change, in the fine octaves, to that which the photos show."""
-        how = scene.how
+        how, some = scene.how, scene.sample
         left, quotient, change = bands[:, AXES].copy(), bands[:, QUOTIENT], bands[:, LIT] * scene.response
         stated = size = scene.pixels.mean(change, max(sigma_px, how.least_shading_window_px), np.square)
-        shown, some = None, scene.sample
-        if scene.known is not None:
-            shown = scene.known.octaves[number].shown
-        elif number < how.uncertainty.compared_octaves:
-            finer_px = 0.0 if number == 0 else sigma_px / 2
-            shown = ShownChange.of(change[some], left[some, 0], stated[some], finer_px, how)
+        none = np.zeros((0, 3), np.float32)
+        sample = SampledOctave(
+            number,
+            sigma_px,
+            change[some],
+            left[some],
+            quotient[some],
+            stated[some],
+            difference=none,
+            texture=none[:, 0],
+            energy=none,
+            wide_change=none[:, 0],
+        )
+        shown = sample.shown(how) if scene.known is None else scene.known.octaves[number].shown
         if shown is not None:
             excess = pixelwise(shown.at, stated)
             left[:, 0] -= excess * change
-            quotient = quotient - excess * change
             size = (1 + excess) ** 2 * stated
         wide_px = max(how.window * sigma_px, how.least_window_px)
-        return cls(scene, left, quotient, size, stated, shown, wide_px)
+        return cls(scene, left, size, stated, shown, wide_px, sample)
 
-    def error_of_change(self) -> float:
-        """Estimate κ from the scene."""
-        some = self.scene.sample
-        return error_of_change(self.size[some], self.quotient[some], self.left[some, 0], self.scene.how)
-
-    def noise(self, coarser: np.ndarray) -> np.ndarray:
-        """Estimate the noise of this band at median brightness, (3,), from differences between views.
-
-        `coarser`: the band of log I/S in the next octave.
-        """
+    def with_differences(self, coarser: np.ndarray) -> DetailOctave:
+        """Sample the differences between views; `coarser`: the band of log I/S in the next octave."""
         scene, some = self.scene, self.scene.sample
         some = some[scene.others.count[some] > 0]
         of_both = scene.noise_scale[some] * np.sqrt(1 + 1 / scene.others.count[some])[:, None]
         difference = (self.left - self.left_by_others)[some] / of_both
         texture = scene.pixels.mean(coarser, self.wide_px, np.square)[some]  # brightness has the least noise
-        return np.array([noise_between_views(axis, texture, scene.how.classes) for axis in difference.T])
+        return replace(self, sample=replace(self.sample, difference=difference, texture=texture))
 
     @cached_property
     def left_by_others(self) -> np.ndarray:
@@ -189,14 +180,14 @@ class DetailOctave:
 
     def kept(
         self, error: float, noise: np.ndarray, limit: TextureLimit | None
-    ) -> tuple[np.ndarray, np.ndarray, TextureLimit]:
+    ) -> tuple[np.ndarray, np.ndarray, SampledOctave]:
         """Filter the band.
 
         Returns
         -------
-        tuple of ndarray, shape (N, 3), ndarray, shape (N,), and TextureLimit
-            The kept albedo, the expected variance of its first axis, and the limit of texture: the given one,
-            or that of this scene.
+        tuple of ndarray, shape (N, 3), ndarray, shape (N,), and SampledOctave
+            The kept albedo, the expected variance of its first axis, and the sample, whose limit of texture
+            is used where none is given.
         """
         scene, how, others = self.scene, self.scene.how, self.scene.others
         of_axes, power = np.square(np.array(how.uncertainty.of_axes, np.float32)), how.energy_power
@@ -213,9 +204,11 @@ class DetailOctave:
         energy = others.with_own(pixelwise(energy_of, energy))
         uncertain = others.with_own(scene.pixels.mean(uncertain, self.wide_px))
         change, some = scene.pixels.mean(self.stated, self.wide_px), scene.sample
-        limit = limit or TextureLimit.of(np.maximum(energy[some] - uncertain[some], 0), change[some], how)
+        beyond = np.maximum(energy[some] - uncertain[some], 0)
+        sample = replace(self.sample, energy=beyond, wide_change=change[some])
+        limit = limit or sample.limit(how)
         kept, expected = pixelwise(limit.filtered, band, energy, uncertain, change, scene.trusted)
-        return kept, expected, limit
+        return kept, expected, sample
 
     def _fused(self, typical: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fuse the band with that of other views; returns it and the variance of its noise, (N, 3) each.
@@ -247,8 +240,8 @@ def _weighted_by_variance(
     return own + weight * difference, (1 - weight) ** 2 * noise + weight**2 * of_others
 
 
-def noise_without_others(scene: DetailScene) -> np.ndarray:
-    """Estimate the noise of the three axes, (3,), from the octaves of brightness within each view."""
+def octaves_of_views(scene: DetailScene) -> SampledViews:
+    """Sample the octaves of brightness within each view."""
     how, some = scene.how, scene.sample
     sizes, quotients = [], []
     for bands, sigma_px in scene.pixels.octaves(scene.maps[:, [QUOTIENT, LIT]], how.sigmas_px):
@@ -258,7 +251,7 @@ def noise_without_others(scene: DetailScene) -> np.ndarray:
         quotients.append((quotient / scene.noise_scale[:, 0])[some])
         if len(sizes) == len(how.noise.texture_spectrum):
             break
-    return noise_of_one_view(sizes, quotients, how) * np.sqrt([1, CHROMA_NOISE, CHROMA_NOISE])
+    return SampledViews(tuple(sizes), tuple(quotients))
 
 
 def axes_of(logs: np.ndarray) -> np.ndarray:

@@ -3,12 +3,171 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from stages.photometry.detail.shading_uncertainty import ShadingUncertainty, ShownChange
+from stages.photometry.detail.noise_estimation import noise_between_views, noise_of_one_view
+from stages.photometry.detail.octaves import response_to_noise
+from stages.photometry.detail.settings import DetailSettings
+from stages.photometry.detail.shading_uncertainty import ShadingUncertainty, ShownChange, error_of_change
 from stages.photometry.detail.texture_limit import TextureLimit
+
+CHROMA_NOISE = 6.0  # variance of log R/G, 2 σ², over that of the mean logarithm, σ²/3, for equal noise in all
+
+
+@dataclass(frozen=True, eq=False)
+class SampledOctave:
+    """One octave of sampled pixels: what its statistics are computed from.
+
+    Attributes
+    ----------
+    number : int
+        0 is the finest.
+    sigma_px : float
+        Its upper σ.
+    change : ndarray, shape (n,)
+        Band of the log shading, times the response of ``log(I + d)``.
+    left : ndarray, shape (n, 3)
+        Band of the residual, in its axes.
+    quotient : ndarray, shape (n,)
+        Band of log I/S.
+    stated : ndarray, shape (n,)
+        Local mean square of `change`.
+    difference : ndarray, shape (m, 3)
+        Of the reduced residual between a view and the mean of the others, over the noise's relative
+        deviation; of pixels with correspondences, in the finest octaves, else m = 0.
+    texture : ndarray, shape (m,)
+        Local mean square of log I/S in the next octave.
+    energy : ndarray, shape (n, 3)
+        Local energy of the reduced residual beyond its uncertainty.
+    wide_change : ndarray, shape (n,)
+        Local mean of `stated`.
+    """
+
+    number: int
+    sigma_px: float
+    change: np.ndarray
+    left: np.ndarray
+    quotient: np.ndarray
+    stated: np.ndarray
+    difference: np.ndarray
+    texture: np.ndarray
+    energy: np.ndarray
+    wide_change: np.ndarray
+
+    @classmethod
+    def joined(cls, several: Sequence[SampledOctave]) -> SampledOctave:
+        """Join those of parts of a scene."""
+        names = [field.name for field in fields(cls) if field.name not in ("number", "sigma_px")]
+        arrays = (np.concatenate([getattr(one, name) for one in several]) for name in names)
+        return cls(several[0].number, several[0].sigma_px, *arrays)
+
+    def shown(self, how: DetailSettings) -> ShownChange | None:
+        """Compute how much of the shading's change the photos show; None in the coarse octaves."""
+        if self.number >= how.uncertainty.compared_octaves:
+            return None
+        finer_px = 0.0 if self.number == 0 else self.sigma_px / 2
+        return ShownChange.of(self.change, self.left[:, 0], self.stated, finer_px, how)
+
+    def error_of_change(self, shown: ShownChange | None, how: DetailSettings) -> float:
+        """Estimate κ, within its bounds, after the reduction of the shading's change to what is shown."""
+        left, quotient, size = self.left[:, 0], self.quotient, self.stated
+        if shown is not None:
+            excess = shown.at(self.stated)
+            left, quotient = left - excess * self.change, quotient - excess * self.change
+            size = (1 + excess) ** 2 * self.stated
+        found, limits = error_of_change(size, quotient, left, how), how.uncertainty
+        return float(np.clip(found, limits.least[self.number], limits.most))
+
+    def noise(self, how: DetailSettings) -> np.ndarray:
+        """Estimate the noise of this band at median brightness, (3,), from differences between views."""
+        axes = self.difference.T
+        return np.array([noise_between_views(axis, self.texture, how.classes) for axis in axes])
+
+    def limit(self, how: DetailSettings) -> TextureLimit:
+        """Find the limit of texture."""
+        return TextureLimit.of(self.energy, self.wide_change, how)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledViews:
+    """Octaves of brightness within each view, of sampled pixels: noise where correspondences are few.
+
+    Attributes
+    ----------
+    sizes, quotients : tuple of ndarray, shape (n,)
+        As `noise_of_one_view` takes them.
+    """
+
+    sizes: tuple[np.ndarray, ...]
+    quotients: tuple[np.ndarray, ...]
+
+    @classmethod
+    def joined(cls, several: Sequence[SampledViews]) -> SampledViews:
+        """Join those of parts of a scene."""
+        return cls(
+            tuple(np.concatenate(parts) for parts in zip(*(one.sizes for one in several), strict=True)),
+            tuple(np.concatenate(parts) for parts in zip(*(one.quotients for one in several), strict=True)),
+        )
+
+    def noise(self, how: DetailSettings) -> np.ndarray:
+        """Estimate the noise of a pixel in the three axes, (3,)."""
+        alone = noise_of_one_view(list(self.sizes), list(self.quotients), how)
+        return alone * np.sqrt([1, CHROMA_NOISE, CHROMA_NOISE])
+
+
+@dataclass(frozen=True, eq=False)
+class SampledDetail:
+    """What the statistics of a scene, or of a part of it, are computed from.
+
+    Attributes
+    ----------
+    octaves : tuple of SampledOctave
+        Finest first.
+    alone : SampledViews or None
+        Where correspondences are few.
+    typical_light : float
+        Median shading.
+    typical_noise : ndarray, shape (3,)
+        Median of `relative_noise_variance`, in three axes.
+    between_views : float
+        Mean square difference of log albedo between views.
+    measured, linked : int
+        Trusted pixels that were measured, and those of them with correspondences.
+    """
+
+    octaves: tuple[SampledOctave, ...]
+    alone: SampledViews | None
+    typical_light: float
+    typical_noise: np.ndarray
+    between_views: float
+    measured: int
+    linked: int
+
+    @classmethod
+    def joined(cls, several: Sequence[SampledDetail]) -> SampledDetail:
+        """Join those of parts of a scene: samples of all, means of what is typical."""
+        measured = np.array([one.measured for one in several], float)
+        linked = np.array([one.linked for one in several], float)
+        weights = measured if measured.any() else None
+        alone = [one.alone for one in several if one.alone is not None]
+        by_octave = zip(*(one.octaves for one in several), strict=True)
+        return cls(
+            tuple(SampledOctave.joined(octave) for octave in by_octave),
+            SampledViews.joined(alone) if alone else None,
+            float(np.average([one.typical_light for one in several], weights=weights)),
+            np.average([one.typical_noise for one in several], axis=0, weights=weights),
+            float(
+                np.average([one.between_views for one in several], weights=linked if linked.any() else None)
+            ),
+            int(measured.sum()),
+            int(linked.sum()),
+        )
+
+    def has_few_links(self, how: DetailSettings) -> bool:
+        """Whether so few pixels have correspondences that noise is measured within single views."""
+        return self.linked / max(self.measured, 1) < how.noise.linked_share
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,65 +190,28 @@ class OctaveStatistics:
     noise: np.ndarray
     limit: TextureLimit
 
-    @classmethod
-    def merged(cls, several: Sequence[OctaveStatistics], weights: Sequence[float]) -> OctaveStatistics:
-        """Average the statistics of an octave in parts of a scene."""
-        shown = [one.shown for one in several if one.shown is not None]
-        noise = np.average([np.square(one.noise) for one in several], axis=0, weights=weights)
-        return cls(
-            ShownChange.merged(shown, weights) if shown else None,
-            float(np.sqrt(np.average([one.of_change**2 for one in several], weights=weights))),
-            np.sqrt(noise),
-            TextureLimit.merged([one.limit for one in several], weights),
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class DetailStatistics:
-    """Statistics of all octaves, finest first, and of the pixels.
-
-    Attributes
-    ----------
-    octaves : tuple of OctaveStatistics
-    typical_light : float
-        Median shading.
-    typical_noise : ndarray, shape (3,)
-        Median of `relative_noise_variance`, in three axes.
-    between_views : float
-        Mean square difference of log albedo between views.
-    measured, linked : int
-        Trusted pixels that were measured, and those of them with correspondences.
-    """
+    """Statistics of all octaves, finest first, and of the pixels; see `SampledDetail`."""
 
     octaves: tuple[OctaveStatistics, ...]
     typical_light: float
     typical_noise: np.ndarray
     between_views: float
-    measured: int
-    linked: int
 
     @classmethod
-    def merged(cls, several: Sequence[DetailStatistics], fewest: int) -> DetailStatistics:
-        """Average the statistics of parts of a scene: deviations as root mean squares, the rest as means.
-
-        Parts count by the pixels that were measured. Those with fewer than `fewest` do not, unless all have:
-        nothing can be told from them.
-        """
-        measured = np.array([one.measured for one in several], float)
-        weights = np.where(measured >= fewest, measured, 0.0)
-        weights = weights if weights.any() else measured + 1
-        linked = np.array([one.linked for one in several], float)
-        by_octave = zip(*(one.octaves for one in several), strict=True)
-        return cls(
-            tuple(OctaveStatistics.merged(octave, weights.tolist()) for octave in by_octave),
-            float(np.average([one.typical_light for one in several], weights=weights)),
-            np.average([one.typical_noise for one in several], axis=0, weights=weights),
-            float(
-                np.average([one.between_views for one in several], weights=linked if linked.any() else None)
-            ),
-            int(measured.sum()),
-            int(linked.sum()),
-        )
+    def of(cls, sample: SampledDetail, how: DetailSettings) -> DetailStatistics:
+        """Compute the statistics of a sample."""
+        noise = OctaveNoise.of(sample.alone if sample.has_few_links(how) else None, how)
+        found = []
+        for octave in sample.octaves:
+            shown = octave.shown(how)
+            deviation = noise.at(octave)
+            found.append(
+                OctaveStatistics(shown, octave.error_of_change(shown, how), deviation, octave.limit(how))
+            )
+        return cls(tuple(found), sample.typical_light, sample.typical_noise, sample.between_views)
 
     @property
     def uncertainty(self) -> ShadingUncertainty:
@@ -97,3 +219,37 @@ class DetailStatistics:
         shown = tuple(1.0 if one.shown is None else one.shown.shown for one in self.octaves)
         noise = np.max([one.noise for one in self.octaves], axis=0)
         return ShadingUncertainty(shown, tuple(one.of_change for one in self.octaves), tuple(noise.tolist()))
+
+
+@dataclass(frozen=True, eq=False)
+class OctaveNoise:
+    """Noise of a pixel, octave by octave, finest first: measured in the finest, assumed white beyond.
+
+    Attributes
+    ----------
+    measured : ndarray, shape (m, 3)
+        Of the finest octaves, as far as they were asked for.
+    by_views : bool
+        Whether they are measured between views, or known from single views.
+    """
+
+    measured: np.ndarray
+    by_views: bool
+    how: DetailSettings
+
+    @classmethod
+    def of(cls, alone: SampledViews | None, how: DetailSettings) -> OctaveNoise:
+        """Begin with the noise of single views, where it was sampled."""
+        measured = np.zeros((how.noise.compared_octaves, 3))
+        if alone is not None:
+            measured[:] = alone.noise(how)
+        return cls(measured, alone is None, how)
+
+    def at(self, octave: SampledOctave) -> np.ndarray:
+        """Measure the noise of an octave, (3,), or take the greatest of the finer ones."""
+        number = octave.number
+        if number >= len(self.measured):
+            return self.measured.max(axis=0)
+        if self.by_views:
+            self.measured[number] = octave.noise(self.how) / response_to_noise(self.how.sigmas_px)[number]
+        return self.measured[number].copy()

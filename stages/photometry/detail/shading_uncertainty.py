@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from stages.photometry.detail.settings import DetailSettings
-from stages.photometry.detail.statistics_by_class import by_size, deviation, line_through, mean_of_curves
+from stages.photometry.detail.statistics_by_class import by_size, deviation, line_through
 
 TINY = 1e-12  # against logarithms of and division by 0, of squares
 
@@ -108,11 +108,6 @@ class ShownChange:
             log_size.append(np.log(size[own].mean() + TINY))
             excess.append(np.clip(slope * significant, -1, limits.largest_excess))
         return cls(np.array(log_size), np.array(excess))
-
-    @classmethod
-    def merged(cls, several: Sequence[ShownChange], weights: Sequence[float]) -> ShownChange:
-        """Average those of parts of a scene."""
-        return cls(*mean_of_curves([(one.log_size, one.excess) for one in several], weights))
 
     def at(self, size: np.ndarray) -> np.ndarray:
         """Interpolate the excess to local mean squares of the shading's change, float32."""

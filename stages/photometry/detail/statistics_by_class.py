@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,32 +24,6 @@ def by_size(size: np.ndarray, classes: ClassSettings) -> list[np.ndarray]:
 def deviation(values: np.ndarray) -> float:
     """Estimate a standard deviation from the median absolute value, robust to outliers."""
     return float(np.median(np.abs(values))) / MAD if values.size else 0.0
-
-
-def mean_of_curves(
-    curves: Sequence[tuple[np.ndarray, np.ndarray]], weights: Sequence[float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Average curves, given by points of ascending x, each held constant beyond its ends.
-
-    Parameters
-    ----------
-    curves : sequence of (ndarray, shape (k,), ndarray, shape (k,))
-        x and y; curves without points are left out.
-    weights : sequence of float
-
-    Returns
-    -------
-    tuple of ndarray, shape (k,), and ndarray, shape (k,)
-        x, as many as in the longest curve, evenly from those of all; and the mean y.
-    """
-    some = [(x, y, weight) for (x, y), weight in zip(curves, weights, strict=True) if len(x)]
-    if not some:
-        return np.zeros(0), np.zeros(0)
-    count = max(len(x) for x, _, _ in some)
-    every = np.sort(np.concatenate([x for x, _, _ in some]))
-    grid = np.quantile(every, np.linspace(0, 1, count))
-    total = sum(weight for _, _, weight in some)
-    return grid, sum(weight / total * np.interp(grid, x, y) for x, y, weight in some)
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,13 @@ evenly lit surface, is error of the shading: displaced borders of shadows, crevi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.detail.shading_uncertainty import TINY
-from stages.photometry.detail.statistics_by_class import by_size, mean_of_curves
+from stages.photometry.detail.statistics_by_class import by_size
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,24 +57,6 @@ class TextureLimit:
             [limit_for_mean(*axis) for axis in zip(energy[own].T, most, strict=True)] for own in classes
         ]
         return cls(at, np.log(limits).T)
-
-    @classmethod
-    def merged(cls, several: Sequence[TextureLimit], weights: Sequence[float]) -> TextureLimit:
-        """Average those of parts of a scene, in logarithms; parts of too few pixels do not count."""
-        finite = [(one, weight) for one, weight in zip(several, weights, strict=True) if one.is_finite]
-        if not finite:
-            return several[0]
-        parts, counted = zip(*finite, strict=True)
-        axes = [
-            mean_of_curves([(one.log_change, one.log_limit[axis]) for one in parts], counted)
-            for axis in range(len(parts[0].log_limit))
-        ]
-        return cls(axes[0][0], np.stack([values for _, values in axes]))
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether there is a limit."""
-        return bool(np.isfinite(self.log_limit).all())
 
     def filtered(
         self,
