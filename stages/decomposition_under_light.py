@@ -83,6 +83,7 @@ def run(job: Job[DecompositionSettings]) -> None:
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.photometry.clusters.cluster_views import divided_surface, view_graph
     from stages.photometry.clusters.parts import Parts
+    from stages.photometry.clusters.surface_clusters import tell_too_large
     from stages.photometry.decomposition_record import write_solutions
     from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
     from stages.photometry.joint.fast_alternation import FastSolver
@@ -91,6 +92,7 @@ def run(job: Job[DecompositionSettings]) -> None:
     graph = view_graph(inputs, cameras)
     pixels = int(graph.pixels.sum())
     clusters = divided_surface(inputs, cameras, graph, settings.clusters, job.executor.map)
+    tell_too_large(job, clusters, settings.clusters)
     weights = weights_at(settings, graph.side, graph.links_per_pixel)
     task = ClusterTask(
         inputs,

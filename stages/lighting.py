@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     import numpy as np
 
     from stages.formats.artefacts.transfer_file import StoredTransfer
+    from stages.lighting_in_clusters import Scene
     from stages.photometry.clusters.typical_views import ViewGraph
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
-    from stages.photometry.lighting.lit_clusters import Scene
     from stages.photometry.lighting.opened_views import Opened
     from stages.photometry.transport.lit_scenes import LitScene
     from stages.photometry.transport.sky_visibility import VisibilityProbes
@@ -41,8 +41,8 @@ def run(job: Job[LightingSettings]) -> None:
     from stages.formats.artefacts.transfer_file import read_transfer
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.short_edges import with_short_edges
+    from stages.lighting_in_clusters import Scene
     from stages.photometry.clusters.cluster_views import view_graph
-    from stages.photometry.lighting.lit_clusters import Scene
     from stages.photometry.lighting.opened_views import ViewFiles
 
     cameras, stored = read_cameras(job.inputs["cameras"]), read_transfer(job.inputs["transfer"])
@@ -92,7 +92,8 @@ def _from_all(job: Job[LightingSettings], scene: Scene) -> None:
 
     cameras = scene.cameras
     known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
-    opened = scene.files.open(Cluster.whole(range(len(cameras))), None, job.executor.map)
+    every = Cluster.whole(range(len(cameras)), scene.graph.pixels.sum())
+    opened = scene.files.open(every, None, job.executor.map)
     how = job.settings
     record.warn_of_clipping(job, int(np.count_nonzero(~opened.unclipped)), len(opened.unclipped))
     if known is not None:
@@ -129,7 +130,9 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
 
     cameras, how = scene.cameras, job.settings
     some = typical_views(scene.graph, how.pixels)
-    opened = scene.files.open(Cluster.whole(some), None, job.executor.map)
+    opened = scene.files.open(
+        Cluster.whole(some, scene.graph.pixels[list(some)].sum()), None, job.executor.map
+    )
     scale, gains = opened.scale, gains_of_all(job, scene.files, opened.scale)
     scenes, seen = _scenes(job, opened, scene), (opened.views.stack, opened.images)
     with job.progress("steps", _steps(how, len(scenes))) as step:
@@ -157,14 +160,16 @@ def _light_all(
     scale: float,
 ) -> tuple[int, int, int]:
     """Light the pixels of all views, in clusters; count the clipped, untrusted and usable ones."""
+    from stages.lighting_in_clusters import LightTask, light_cluster
     from stages.photometry.clusters.cluster_views import divided_surface
     from stages.photometry.clusters.parts import Parts
+    from stages.photometry.clusters.surface_clusters import tell_too_large
     from stages.photometry.lighting.lighting_record import write_view
-    from stages.photometry.lighting.lit_clusters import LightTask, light_cluster
 
     clusters = divided_surface(
         job.inputs, scene.cameras, scene.graph, job.settings.clusters, job.executor.map
     )
+    tell_too_large(job, clusters, job.settings.clusters)
     parts = Parts(job.scratch, scene.files.paths, scene.cameras, clusters)
     task = LightTask(scene, parts, found, typical, gains, scale)
     with job.progress("clusters", len(clusters)) as step:

@@ -29,6 +29,7 @@ from stages.formats.images.photos import read_mask
 from stages.formats.meshes.triangle_meshes import read_mesh
 from stages.geometry.short_edges import with_short_edges
 from stages.lighting import LIGHTING, LightingSettings
+from stages.lighting_in_clusters import Scene
 from stages.photometry.clusters.cluster_views import (
     divided_surface,
     open_cluster,
@@ -37,7 +38,13 @@ from stages.photometry.clusters.cluster_views import (
     view_graph,
 )
 from stages.photometry.clusters.settings import ClusterSettings
-from stages.photometry.clusters.surface_clusters import Cluster, SampledSurface, clusters_of, size_of
+from stages.photometry.clusters.surface_clusters import (
+    Cluster,
+    SampledSurface,
+    clusters_of,
+    size_of,
+    tell_too_large,
+)
 from stages.photometry.clusters.typical_views import ViewGraph, parts_of, typical_views
 from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.photometry.detail.scene_statistics import (
@@ -49,7 +56,6 @@ from stages.photometry.detail.scene_statistics import (
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.lighting.estimate_illumination import find_illumination
 from stages.photometry.lighting.further_views import further_pixels
-from stages.photometry.lighting.lit_clusters import Scene
 from stages.photometry.lighting.opened_views import ViewFiles
 from stages.photometry.lighting.view_gains import PairRatio, log_gains
 from stages.scene.memory_of_views import BYTES_PER_PIXEL_OF_CLUSTER
@@ -130,11 +136,17 @@ def test_a_margin_is_as_wide_as_asked_and_its_views_are_listed(seed, count):
             assert np.linalg.norm(own - point, axis=1).min() < 5 * 0.01 * np.sqrt(3) + 0.3
 
 
-def test_what_a_margin_would_double_is_not_divided():
+def test_what_would_be_margins_for_the_most_part_is_not_divided(tmp_path, make_job):
     """A margin as wide as the scene: every cluster would be all of it."""
     _, surface = wall(0)
     how = ClusterSettings(pixels=1000, margin=1.0)
-    assert [one.is_whole for one in clusters_of(surface, 3000.0, how)] == [True]
+    clusters = clusters_of(surface, 3000.0, how)
+    assert [one.is_whole for one in clusters] == [True]
+    job = make_job(tmp_path, LIGHTING, LightingSettings())
+    tell_too_large(job, clusters, how)
+    assert "Clusters of 321,400 pixels" in job.warnings[0] and "room for 1,000" in job.warnings[0]
+    tell_too_large(job, clusters, ClusterSettings())
+    assert len(job.warnings) == 1
 
 
 def sampled(octave, size, seed):
@@ -332,7 +344,7 @@ def test_further_views_are_lit_as_those_that_the_light_was_found_on(gloss, tmp_p
     graph, stored = view_graph(inputs, cameras), read_transfer(done.paths["transfer"])
     short = with_short_edges(read_mesh(done.paths["mesh"]), float(stored.longest_edge))
     files = ViewFiles(inputs, cameras, graph.side, how.trusted_pixels)
-    opened = files.open(Cluster.whole(range(6)), None)
+    opened = files.open(Cluster.whole(range(6), 0), None)
     scenes = lighting._scenes(job, opened, Scene(cameras, files, graph, stored, short))
     seen = opened.views.stack, opened.images
     found = find_illumination(*seen, scenes, opened.viewing, how, 2, lambda: None)

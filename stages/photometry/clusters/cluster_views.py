@@ -118,7 +118,7 @@ def divided_surface(
     """Divide the surface that all views see into clusters; few pixels are not looked at, but are one."""
     pixels = int(graph.pixels.sum())
     if pixels <= how.pixels:
-        return [Cluster.whole(range(len(cameras)))]
+        return [Cluster.whole(range(len(cameras)), pixels)]
     step = max(1, -(-pixels // how.sample_pixels))
     return clusters_of(sampled_surface(paths, cameras, step, each), graph.side, how)
 

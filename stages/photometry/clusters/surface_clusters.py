@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline import Job, Settings
 from stages.photometry.clusters.settings import ClusterSettings
 
 
@@ -26,6 +27,8 @@ class Cluster:
         Whether the part is where ``n·x > d``, rather than where not.
     margin_px : float
         Width of the margin, in pixels of whoever sees it.
+    pixels : int
+        That take part, about, those of the margin included.
     """
 
     number: int
@@ -33,11 +36,12 @@ class Cluster:
     planes: np.ndarray
     beyond: np.ndarray
     margin_px: float
+    pixels: int
 
     @classmethod
-    def whole(cls, views: Sequence[int]) -> Cluster:
+    def whole(cls, views: Sequence[int], pixels: float) -> Cluster:
         """Take all of the surface, as some views see it."""
-        return cls(0, tuple(views), np.empty((0, 4)), np.empty(0, bool), 0.0)
+        return cls(0, tuple(views), np.empty((0, 4)), np.empty(0, bool), 0.0, int(pixels))
 
     @property
     def is_whole(self) -> bool:
@@ -125,29 +129,36 @@ def clusters_of(surface: SampledSurface, side_px: float, how: ClusterSettings) -
     side its share of the pixels. Most correspondences are then inside clusters, since a point is in the same
     one in all views; what crosses the cuts are neighbours within views.
     """
-    everything = Cluster.whole(range(len(surface.boxes)))
-    whole = replace(everything, margin_px=how.margin * side_px)
-    pixels = float(surface.weights.sum())
-    if pixels <= how.pixels:
-        return [everything]
-    clusters, count = [everything], 1
-    largest = pixels
+    everything = Cluster.whole(range(len(surface.boxes)), surface.weights.sum())
+    undivided = replace(everything, margin_px=how.margin * side_px)
+    clusters, largest = [everything], everything.pixels
     while largest > how.pixels:
-        count = max(int(np.ceil(largest / how.pixels * count)), count + 1)
-        finer = _divided(whole, surface, np.arange(len(surface.points)), count)
+        count = max(int(np.ceil(largest / how.pixels * len(clusters))), len(clusters) + 1)
+        finer = _divided(undivided, surface, np.arange(len(surface.points)), count)
         sizes = [size_of(one, surface) for one in finer]
-        if sum(sizes) > how.most_margin * pixels or count > len(surface.points):
+        if sum(sizes) > how.most_margin * everything.pixels or len(finer) == len(clusters):
             break
-        clusters, largest = finer, max(sizes)
-    return [
-        replace(one, number=number, views=surface.seeing(one) if len(clusters) > 1 else one.views)
-        for number, one in enumerate(clusters)
-    ]
+        clusters = [replace(one, pixels=int(size)) for one, size in zip(finer, sizes, strict=True)]
+        largest = max(one.pixels for one in clusters)
+    if len(clusters) == 1:
+        return clusters
+    return [replace(one, number=number, views=surface.seeing(one)) for number, one in enumerate(clusters)]
 
 
 def size_of(cluster: Cluster, surface: SampledSurface) -> float:
     """Estimate the pixels that take part in a cluster, those of its margin included."""
     return float(surface.weights[cluster.reaches(surface.points, surface.footprints)].sum())
+
+
+def tell_too_large(job: Job[Settings], clusters: Sequence[Cluster], how: ClusterSettings) -> None:
+    """Warn where a cluster has more pixels than there is room for."""
+    largest = max(one.pixels for one in clusters)
+    if largest > how.pixels:
+        job.warn(
+            f"Clusters of {largest:,} pixels are taken, though there is room for {how.pixels:,}: smaller ones "
+            "would be margins for the most part. More memory is needed, a narrower margin (clusters.margin, "
+            f"now {how.margin:g} of a view's side), or smaller views."
+        )
 
 
 def _divided(part: Cluster, surface: SampledSurface, inside: np.ndarray, count: int) -> list[Cluster]:
