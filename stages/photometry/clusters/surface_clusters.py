@@ -155,9 +155,9 @@ def tell_too_large(job: Job[Settings], clusters: Sequence[Cluster], how: Cluster
     largest = max(one.pixels for one in clusters)
     if largest > how.pixels:
         job.warn(
-            f"Clusters of {largest:,} pixels are taken, though there is room for {how.pixels:,}: smaller ones "
-            "would be margins for the most part. More memory is needed, a narrower margin (clusters.margin, "
-            f"now {how.margin:g} of a view's side), or smaller views."
+            f"Clusters of {largest:,} pixels are taken, though there is room for {how.pixels:,}: smaller "
+            "ones would be margins for the most part. More memory is needed, a narrower margin "
+            f"(clusters.margin, now {how.margin:g} of a view's side), or smaller views."
         )
 
 
