@@ -325,7 +325,7 @@ def _publish(
 
 SFM = Stage(
     name="sfm",
-    version=5,
+    version=6,
     about="Camera poses, lens and sparse points from photos alone (COLMAP).",
     settings=SfmSettings,
     takes=("images",),

@@ -130,3 +130,25 @@ def test_positions_that_are_missing_are_named(make_job, tmp_path):
     job = make_job(tmp_path / "job", SFM, settings, images=tmp_path)
     with pytest.raises(UserError, match=r"1 of 3 photos have none in their EXIF data: 0\.jpg"):
         SFM.run(job)
+
+
+@given(
+    sizes=st.lists(st.integers(1, 30), min_size=1, max_size=5),
+    neighbours=st.integers(1, 8),
+    seed=st.integers(0, 9),
+)
+def test_groups_of_photos_far_apart_are_connected(sizes, neighbours, seed):
+    """Many photos from each of some places: what is nearest alone would leave each place to itself."""
+    rng = np.random.default_rng(seed)
+    photos = [
+        Position(48 + 0.01 * place + rng.normal(0, 1e-6), 16 + rng.normal(0, 1e-6))
+        for place, size in enumerate(sizes)
+        for _ in range(size)
+    ]
+    pairs = near_pairs(photos, neighbours)
+    assert all(i < j for i, j in pairs) and len(set(pairs)) == len(pairs)
+    connected = {0}
+    while more := {j for pair in pairs for i, j in (pair, pair[::-1]) if i in connected} - connected:
+        connected |= more
+    assert len(connected) == len(photos)
+    assert len(pairs) <= (neighbours + neighbours * (1 + np.log2(len(photos)))) * len(photos)

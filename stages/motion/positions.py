@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from PIL import Image, UnidentifiedImageError
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 GPS_IFD = 0x8825
@@ -50,12 +52,35 @@ def _degrees(parts: Any, negative: bool) -> float:
 def near_pairs(positions: Sequence[Position], neighbours: int) -> list[tuple[int, int]]:
     """List pairs i < j (indices) of photos: of each photo those that were taken nearest to it.
 
-    Distances are those on a sphere; heights, which receivers measure worst, do not count.
+    Distances are those on a sphere; heights, which receivers measure worst, do not count. Where more photos
+    than that were taken in one place, groups would remain without a pair between them: those of each that are
+    nearest to another are paired, too, until all are connected.
     """
     latitude, longitude = np.deg2rad([[one.latitude, one.longitude] for one in positions]).T
     level = np.cos(latitude)
     places = np.stack([level * np.cos(longitude), level * np.sin(longitude), np.sin(latitude)], axis=1)
     count = min(neighbours + 1, len(positions))  # the nearest is the photo itself
     _, nearest = cKDTree(places).query(places, k=count)
-    found = ((i, int(j)) for i, row in enumerate(nearest.reshape(len(places), count)) for j in row if i != j)
+    found = {(i, int(j)) for i, row in enumerate(nearest.reshape(len(places), count)) for j in row if i != j}
+    groups, group = _groups(len(places), found)
+    while groups > 1:
+        for number in range(groups):
+            found |= _out_of(places, group == number, neighbours)
+        groups, group = _groups(len(places), found)
     return sorted({(min(pair), max(pair)) for pair in found})
+
+
+def _groups(count: int, pairs: Collection[tuple[int, int]]) -> tuple[int, np.ndarray]:
+    """Count the groups of photos that pairs connect, and number each photo's."""
+    one, other = np.array(sorted(pairs), np.int64).reshape(-1, 2).T
+    graph = sp.coo_array((np.ones(len(one)), (one, other)), shape=(count, count))
+    groups, group = connected_components(graph, directed=False)
+    return int(groups), group
+
+
+def _out_of(places: np.ndarray, inside: np.ndarray, most: int) -> set[tuple[int, int]]:
+    """Pair photos of a group, (n,), bool, at most so many, with the nearest outside it."""
+    within, outside = np.flatnonzero(inside), np.flatnonzero(~inside)
+    distance, nearest = cKDTree(places[outside]).query(places[within])
+    first = np.argsort(distance, kind="stable")[:most]
+    return set(zip(within[first].tolist(), outside[nearest[first]].tolist(), strict=True))
