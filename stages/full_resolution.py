@@ -76,7 +76,7 @@ def write_view(view: View) -> str:
     camera = view.camera.scaled(round(view.camera.width * finer), round(view.camera.height * finer))
     size, how = (view.lens["width"], view.lens["height"]), view.settings
     linear, kept, _ = read_masked_photo(
-        view.photo, None, size, view.as_stored, how.most_times_bright, how.fireflies
+        view.photo, None, size, view.as_stored, False, how.most_times_bright, how.fireflies
     )
     linear, kept, _ = through_pinhole(linear, kept, view.lens, camera)
     known = read_exr(view.albedo), read_mask(view.mask)
@@ -88,7 +88,7 @@ def write_view(view: View) -> str:
 
 FULL_RESOLUTION = Stage(
     name="full_resolution",
-    version=5,
+    version=6,
     about="The albedo at the photos' own resolution.",
     settings=FullResolutionSettings,
     takes=("images", "model", "cameras", "albedo", "mask", "scales"),

@@ -47,6 +47,10 @@ class UndistortSettings(Settings):
         ge=0,
         le=1,
     )
+    alpha: bool = setting(
+        True,
+        "Pixels that an alpha channel says are less than half opaque are masked, as by a mask that is given.",
+    )
     most_times_bright: float = MOST_TIMES_BRIGHT
     fireflies: FireflySettings = group(FireflySettings, "What `most_times_bright` is a multiple of.")
 
@@ -60,6 +64,7 @@ class View:
     lens: Lens
     camera: Camera
     as_stored: bool
+    with_alpha: bool
     most_times_bright: float
     fireflies: FireflySettings
     image: Path
@@ -87,6 +92,7 @@ def run(job: Job[UndistortSettings]) -> None:
             lens=lens_of(model.cameras[image.camera_id]),
             camera=camera,
             as_stored=image.name in as_stored,
+            with_alpha=job.settings.alpha,
             most_times_bright=job.settings.most_times_bright,
             fireflies=job.settings.fireflies,
             image=workspace / "images" / f"{camera.name}.png",
@@ -99,6 +105,9 @@ def run(job: Job[UndistortSettings]) -> None:
         found = list(counted(job.tasks.small(undistort_view, views), step))
     names = [image.name for image in images]
     _tell_black_masks(job, [name for name, one in zip(names, found, strict=True) if one.black], len(views))
+    _tell_transparent(
+        job, [name for name, one in zip(names, found, strict=True) if one.transparent], len(views)
+    )
     if all(one.nothing_left for one in found):
         raise UserError(
             f"No photo in {job.inputs['images']} holds a value that can be light: all are not numbers, or "
@@ -127,6 +136,8 @@ class Undistorted:
         Else it is the pinhole image already.
     black : bool
         Its mask keeps nothing.
+    transparent : bool
+        Its alpha channel keeps nothing.
     impossible : int
         Pixels that were not numbers, or too bright to be light from a surface.
     unlit : bool
@@ -139,6 +150,7 @@ class Undistorted:
 
     resampled: bool
     black: bool
+    transparent: bool
     impossible: int
     unlit: bool
     nothing_left: bool
@@ -155,9 +167,16 @@ def undistort_view(view: View) -> Undistorted:
 
     size = view.lens["width"], view.lens["height"]
     linear, kept, impossible = read_masked_photo(
-        view.photo, view.mask, size, view.as_stored, view.most_times_bright, view.fireflies
+        view.photo,
+        view.mask,
+        size,
+        view.as_stored,
+        view.with_alpha,
+        view.most_times_bright,
+        view.fireflies,
     )
     unlit = not (linear > 0).any()
+    transparent = view.mask is None and not impossible and not kept.any()
     linear, kept, touched = through_pinhole(linear, kept, view.lens, view.camera)
     write_exr(view.linear, linear)
     write_png_srgb8(view.image, linear)
@@ -165,8 +184,8 @@ def undistort_view(view: View) -> Undistorted:
         write_mask(view.kept, kept)
     black = view.mask is not None and not kept.any()
     nothing_left = bool(impossible) and not kept.any()
-    remarks = remarks_on(view.photo, view.as_stored)
-    return Undistorted(touched, black, impossible, unlit, nothing_left, remarks)
+    remarks = remarks_on(view.photo, view.as_stored, view.with_alpha)
+    return Undistorted(touched, black, transparent, impossible, unlit, nothing_left, remarks)
 
 
 def _pinhole_cameras(model: pycolmap.Reconstruction, blank_pixels: float) -> list[Camera]:
@@ -232,6 +251,17 @@ def _tell_black_masks(job: Job[UndistortSettings], black: list[str], views: int)
         job.warn(f"{len(black)} of {views} masks keep no pixel of their photos: {listed(black)}.")
 
 
+def _tell_transparent(job: Job[UndistortSettings], transparent: list[str], views: int) -> None:
+    """Raise where alpha channels keep nothing at all, as those of some programs do by mistake."""
+    if len(transparent) == views:
+        raise UserError(
+            f"The photos in {job.inputs['images']} are transparent everywhere by their alpha channels; "
+            "expected what is opaque where the object is. Export them without, or set undistort.alpha=false."
+        )
+    if transparent:
+        job.warn(f"{len(transparent)} of {views} photos are transparent everywhere: {listed(transparent)}.")
+
+
 def _tell_black_photos(job: Job[UndistortSettings], unlit: list[str], views: int) -> None:
     """Raise where no photo has light: what follows, stereo first, would be for nothing."""
     if len(unlit) == views:
@@ -280,7 +310,7 @@ def within(settings: UndistortSettings, memory: int) -> UndistortSettings:
 
 UNDISTORT = Stage(
     name="undistort",
-    version=4,
+    version=5,
     about="Pinhole images at working size, in linear light, as a COLMAP workspace.",
     settings=UndistortSettings,
     takes=("images", "model"),

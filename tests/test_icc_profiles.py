@@ -80,7 +80,7 @@ def test_colours_are_those_of_a_colour_management_library(tmp_path, colorants, c
     off = encode_srgb8(read_photo(path)).astype(int) - np.asarray(meant).astype(int)
     assert np.abs(off).max() <= 1
     assert np.abs(np.asarray(meant).astype(int) - muted).max() > 5  # it matters
-    assert remarks_on(path, False) == []
+    assert remarks_on(path, False, True) == []
 
 
 def test_sixteen_bits_are_converted_as_eight_are_without_their_rounding(tmp_path):
@@ -142,7 +142,7 @@ def test_other_profiles_are_left_to_srgb_and_said(data, tmp_path):
     if data:
         Image.fromarray(CODES).save(tmp_path / "a.png", icc_profile=data)
         np.testing.assert_allclose(read_photo(tmp_path / "a.png"), linear_from_srgb(CODES / 255), atol=1e-6)
-        assert "taken as sRGB" in remarks_on(tmp_path / "a.png", False)[0]
+        assert "taken as sRGB" in remarks_on(tmp_path / "a.png", False, True)[0]
 
 
 @given(st.integers(0, 600), st.binary(min_size=1, max_size=4))

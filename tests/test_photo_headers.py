@@ -64,48 +64,48 @@ def tagged(path: Path, orientation: int) -> Path:
 def test_an_embedded_profile_is_named(tmp_path, name, suffix):
     path = tmp_path / f"a.{suffix}"
     Image.fromarray(CODES).save(path, icc_profile=profile_named(name))
-    assert remarks_on(path, False) == [f"an embedded profile ({name}): taken as sRGB"]
+    assert remarks_on(path, False, False) == [f"an embedded profile ({name}): taken as sRGB"]
 
 
 def test_srgb_and_no_profile_need_no_word(tmp_path):
     Image.fromarray(CODES).save(tmp_path / "a.jpg", icc_profile=profile_named("c2", srgb=True))
     Image.fromarray(CODES).save(tmp_path / "b.png")
-    assert remarks_on(tmp_path / "a.jpg", False) == remarks_on(tmp_path / "b.png", False) == []
+    assert remarks_on(tmp_path / "a.jpg", False, False) == remarks_on(tmp_path / "b.png", False, False) == []
     Image.fromarray(CODES).save(tmp_path / "d.jpg", icc_profile=profile_named("sRGB, or so it says"))
-    assert "(sRGB, or so it says): taken as sRGB" in remarks_on(tmp_path / "d.jpg", False)[0]
+    assert "(sRGB, or so it says): taken as sRGB" in remarks_on(tmp_path / "d.jpg", False, False)[0]
     Image.fromarray(CODES).save(tmp_path / "c.jpg", icc_profile=b"no profile at all")
-    assert remarks_on(tmp_path / "c.jpg", False) == [
+    assert remarks_on(tmp_path / "c.jpg", False, False) == [
         "an embedded profile (which cannot be read): taken as sRGB"
     ]
 
 
 def test_alpha_frames_cmyk_and_gamma_are_named(tmp_path):
     Image.fromarray(np.dstack([CODES, CODES[..., 0]])).save(tmp_path / "alpha.png")
-    assert remarks_on(tmp_path / "alpha.png", False) == ["an alpha channel: left out"]
+    assert remarks_on(tmp_path / "alpha.png", False, False) == ["an alpha channel: left out"]
     Image.fromarray(CODES).save(tmp_path / "two.tif", save_all=True, append_images=[Image.fromarray(CODES)])
-    assert remarks_on(tmp_path / "two.tif", False) == ["2 pictures in one file: the first is taken"]
+    assert remarks_on(tmp_path / "two.tif", False, False) == ["2 pictures in one file: the first is taken"]
     Image.fromarray(CODES).convert("CMYK").save(tmp_path / "ink.jpg")
-    assert remarks_on(tmp_path / "ink.jpg", False) == ["CMYK: converted without a profile"]
+    assert remarks_on(tmp_path / "ink.jpg", False, False) == ["CMYK: converted without a profile"]
     plain = cv2.imencode(".png", CODES)[1].tobytes()
     gamma = b"gAMA" + struct.pack(">I", 100000)
     import zlib
 
     chunk = struct.pack(">I", 4) + gamma + struct.pack(">I", zlib.crc32(gamma))
     (tmp_path / "gamma.png").write_bytes(plain[:33] + chunk + plain[33:])
-    assert remarks_on(tmp_path / "gamma.png", False) == ["a gamma of 1: taken as sRGB"]
+    assert remarks_on(tmp_path / "gamma.png", False, False) == ["a gamma of 1: taken as sRGB"]
 
 
 def test_what_an_exr_says_is_named(tmp_path):
     acescg = np.array([0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767], np.float32)
     light = np.ones((6, 8, 4), np.float32)
     write_raw_exr(tmp_path / "a.exr", light, chromaticities=tuple(map(float, acescg)))
-    found = remarks_on(tmp_path / "a.exr", False)
+    found = remarks_on(tmp_path / "a.exr", False, False)
     assert found == [
         "other primaries than sRGB's (chromaticities): taken as sRGB's",
         "an alpha channel: left out",
     ]
     write_raw_exr(tmp_path / "b.exr", light[..., :3])
-    assert remarks_on(tmp_path / "b.exr", False) == []
+    assert remarks_on(tmp_path / "b.exr", False, False) == []
 
 
 @pytest.mark.parametrize("dtype", [np.int32, np.uint32, np.int16, np.float32])
@@ -143,6 +143,19 @@ def test_as_stored_is_upright_turned_back(tmp_path, orientation, suffix):
     np.testing.assert_array_equal(upright(turned, INVERSE[orientation]), stored)
     if suffix != "jpg":
         np.testing.assert_array_equal(encode_srgb8(stored), CODES)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("channels", [1, 4])
+def test_a_plain_tiff_is_turned_as_any_other(tmp_path, orientation, channels):
+    """Pillow maps these into memory, in rows of the wrong length where they are turned by 90°."""
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    grey = np.repeat(CODES[..., :1], 3, axis=2)
+    pixels = CODES[..., 0] if channels == 1 else np.dstack([CODES, np.full(CODES.shape[:2], 255, np.uint8)])
+    Image.fromarray(pixels).save(tmp_path / "a.tif", exif=exif)
+    turned = upright(grey if channels == 1 else CODES, orientation)
+    np.testing.assert_array_equal(encode_srgb8(read_photo(tmp_path / "a.tif")), turned)
 
 
 @pytest.mark.parametrize("orientation", [1, 3, 6, 8, 2])
@@ -184,7 +197,7 @@ def test_a_mask_is_turned_as_its_photo_is(make_job, tmp_path):
     Image.fromarray(mask).save(tmp_path / "m.png", exif=exif)
     for as_stored in (True, False):
         linear, kept, _ = read_masked_photo(
-            tmp_path / "a.png", tmp_path / "m.png", (40, 30), as_stored, float("inf"), FireflySettings()
+            tmp_path / "a.png", tmp_path / "m.png", (40, 30), as_stored, True, float("inf"), FireflySettings()
         )
         assert kept[:10].all() == as_stored and kept[20:].all() == (not as_stored)
         np.testing.assert_array_equal(
@@ -229,18 +242,20 @@ def test_png_and_hdr_say_more_than_pillow_tells(tmp_path):
         )
 
     (tmp_path / "a.png").write_bytes(with_chunk(b"cICP", bytes([9, 16, 0, 1])))
-    assert remarks_on(tmp_path / "a.png", False) == ["a coding of [9, 16, 0, 1] (cICP): taken as sRGB"]
+    assert remarks_on(tmp_path / "a.png", False, False) == ["a coding of [9, 16, 0, 1] (cICP): taken as sRGB"]
     (tmp_path / "b.png").write_bytes(with_chunk(b"cICP", bytes([1, 13, 0, 1])))
-    assert remarks_on(tmp_path / "b.png", False) == []
+    assert remarks_on(tmp_path / "b.png", False, False) == []
     adobe = [31270, 32900, 64000, 33000, 21000, 71000, 15000, 6000]
     (tmp_path / "c.png").write_bytes(with_chunk(b"cHRM", struct.pack(">8I", *adobe)))
-    assert remarks_on(tmp_path / "c.png", False) == ["other primaries than sRGB's (cHRM): taken as sRGB's"]
+    assert remarks_on(tmp_path / "c.png", False, False) == [
+        "other primaries than sRGB's (cHRM): taken as sRGB's"
+    ]
     srgb = [31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000]
     (tmp_path / "d.png").write_bytes(with_chunk(b"cHRM", struct.pack(">8I", *srgb)))
-    assert remarks_on(tmp_path / "d.png", False) == []
+    assert remarks_on(tmp_path / "d.png", False, False) == []
     hdr = cv2.imencode(".hdr", CODES.astype(np.float32))[1].tobytes()
     (tmp_path / "e.hdr").write_bytes(hdr.replace(b"\n\n", b"\nEXPOSURE=4.0\n\n", 1))
-    assert remarks_on(tmp_path / "e.hdr", False) == ["EXPOSURE=4.0: left out"]
+    assert remarks_on(tmp_path / "e.hdr", False, False) == ["EXPOSURE=4.0: left out"]
 
 
 def test_photos_that_say_the_same_share_a_line_and_each_has_its_own_in_the_record(make_job, tmp_path):

@@ -124,7 +124,7 @@ def test_a_photo_is_read_finite_and_loses_only_what_is_no_light(tmp_path, expone
     image[0, : len(spikes), 1] = spikes
     write_raw_exr(tmp_path / "a.exr", image)
     linear, kept, impossible = read_masked_photo(
-        tmp_path / "a.exr", None, (30, 20), False, MASKED, FireflySettings()
+        tmp_path / "a.exr", None, (30, 20), False, True, MASKED, FireflySettings()
     )
     assert np.isfinite(linear).all()
     assert np.square(linear.astype(np.float64)).sum() < np.inf
@@ -140,7 +140,7 @@ def test_a_small_bright_thing_before_a_dark_wall_is_kept(tmp_path, side):
     image[5 : 5 + side, 7 : 7 + side] = 1
     write_exr(tmp_path / "a.exr", image)
     _, kept, impossible = read_masked_photo(
-        tmp_path / "a.exr", None, (50, 40), False, MASKED, FireflySettings()
+        tmp_path / "a.exr", None, (50, 40), False, True, MASKED, FireflySettings()
     )
     assert kept.all() and impossible == 0
 
@@ -150,7 +150,7 @@ def test_photos_of_eight_bits_hold_nothing_absurd(tmp_path):
     image[3, 4] = 1
     write_png_srgb8(tmp_path / "a.png", image)
     _, kept, impossible = read_masked_photo(
-        tmp_path / "a.png", None, (50, 40), False, MASKED, FireflySettings()
+        tmp_path / "a.png", None, (50, 40), False, True, MASKED, FireflySettings()
     )
     assert kept.all() and impossible == 0
 

@@ -81,6 +81,6 @@ def _groups(count: int, pairs: Collection[tuple[int, int]]) -> tuple[int, np.nda
 def _out_of(places: np.ndarray, inside: np.ndarray, most: int) -> set[tuple[int, int]]:
     """Pair photos of a group, (n,), bool, at most so many, with the nearest outside it."""
     within, outside = np.flatnonzero(inside), np.flatnonzero(~inside)
-    distance, nearest = cKDTree(places[outside]).query(places[within])
+    distance, nearest = map(np.asarray, cKDTree(places[outside]).query(places[within]))
     first = np.argsort(distance, kind="stable")[:most]
     return set(zip(within[first].tolist(), outside[nearest[first]].tolist(), strict=True))

@@ -68,6 +68,7 @@ def sound_files() -> dict[str, tuple[str, bytes, Reader]]:
     """Provide, by kind, a file's name, its bytes and its reader."""
     from pipeline.files.yaml_text import parse_yaml, read_yaml_text
     from stages.formats.colmap.depth_maps import read_map, write_map
+    from stages.formats.images.alpha import read_alpha
     from stages.formats.images.photo_remarks import remarks_on
     from stages.formats.images.photos import read_mask, read_photo
     from stages.formats.meshes.mesh_files import read_mesh_file
@@ -76,7 +77,8 @@ def sound_files() -> dict[str, tuple[str, bytes, Reader]]:
 
     def photo(path: Path) -> None:
         read_photo(path)
-        remarks_on(path, True)
+        read_alpha(path)
+        remarks_on(path, True, False)
 
     def configuration(path: Path) -> None:
         import yaml

@@ -70,6 +70,17 @@ def _window_size(header: dict[str, Any]) -> tuple[int, int]:
     return int(high[0]) - int(low[0]) + 1, int(high[1]) - int(low[1]) + 1
 
 
+def read_exr_alpha(path: Path) -> np.ndarray | None:
+    """Read the channel A of an EXR, (h, w), float32; None without.
+
+    Raises
+    ------
+    UserError
+        As `read_exr`.
+    """
+    return _channels(path).get("A")
+
+
 def read_exr(path: Path) -> np.ndarray:
     """Read an EXR as float32: (h, w, 3) from R, G, B channels, else (h, w) from its single channel.
 
@@ -78,19 +89,22 @@ def read_exr(path: Path) -> np.ndarray:
     UserError
         The file is not an EXR, has neither RGB nor exactly one channel, or more than `MOST_VALUES` values.
     """
-    check_exr_header(path)
-    try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = {
-                name: np.asarray(channel.pixels, np.float32) for name, channel in file.channels().items()
-            }
-    except Exception as error:  # the binding raises bare RuntimeErrors of many texts
-        raise UserError(
-            f"{path} cannot be read as OpenEXR ({error}); export it again or remove it."
-        ) from error
+    channels = _channels(path)
     if {"R", "G", "B"} <= channels.keys():
         return np.stack([channels[name] for name in "RGB"], axis=-1)
     colourless = [name for name in channels if name != "A"]
     if len(colourless) == 1:
         return channels[colourless[0]]
     raise UserError(f"{path} has the channels {sorted(channels)}; expected R, G and B, or a single one.")
+
+
+def _channels(path: Path) -> dict[str, np.ndarray]:
+    """Read all channels of the first part, by name."""
+    check_exr_header(path)
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            return {name: np.asarray(channel.pixels, np.float32) for name, channel in file.channels().items()}
+    except Exception as error:  # the binding raises bare RuntimeErrors of many texts
+        raise UserError(
+            f"{path} cannot be read as OpenEXR ({error}); export it again or remove it."
+        ) from error

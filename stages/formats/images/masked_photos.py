@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import UserError
+from stages.formats.images.alpha import read_alpha
 from stages.formats.images.photo_folder import LINEAR
 from stages.formats.images.photo_settings import FireflySettings
 from stages.formats.images.photos import read_mask, read_photo
@@ -19,6 +20,7 @@ def read_masked_photo(
     mask: Path | None,
     size: tuple[int, int],
     as_stored: bool,
+    with_alpha: bool,
     most_times_bright: float,
     fireflies: FireflySettings,
 ) -> tuple[np.ndarray, np.ndarray, int]:
@@ -33,6 +35,8 @@ def read_masked_photo(
         Width and height that the model says.
     as_stored : bool
         Whether the model means its pixels as they are stored, whatever the header says of its orientation.
+    with_alpha : bool
+        Whether an alpha channel is a mask, too.
     most_times_bright : float
         `photo_settings.MOST_TIMES_BRIGHT`.
     fireflies : FireflySettings
@@ -64,6 +68,8 @@ def read_masked_photo(
             f"The mask {mask} is {kept.shape[1]} × {kept.shape[0]} pixels, its photo {width} × {height}; "
             "masks must have their photo's size."
         )
+    if with_alpha and (opaque := read_alpha(photo, as_stored)) is not None:
+        kept = kept & opaque
     most_times_bright = most_times_bright if photo.suffix.lower() in LINEAR else float("inf")
     possible = _possible(linear, most_times_bright, fireflies)
     if possible.all():

@@ -30,7 +30,7 @@ TURNS = {2: "mirrored", 3: "turned by 180°", 4: "mirrored upside down", 5: "mir
          6: "turned by 90°", 7: "mirrored and turned by 270°", 8: "turned by 270°"}  # fmt: skip
 
 
-def remarks_on(path: Path, as_stored: bool) -> list[str]:
+def remarks_on(path: Path, as_stored: bool, with_alpha: bool) -> list[str]:
     """Describe what is not delivered, as in "an embedded profile (Adobe RGB (1998)): taken as sRGB".
 
     Empty where all is delivered.
@@ -41,16 +41,18 @@ def remarks_on(path: Path, as_stored: bool) -> list[str]:
         A photo that `read_photo` can read.
     as_stored : bool
         Whether it is taken as stored, whatever its orientation tag says.
+    with_alpha : bool
+        Whether an alpha channel is delivered, as a mask.
     """
     if path.suffix.lower() == ".exr":
-        return _on_exr(path)
+        return _on_exr(path, with_alpha)
     if path.suffix.lower() == ".hdr":
         return _on_hdr(path)
     turned = orientation_of(path) if as_stored else 1
     remarks = [f"{TURNS[turned]} by its tag: taken as stored, as COLMAP does"] if turned != 1 else []
     with Image.open(path, formats=DECODED) as image:
         remarks += _on_colour(image, chunks_before_pixels(path))
-        if image.has_transparency_data:
+        if image.has_transparency_data and not with_alpha:
             remarks.append("an alpha channel: left out")
         frames = _frames_in(image)
         if frames > 1 and image.format != "MPO":  # a telephone's: its first picture is the photo
@@ -126,7 +128,7 @@ def _on_hdr(path: Path) -> list[str]:
     return [f"{line.strip()}: left out" for line in said]
 
 
-def _on_exr(path: Path) -> list[str]:
+def _on_exr(path: Path, with_alpha: bool) -> list[str]:
     with OpenEXR.File(str(path), header_only=True) as file:  # which empties its header when it is closed
         header, parts = dict(file.header()), len(file.parts)
     remarks = []
@@ -135,7 +137,7 @@ def _on_exr(path: Path) -> list[str]:
     primaries = header.get("chromaticities")
     if primaries is not None and not np.allclose(np.ravel(primaries)[:8], REC_709, atol=PRIMARIES_OFF):
         remarks.append("other primaries than sRGB's (chromaticities): taken as sRGB's")
-    if any(channel.name == "A" for channel in header["channels"]):
+    if not with_alpha and any(channel.name == "A" for channel in header["channels"]):
         remarks.append("an alpha channel: left out")
     if not np.array_equal(np.ravel(header["dataWindow"]), np.ravel(header["displayWindow"])):
         remarks.append("a data window other than its display window: the data window is taken")

@@ -7,6 +7,8 @@ Pillow would cut to 8 bits. Decoding always works on bytes: OpenCV's own file ac
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -59,14 +61,14 @@ def photo_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
     elif path.suffix.lower() == ".hdr":
         width, height = _hdr_size(path)
     else:
-        with _opened(path) as image:
+        with opened(path) as image:
             width, height = image.size
             bounded = image.format != "WEBP"  # of which a hundred bytes may be any size
             upright_already = image.format == "TIFF"  # Pillow reports its size so
             if _orientation(image, path) >= 5 and upright_already == as_stored:
                 width, height = height, width
     if min(width, height) < 1:
-        raise _unreadable(path, f"it claims to be {width} × {height} pixels")
+        raise unreadable(path, f"it claims to be {width} × {height} pixels")
     if width * height > LARGEST_PHOTO_PX:
         raise UserError(
             f"{path} claims to be {width} × {height} pixels, more than the {LARGEST_PHOTO_PX // 10**6} "
@@ -74,7 +76,7 @@ def photo_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
         )
     size = path.stat().st_size
     if bounded and width * height > MOST_PX_PER_BYTE * size:  # a decoder may fill with black what lacks
-        raise _unreadable(path, f"it claims to hold {width} × {height} pixels in {size} bytes")
+        raise unreadable(path, f"it claims to hold {width} × {height} pixels in {size} bytes")
     return width, height
 
 
@@ -103,7 +105,7 @@ def read_photo(path: Path, as_stored: bool = False) -> np.ndarray:
     if linear.ndim == 2:
         linear = np.repeat(linear[..., None], 3, axis=-1)
     if as_stored:
-        linear = _turned_back(linear, orientation_of(path))
+        linear = turned_back(linear, orientation_of(path))
     return np.ascontiguousarray(linear[..., :3], np.float32)
 
 
@@ -140,7 +142,7 @@ def read_mask(path: Path, as_stored: bool = False) -> np.ndarray:
     photo_size(path)
     values, _ = _read_encoded(path)
     if as_stored:
-        values = _turned_back(values, orientation_of(path))
+        values = turned_back(values, orientation_of(path))
     brightest = values[..., :3].max(axis=-1) if values.ndim == 3 else values
     return brightest > np.iinfo(values.dtype).max // 2
 
@@ -177,7 +179,7 @@ def write_png8(path: Path, pixels: np.ndarray) -> None:
 
 def _read_encoded(path: Path) -> tuple[np.ndarray, bytes]:
     """Upright values as stored, uint8 or uint16, (h, w, 3) or (h, w), RGB; and the profile, or nothing."""
-    with _opened(path) as image:
+    with opened(path) as image:
         deep, profile = _is_16_bit(image, path), _profile_of(image, path)
         orientation = 1 if image.format == "TIFF" else _orientation(image, path)
         try:
@@ -185,7 +187,7 @@ def _read_encoded(path: Path) -> tuple[np.ndarray, bytes]:
             if not deep:
                 return upright(np.asarray(image.convert("RGB")), orientation), profile
         except DECODING_FAILED as error:
-            raise _unreadable(path, error) from error
+            raise unreadable(path, error) from error
         if image.format == "TIFF":  # OpenCV's reader turns TIFF upright by itself, too
             orientation = 1
     return upright(_decoded_by_opencv(path, path.read_bytes()), orientation), profile
@@ -207,11 +209,11 @@ def orientation_of(path: Path) -> int:
     """
     if path.suffix.lower() in (".exr", ".hdr"):
         return 1
-    with _opened(path) as image:
+    with opened(path) as image:
         return _orientation(image, path)
 
 
-def _turned_back(image: np.ndarray, orientation: int) -> np.ndarray:
+def turned_back(image: np.ndarray, orientation: int) -> np.ndarray:
     """As stored, from upright: quarter turns are undone by each other, all else by itself."""
     return upright(image, {6: 8, 8: 6}.get(orientation, orientation))
 
@@ -225,13 +227,30 @@ def upright(image: np.ndarray, orientation: int) -> np.ndarray:
     return image[:: -1 if flip_rows else 1, :: -1 if flip_columns else 1]
 
 
-def _opened(path: Path) -> Image.Image:
+@contextmanager
+def opened(path: Path) -> Iterator[Image.Image]:
+    """Open a photo by Pillow, from a file that is open.
+
+    By its name, Pillow maps plain TIFFs into memory, and reads those that are turned by 90° in rows of the
+    wrong length.
+
+    Raises
+    ------
+    UserError
+        It is no image, or its header is damaged.
+    """
     try:
-        return Image.open(path, formats=DECODED)
-    except UnidentifiedImageError as error:
-        raise _unreadable(path, "not an image, or cut off in its header") from error
-    except DECODING_FAILED as error:
-        raise _unreadable(path, error) from error
+        file = path.open("rb")
+    except OSError as error:
+        raise unreadable(path, error) from error
+    with file:
+        try:
+            image = Image.open(file, formats=DECODED)
+        except UnidentifiedImageError as error:
+            raise unreadable(path, "not an image, or cut off in its header") from error
+        except DECODING_FAILED as error:
+            raise unreadable(path, error) from error
+        yield image
 
 
 def _orientation(image: Image.Image, path: Path) -> int:
@@ -242,7 +261,7 @@ def _orientation(image: Image.Image, path: Path) -> int:
     try:
         value = Image.Image.getexif(image).get(EXIF_ORIENTATION, 1)
     except DECODING_FAILED as error:
-        raise _unreadable(path, error) from error
+        raise unreadable(path, error) from error
     return int(value) if value in range(1, 9) else 1
 
 
@@ -281,13 +300,13 @@ def _check_tiff(image: TiffImageFile, path: Path) -> None:
 def _decoded_by_opencv(path: Path, data: bytes) -> np.ndarray:
     """Decode bytes as they are, channels as RGB, alpha dropped; the orientation tag is not applied."""
     if fault := fault_of_chunks(data):
-        raise _unreadable(path, fault)
+        raise unreadable(path, fault)
     try:
         decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise _unreadable(path, error) from error
+        raise unreadable(path, error) from error
     if decoded is None:
-        raise _unreadable(path, "no decoder knows it")
+        raise unreadable(path, "no decoder knows it")
     return decoded if decoded.ndim == 2 else decoded[..., 2::-1]
 
 
@@ -300,8 +319,8 @@ def _hdr_size(path: Path) -> tuple[int, int]:
         if len(words) == 4 and words[0] in (b"-Y", b"+Y"):
             return int(words[3]), int(words[1])
     except (OSError, ValueError) as error:
-        raise _unreadable(path, error) from error
-    raise _unreadable(path, "no size in its header")
+        raise unreadable(path, error) from error
+    raise unreadable(path, "no size in its header")
 
 
 @cache
@@ -318,7 +337,7 @@ def _write_png(path: Path, pixels: np.ndarray) -> None:
     path.write_bytes(data.tobytes())
 
 
-def _unreadable(path: Path, why: object) -> UserError:
+def unreadable(path: Path, why: object) -> UserError:
     reason = " ".join(str(why).split())[:200]
     return UserError(
         f"{path} cannot be read as an image ({reason}); copy it again from its source or remove it."
