@@ -39,7 +39,11 @@ name_loop_cache(
     Path(__file__).parent
 )  # before any stage imports numba, which is late, so that a plan answers at once
 
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr", ".hdr")
+IMAGE_SUFFIXES = (  # those of `photo_folder.PHOTOS`
+    *(".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".avif", ".exr", ".hdr"),
+    *(".heic", ".heif"),
+    *(".dng", ".cr2", ".cr3", ".nef", ".nrw", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw", ".3fr", ".iiq"),
+)
 MODEL_FILES = (  # not *.bin: a dense workspace holds gigabytes of depth maps
     *(
         f"{part}.{form}"

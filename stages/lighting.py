@@ -6,7 +6,7 @@ Many views have their light estimated from some of them; the pixels of all are t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,13 +18,14 @@ from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, FEWER_OR_SMALLER_VI
 
 if TYPE_CHECKING:
     import numpy as np
+    import scipy.sparse as sp
 
     from stages.formats.artefacts.transfer_file import StoredTransfer
-    from stages.lighting_in_clusters import Scene
+    from stages.geometry.short_edges import ShortEdged
     from stages.photometry.clusters.typical_views import ViewGraph
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
-    from stages.photometry.lighting.opened_views import Opened
+    from stages.photometry.lighting.opened_views import Opened, ViewFiles
     from stages.photometry.transport.lit_scenes import LitScene
     from stages.photometry.transport.sky_visibility import VisibilityProbes
     from stages.scene.cameras import Camera
@@ -35,13 +36,41 @@ BYTES_PER_PIXEL = 400  # masked
 BYTES_PER_BYTE_OF_MESH = 15  # of its file, with short edges and for casting rays
 
 
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is known of all views before their pixels are opened. Picklable.
+
+    Attributes
+    ----------
+    cameras : list of Camera
+    files : ViewFiles
+    graph : ViewGraph
+    stored : StoredTransfer
+    short : ShortEdged
+        The mesh, with edges as short as those of the transfer.
+    """
+
+    cameras: list[Camera]
+    files: ViewFiles
+    graph: ViewGraph
+    stored: StoredTransfer
+    short: ShortEdged
+
+    def blend(self, opened: Opened) -> sp.csr_array:
+        """Interpolate the proxy's vertices at the pixels, (N, P)."""
+        from stages.formats.artefacts.view_files import read_surface_points
+        from stages.geometry.vertex_interpolation import pixels_on_proxy_of
+
+        points = read_surface_points(self.files.paths, opened.views.cameras, opened.views.masks)
+        return pixels_on_proxy_of(self.short, self.stored, points)
+
+
 def run(job: Job[LightingSettings]) -> None:
     """Estimate the light from all views, or from some, and save it, shading and data of all pixels."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.artefacts.transfer_file import read_transfer
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.short_edges import with_short_edges
-    from stages.lighting_in_clusters import Scene
     from stages.photometry.clusters.cluster_views import view_graph
     from stages.photometry.lighting.opened_views import ViewFiles
 
@@ -160,10 +189,10 @@ def _light_all(
     scale: float,
 ) -> tuple[int, int, int]:
     """Light the pixels of all views, in clusters; count the clipped, untrusted and usable ones."""
-    from stages.lighting_in_clusters import LightTask, light_cluster
     from stages.photometry.clusters.cluster_views import divided_surface
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.clusters.surface_clusters import tell_too_large
+    from stages.photometry.lighting.further_views import LightTask, light_cluster
     from stages.photometry.lighting.lighting_record import write_view
 
     clusters = divided_surface(
@@ -171,7 +200,7 @@ def _light_all(
     )
     tell_too_large(job, clusters, job.settings.clusters)
     parts = Parts(job.scratch, scene.files.paths, scene.cameras, clusters)
-    task = LightTask(scene, parts, found, typical, gains, scale)
+    task = LightTask(scene.files, scene.blend, scene.stored.normals, parts, found, typical, gains, scale)
     with job.progress("clusters", len(clusters)) as step:
         counts = list(counted(job.tasks.large(light_cluster, clusters, task), step))
     folders = job.outputs["shading"], job.outputs["observations"]

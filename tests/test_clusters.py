@@ -28,8 +28,7 @@ from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
 from stages.formats.meshes.triangle_meshes import read_mesh
 from stages.geometry.short_edges import with_short_edges
-from stages.lighting import LIGHTING, LightingSettings
-from stages.lighting_in_clusters import Scene
+from stages.lighting import LIGHTING, LightingSettings, Scene
 from stages.photometry.clusters.cluster_views import (
     divided_surface,
     open_cluster,

@@ -14,11 +14,12 @@ from PIL import Image, ImageCms
 
 from pipeline import UserError
 from stages.adopt_model import ADOPT_MODEL, AdoptModelSettings
+from stages.formats.decoders.pictures import upright
 from stages.formats.images.masked_photos import read_masked_photo
 from stages.formats.images.photo_remarks import remarks_on
 from stages.formats.images.photo_settings import FireflySettings
 from stages.formats.images.photo_turns import read_as_stored, write_as_stored
-from stages.formats.images.photos import encode_srgb8, photo_size, read_photo, upright
+from stages.formats.images.photos import encode_srgb8, photo_size, read_photo
 from stages.undistort import UNDISTORT, UndistortSettings
 from tests.raw_exr import write_raw_exr
 

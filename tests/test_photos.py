@@ -16,6 +16,7 @@ from PIL import Image, ImageOps
 
 from pipeline import UserError
 from stages.formats.colour.srgb import linear_from_srgb
+from stages.formats.decoders.pictures import upright
 from stages.formats.images.exr import write_exr
 from stages.formats.images.photo_folder import find_mask, find_photos, unread_photos
 from stages.formats.images.photos import (
@@ -24,7 +25,6 @@ from stages.formats.images.photos import (
     photo_size,
     read_mask,
     read_photo,
-    upright,
     write_mask,
     write_png8,
     write_png_srgb8,
@@ -76,10 +76,12 @@ def test_two_photos_of_one_view_name_are_refused_by_name(tmp_path):
         find_photos(tmp_path)
 
 
-def test_photos_of_kinds_that_are_not_read_are_counted_unless_they_lie_there_in_another(tmp_path):
+def test_photos_whose_extra_is_missing_are_counted_unless_they_lie_there_in_another(tmp_path, monkeypatch):
+    monkeypatch.setattr("stages.formats.images.photo_folder.find_spec", lambda module: None)
     touch(tmp_path, "a.jpg", "a.CR2", "b.NEF", "s/c.nef", "d.heic", ".hidden.dng", "K.txt")
     sentence = unread_photos(tmp_path, find_photos(tmp_path))
-    assert sentence.startswith(f"{tmp_path} holds photos of kinds that are not read: 1 .heic, 2 .nef. Export")
+    assert f"{tmp_path} holds 1 .heic, which takes the extra `heic`" in sentence
+    assert f"{tmp_path} holds 2 .nef, which takes the extra `raw`" in sentence
     assert unread_photos(tmp_path, ["a.jpg", "b.jpg", "s/c.jpg", "d.png"]) == ""
 
 

@@ -175,15 +175,18 @@ def test_too_few_photos_are_a_sentence(make_job, tmp_path, views, count):
         run(make_job, tmp_path / "out", tmp_path / "images")
 
 
-def test_photos_of_a_kind_that_is_not_read_are_not_passed_over_in_silence(make_job, tmp_path, folder):
+def test_photos_whose_extra_is_missing_are_not_passed_over_in_silence(
+    make_job, tmp_path, folder, monkeypatch
+):
+    monkeypatch.setattr("stages.formats.images.photo_folder.find_spec", lambda module: None)
     raws = tmp_path / "raws"
     raws.mkdir()
     (raws / "a.heic").write_bytes(b"")
-    with pytest.raises(UserError, match="There are no photos in .* not read: 1 .heic. Export them"):
+    with pytest.raises(UserError, match="There are no photos in .* holds 1 .heic, which takes the extra"):
         run(make_job, tmp_path / "nothing", raws)
     (raws / "readable").symlink_to(folder)
     job = run(make_job, tmp_path / "out", raws)
-    assert len(job.warnings) == 1 and "not read: 1 .heic" in job.warnings[0]
+    assert len(job.warnings) == 1 and "holds 1 .heic, which takes the extra" in job.warnings[0]
 
 
 def test_only_one_readable_photo_is_a_sentence_too(make_job, tmp_path, views):

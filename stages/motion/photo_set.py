@@ -11,10 +11,14 @@ import pycolmap
 
 from pipeline import UserError
 from pipeline.cache.digest import digest_file
+from stages.formats.decoders.pictures import exif_of
 from stages.formats.images.photo_folder import LINEAR
-from stages.formats.images.photos import read_photo
+from stages.formats.images.photos import photo_size, read_photo
 from stages.motion.features import write_reduced
 from stages.motion.positions import Position, position_of
+
+EXIF_DETAILS, FOCAL_LENGTH_35_MM = 0x8769, 0xA405  # a directory of EXIF, and a tag in it
+FILM_MM = 35.0  # as COLMAP has it; a frame is 36 mm wide
 
 
 @dataclass(frozen=True)
@@ -81,8 +85,16 @@ def focal_prior(path: Path) -> float | None:
     try:
         camera = pycolmap.infer_camera_from_image(path)
     except (RuntimeError, ValueError):  # a file that COLMAP's reader does not know
-        return None
+        return _from_35_mm(path)
     return float(camera.mean_focal_length()) if camera.has_prior_focal_length else None
+
+
+def _from_35_mm(path: Path) -> float | None:
+    """Convert the 35 mm equivalent as COLMAP does, by the longest side."""
+    equivalent = exif_of(path).get_ifd(EXIF_DETAILS).get(FOCAL_LENGTH_35_MM)
+    if not isinstance(equivalent, int) or equivalent <= 0:
+        return None
+    return equivalent / FILM_MM * max(photo_size(path))
 
 
 def exposure_for_matching(photos: Sequence[Photo], percentile: float) -> float:

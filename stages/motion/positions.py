@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from PIL import Image, UnidentifiedImageError
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+
+from stages.formats.decoders.pictures import exif_of
 
 GPS_IFD = 0x8825
 SOUTH, LATITUDE, WEST, LONGITUDE = 1, 2, 3, 4  # tags of the GPS directory
@@ -30,12 +31,9 @@ class Position:
 def position_of(path: Path) -> Position | None:
     """Read the position of a photo; None where its data have none, or none that can be."""
     try:
-        with Image.open(path) as image:
-            gps = Image.Image.getexif(image).get_ifd(GPS_IFD)
+        gps = exif_of(path).get_ifd(GPS_IFD)
         latitude = _degrees(gps[LATITUDE], gps.get(SOUTH, "N") == "S")
         longitude = _degrees(gps[LONGITUDE], gps.get(WEST, "E") == "W")
-    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError):
-        return None
     except (KeyError, TypeError, ValueError, ZeroDivisionError, AttributeError, IndexError):
         return None  # other data in its place
     there = isfinite(latitude) and isfinite(longitude) and abs(latitude) <= 90 and abs(longitude) <= 180

@@ -7,4 +7,4 @@ from __future__ import annotations
 
 PYCOLMAP = ("pycolmap", "pycolmap-cuda12")
 OPEN3D = ("open3d-cpu", "open3d")
-PICTURES = ("opencv-python-headless", "openexr", "pillow")  # used by `photos` and `exr`
+PICTURES = ("opencv-python-headless", "openexr", "pillow", "pi-heif", "rawpy")  # the last two are extras

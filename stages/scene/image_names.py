@@ -7,6 +7,10 @@ from pathlib import PurePosixPath
 
 from stages.scene.cameras import view_name
 
+HEIF = (".heic", ".heif")
+CAMERA_RAW = (
+    *(".dng", ".cr2", ".cr3", ".nef", ".nrw", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw", ".3fr", ".iiq"),
+)
 ENDINGS = (".exr", ".png", ".npz", ".png.geometric.bin")  # of files of results that are called by a view
 LONGEST_PART = 255 - max(map(len, ENDINGS))  # bytes, without the photo's extension; nearly all disks take 255
 LONGEST_NAME = 1024  # bytes, folders included; a system takes 4096 with all that is above them

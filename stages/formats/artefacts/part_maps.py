@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from pipeline import UserError
-from stages.formats.images.photos import DECODED, DECODING_FAILED
+from stages.formats.decoders.pictures import DECODED, DECODING_FAILED
 
 
 def read_part_names(path: Path) -> tuple[str, ...]:

@@ -6,16 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from stages.formats.decoders.heif import read_heif
+from stages.formats.decoders.pictures import DECODING_FAILED, opened, turned_back, unreadable, upright
 from stages.formats.images.exr import read_exr_alpha
-from stages.formats.images.photos import (
-    DECODING_FAILED,
-    opened,
-    orientation_of,
-    photo_size,
-    turned_back,
-    unreadable,
-    upright,
-)
+from stages.formats.images.photos import orientation_of, photo_size
+from stages.scene.image_names import CAMERA_RAW, HEIF
 
 OPAQUE = 0.5  # from here on; as of masks
 
@@ -32,11 +27,15 @@ def read_alpha(path: Path, as_stored: bool = False) -> np.ndarray | None:
     """
     photo_size(path)
     suffix = path.suffix.lower()
-    if suffix == ".hdr":
+    if suffix == ".hdr" or suffix in CAMERA_RAW:
         return None
     if suffix == ".exr":
         alpha = read_exr_alpha(path)
         opaque = None if alpha is None else alpha >= OPAQUE
+    elif suffix in HEIF:
+        codes, _ = read_heif(path)
+        channels = 1 if codes.ndim == 2 else codes.shape[2]
+        opaque = _at_least_half(codes[..., -1]) if channels in (2, 4) else None
     else:
         opaque = _opaque_by_pillow(path)
     if opaque is None or opaque.all():
@@ -55,5 +54,9 @@ def _opaque_by_pillow(path: Path) -> np.ndarray | None:
             alpha = np.asarray(image.convert("RGBA").getchannel("A"))
         except DECODING_FAILED as error:
             raise unreadable(path, error) from error
-    opaque = alpha >= OPAQUE * np.iinfo(alpha.dtype).max
+    opaque = _at_least_half(alpha)
     return opaque if is_tiff else upright(opaque, orientation_of(path))
+
+
+def _at_least_half(alpha: np.ndarray) -> np.ndarray:
+    return alpha >= OPAQUE * np.iinfo(alpha.dtype).max

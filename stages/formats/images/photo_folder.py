@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 
 from pipeline import UserError
 from pipeline.cache.digest import files_below
 from pipeline.errors import shown
 from stages.scene.cameras import view_name
-from stages.scene.image_names import ENDINGS, fault_of_name
+from stages.scene.image_names import CAMERA_RAW, ENDINGS, HEIF, fault_of_name
 from stages.scene.wording import listed
 
-ENCODED = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp")
+ENCODED = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".avif")
 LINEAR = (".exr", ".hdr")
-
-# Cameras and telephones write these too, and no decoder here knows them.
-UNREAD = (".heic", ".heif", ".cr2", ".cr3", ".nef", ".arw", ".dng", ".raf", ".orf", ".rw2")
+AS_TAKEN = HEIF + CAMERA_RAW  # as cameras and telephones write them, often beside a JPEG
+PHOTOS = ENCODED + LINEAR + AS_TAKEN
+NEEDED = {"heic": ("pi_heif", HEIF), "raw": ("rawpy", CAMERA_RAW)}  # extras, their modules and kinds
 
 
 def find_photos(folder: Path) -> list[str]:
     """Find photos below `folder`: relative paths with ``/``, sorted; hidden files and folders skipped.
 
-    They are the files that the key of a result knows: linked folders are followed.
+    Linked folders are followed. Camera raw and HEIF that lie beside the same photo in another kind are left
+    to it; those whose extra is not installed are missing (`unread_photos`).
 
     Raises
     ------
@@ -35,7 +37,7 @@ def find_photos(folder: Path) -> list[str]:
     if not folder.is_dir():
         raise UserError(f"There is no folder of photos at {folder}; give the folder that holds them.")
     seen: dict[str, str] = {}
-    for name in files_below(folder, ENCODED + LINEAR):
+    for name in _readable(files_below(folder, PHOTOS)):
         if fault := fault_of_name(name):
             raise UserError(f"A photo in {folder} is called {shown(name)}, which {fault}. Rename it.")
         other = seen.setdefault(view_name(name), name)
@@ -67,17 +69,35 @@ def check_view_names(views: Collection[str], source: Path) -> None:
 
 
 def unread_photos(folder: Path, read: Sequence[str]) -> str:
-    """Report the photos below `folder` of kinds that are not read, in a sentence; empty without any.
+    """Report the photos below `folder` whose extra is not installed, in a sentence; empty without any.
 
     Those that lie there in a kind that is `read` as well, as cameras write them, are not missed.
     """
     known = {view_name(name) for name in read}
-    missed = [name for name in files_below(folder, UNREAD) if view_name(name) not in known]
-    if not missed:
-        return ""
-    kinds = Counter(Path(name).suffix.lower() for name in missed)
-    counted = listed([f"{count} {suffix}" for suffix, count in sorted(kinds.items())])
-    return f"{folder} holds photos of kinds that are not read: {counted}. Export them as JPEG, TIFF or EXR."
+    sentences = []
+    for extra, (_, kinds) in NEEDED.items():
+        missed = [name for name in files_below(folder, kinds) if view_name(name) not in known]
+        if missed:
+            counts = Counter(Path(name).suffix.lower() for name in missed)
+            counted = listed([f"{count} {suffix}" for suffix, count in sorted(counts.items())])
+            sentences.append(
+                f"{folder} holds {counted}, which takes the extra `{extra}`: pip install "
+                f"'unshade[{extra}]'. Or export them as JPEG, TIFF or EXR."
+            )
+    return " ".join(sentences)
+
+
+def _readable(names: Iterable[str]) -> list[str]:
+    """Choose the photos to read: of kinds whose extra is installed, one of each that was written twice."""
+    missing = [kinds for module, kinds in NEEDED.values() if find_spec(module) is None]
+    unread = tuple(suffix for kinds in missing for suffix in kinds)
+    developed = {view_name(name) for name in names if not name.lower().endswith(AS_TAKEN)}
+    return [
+        name
+        for name in names
+        if not name.lower().endswith(AS_TAKEN)
+        or (not name.lower().endswith(unread) and view_name(name) not in developed)
+    ]
 
 
 def find_mask(folder: Path, image_name: str) -> Path | None:

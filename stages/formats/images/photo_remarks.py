@@ -11,8 +11,10 @@ import OpenEXR
 from PIL import Image, ImageCms
 
 from stages.formats.colour.icc_profiles import read_profile
-from stages.formats.images.photos import DECODED, DECODING_FAILED, orientation_of
-from stages.formats.images.png_chunks import chunks_before_pixels
+from stages.formats.decoders.pictures import DECODED, DECODING_FAILED
+from stages.formats.decoders.png_chunks import chunks_before_pixels
+from stages.formats.images.photos import orientation_of
+from stages.scene.image_names import CAMERA_RAW, HEIF
 
 SRGB_GAMMA = 1 / 2.2  # as PNG writes it
 SRGB_CODING = bytes([1, 13])  # primaries and transfer of PNG's cICP
@@ -50,6 +52,8 @@ def remarks_on(path: Path, as_stored: bool, with_alpha: bool) -> list[str]:
         return _on_hdr(path)
     turned = orientation_of(path) if as_stored else 1
     remarks = [f"{TURNS[turned]} by its tag: taken as stored, as COLMAP does"] if turned != 1 else []
+    if path.suffix.lower() in HEIF + CAMERA_RAW:
+        return remarks
     with Image.open(path, formats=DECODED) as image:
         remarks += _on_colour(image, chunks_before_pixels(path))
         if image.has_transparency_data and not with_alpha:

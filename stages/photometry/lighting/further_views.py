@@ -2,20 +2,84 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 
 from stages.photometry.albedo_data import AlbedoData
+from stages.photometry.clusters.parts import Parts
+from stages.photometry.clusters.surface_clusters import Cluster
 from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.lighting.illumination import Explanation, Illumination
+from stages.photometry.lighting.lighting_record import OBSERVATIONS
 from stages.photometry.lighting.observations import Observations
+from stages.photometry.lighting.opened_views import Opened, ViewFiles
 from stages.photometry.lighting.trusted_pixels import Viewing, unlit
 from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.specular.specular_reflection import SpecularReflection
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
+from stages.photometry.transport.pixel_transfer import without_opposed
+from stages.solvers.kernels.pixelwise import on_threads
+from stages.solvers.kernels.threading_layer import use_threads
+
+
+@dataclass(frozen=True, eq=False)
+class LightTask:
+    """All that the pixels of clusters are lit from. Picklable.
+
+    Attributes
+    ----------
+    files : ViewFiles
+    blend : callable
+        Interpolates the proxy's vertices at opened pixels: (N, P).
+    vertex_normals : ndarray, shape (P, 3)
+    parts : Parts
+        Where shading and data of the pixels are kept, until they are put together view by view.
+    found : Illumination
+        Of some views, without their pixels.
+    typical : float
+        Median shading of these.
+    gains : ndarray, shape (n, 3)
+        Of all views.
+    scale : float
+        By which images are divided.
+    """
+
+    files: ViewFiles
+    blend: Callable[[Opened], sp.csr_array]
+    vertex_normals: np.ndarray
+    parts: Parts
+    found: Illumination
+    typical: float
+    gains: np.ndarray
+    scale: float
+
+
+def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int, int, int]:
+    """Light a cluster, and keep its own pixels; count clipped, untrusted, usable ones. Picklable."""
+    use_threads(threads)
+    opened = task.files.open(cluster, task.scale, on_threads)
+    blend, _ = without_opposed(opened.normals, task.blend(opened), task.vertex_normals)
+    image = np.stack(opened.images, axis=1)
+    shading, data = further_pixels(
+        task.found,
+        task.typical,
+        opened.views.stack,
+        image,
+        opened.viewing,
+        opened.normals,
+        blend,
+        task.gains[opened.views.numbers],
+    )
+    values = {"shading": shading, **{kind: getattr(data, kind) for kind in OBSERVATIONS}}
+    task.parts.keep(cluster, opened.views, values)
+    own, usable = opened.views.own, opened.viewing.trusted
+    chosen = ~opened.unclipped & own, ~(usable & data.trusted) & own, usable & own
+    clipped, untrusted, used = (int(np.count_nonzero(pixels)) for pixels in chosen)
+    return clipped, untrusted, used
 
 
 def further_pixels(

@@ -1,0 +1,1 @@
+"""Decoders of photos' files: pictures, PNG's chunks, camera raw, HEIF."""
