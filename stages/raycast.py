@@ -109,7 +109,7 @@ def run(job: Job[RaycastSettings]) -> None:
                 continue
             views.append(camera)
             write_exr(job.outputs["depth"] / f"{name}.exr", seen.depth)
-            write_exr(job.outputs["normal"] / f"{name}.exr", seen.normals)
+            write_exr(job.outputs["normal"] / f"{name}.exr", seen.normals, is_colour=False)
             write_mask(job.outputs["mask"] / f"{name}.png", used)
             triangles = job.outputs["triangles"] / f"{name}.npz"
             triangles.parent.mkdir(parents=True, exist_ok=True)

@@ -8,18 +8,29 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenEXR
 import pycolmap
 import pytest
 from PIL import Image, ImageCms
 
 from pipeline import UserError
 from stages.adopt_model import ADOPT_MODEL, AdoptModelSettings
+from stages.formats.colour.srgb import linear_from_srgb
 from stages.formats.decoders.pictures import upright
+from stages.formats.decoders.png_chunks import chunks_before_pixels
+from stages.formats.images.exr import write_exr
 from stages.formats.images.masked_photos import read_masked_photo
 from stages.formats.images.photo_remarks import remarks_on
 from stages.formats.images.photo_settings import FireflySettings
 from stages.formats.images.photo_turns import read_as_stored, write_as_stored
-from stages.formats.images.photos import encode_srgb8, photo_size, read_photo
+from stages.formats.images.photos import (
+    encode_srgb8,
+    photo_size,
+    read_photo,
+    write_png8,
+    write_png_srgb8,
+    write_png_srgb16,
+)
 from stages.undistort import UNDISTORT, UndistortSettings
 from tests.raw_exr import write_raw_exr
 
@@ -278,3 +289,34 @@ def test_photos_that_say_the_same_share_a_line_and_each_has_its_own_in_the_recor
     assert job.warnings == [f"0.png, 1.png: {said}."]
     assert job.facts["headers"] == {"0.png": said, "1.png": said}
     assert json.dumps(job.facts)
+
+
+def test_what_is_written_says_its_colours(tmp_path):
+    linear = linear_from_srgb(CODES / 255)
+    write_png_srgb8(tmp_path / "a.png", linear)
+    write_png_srgb16(tmp_path / "b.png", linear)
+    write_png8(tmp_path / "c.png", CODES)  # values that are no colours
+    for name in "ab":
+        chunks = chunks_before_pixels(tmp_path / f"{name}.png")
+        assert {b"sRGB", b"gAMA", b"cHRM"} <= chunks.keys()
+        with Image.open(tmp_path / f"{name}.png") as image:
+            image.verify()  # checksums
+            assert image.info["srgb"] == 0 and image.info["gamma"] == pytest.approx(1 / 2.2, abs=1e-4)
+            assert image.info["chromaticity"][2:4] == pytest.approx((0.64, 0.33))
+        assert remarks_on(tmp_path / f"{name}.png", False, True) == []
+    assert b"sRGB" not in chunks_before_pixels(tmp_path / "c.png")
+    np.testing.assert_array_equal(encode_srgb8(read_photo(tmp_path / "a.png")), CODES)
+
+
+@pytest.mark.parametrize(("shape", "is_colour"), [((6, 8, 3), True), ((6, 8, 3), False), ((6, 8), True)])
+def test_an_exr_says_its_primaries_if_it_holds_colours(tmp_path, shape, is_colour):
+    write_exr(tmp_path / "a.exr", np.ones(shape, np.float32), is_colour=is_colour)
+    with OpenEXR.File(str(tmp_path / "a.exr"), header_only=True) as file:
+        header = dict(file.header())
+    if len(shape) == 3 and is_colour:
+        assert np.ravel(header["chromaticities"]) == pytest.approx(
+            (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
+        )
+        assert remarks_on(tmp_path / "a.exr", False, True) == []
+    else:
+        assert "chromaticities" not in header

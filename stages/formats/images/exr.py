@@ -11,11 +11,14 @@ import OpenEXR
 
 from pipeline import UserError
 
+REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # primaries and white, x and y: sRGB's
 MOST_VALUES = 1 << 30  # of all parts and channels: four channels of the largest photo
 
 
-def write_exr(path: Path, image: np.ndarray, *, half: bool = False) -> None:
+def write_exr(path: Path, image: np.ndarray, *, half: bool = False, is_colour: bool = True) -> None:
     """Write `image`, (h, w) as Y or (h, w, 3) as RGB; ZIP, float32 unless `half`; makes the folder.
+
+    The header says that colours are linear light of sRGB's primaries, unless three channels are no colour.
 
     Raises
     ------
@@ -29,7 +32,9 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = False) -> None:
         pixels = np.ascontiguousarray(image, np.float16 if half else np.float32)
     if not np.isfinite(pixels).all():
         raise ValueError(f"{np.count_nonzero(~np.isfinite(pixels))} values of {path.name} are not finite")
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    if pixels.ndim > 2 and is_colour:
+        header["chromaticities"] = REC_709
     try:
         with OpenEXR.File(header, {"Y" if pixels.ndim == 2 else "RGB": pixels}) as file:
             file.write(str(path))

@@ -13,6 +13,7 @@ from PIL import Image, ImageCms
 from stages.formats.colour.icc_profiles import read_profile
 from stages.formats.decoders.pictures import DECODED, DECODING_FAILED
 from stages.formats.decoders.png_chunks import chunks_before_pixels
+from stages.formats.images.exr import REC_709
 from stages.formats.images.photos import orientation_of
 from stages.scene.image_names import CAMERA_RAW, HEIF
 
@@ -26,7 +27,6 @@ NEARLY = 3  # codes: sRGB as several programs round it
 EXIF_COLOUR_SPACE, EXIF_INTEROPERABILITY, INTEROPERABILITY_INDEX = 0xA001, 0xA005, 1
 EXIF_DETAILS = 0x8769
 ADOBE = 2  # as some cameras write into EXIF_COLOUR_SPACE; others write "R03" beside "uncalibrated"
-REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 HDR_LINES = (b"EXPOSURE", b"COLORCORR", b"PRIMARIES")
 TURNS = {2: "mirrored", 3: "turned by 180°", 4: "mirrored upside down", 5: "mirrored and turned by 90°",
          6: "turned by 90°", 7: "mirrored and turned by 270°", 8: "turned by 270°"}  # fmt: skip

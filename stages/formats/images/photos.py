@@ -22,6 +22,7 @@ from stages.formats.decoders.pictures import (
     turned_back,
     unreadable,
 )
+from stages.formats.decoders.png_chunks import said_to_be_srgb
 from stages.formats.images.exr import check_exr_header, read_exr
 from stages.scene.image_names import CAMERA_RAW, HEIF
 
@@ -157,12 +158,12 @@ def encode_srgb16(linear: np.ndarray) -> np.ndarray:
 
 def write_png_srgb8(path: Path, linear: np.ndarray) -> None:
     """Write linear light, (h, w, 3) or (h, w), as an 8-bit sRGB PNG, creating the folder."""
-    _write_png(path, encode_srgb8(linear))
+    _write_png(path, encode_srgb8(linear), is_srgb=True)
 
 
 def write_png_srgb16(path: Path, linear: np.ndarray) -> None:
     """Write linear light, (h, w, 3) or (h, w), as a 16-bit sRGB PNG, creating the folder."""
-    _write_png(path, encode_srgb16(linear))
+    _write_png(path, encode_srgb16(linear), is_srgb=True)
 
 
 def write_png8(path: Path, pixels: np.ndarray) -> None:
@@ -206,8 +207,8 @@ def _linear_table(dtype: str) -> np.ndarray:
     return linear_from_srgb(codes / codes[-1])
 
 
-def _write_png(path: Path, pixels: np.ndarray) -> None:
+def _write_png(path: Path, pixels: np.ndarray, is_srgb: bool = False) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     ordered = np.ascontiguousarray(pixels[..., ::-1]) if pixels.ndim == 3 else pixels
     _, data = cv2.imencode(".png", ordered)
-    path.write_bytes(data.tobytes())
+    path.write_bytes(said_to_be_srgb(data.tobytes()) if is_srgb else data.tobytes())
