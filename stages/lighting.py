@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 BYTES_AT_ANY_SIZE = 400_000_000  # of specular reflection and of the picture of the light
 BYTES_PER_PIXEL = 400  # masked
+PART_FOR_MESH = 10  # of the memory, one part in so many: a street of a hundred bays takes as much of 4 GB
 BYTES_PER_BYTE_OF_MESH = 15  # of its file, with short edges and for casting rays
 
 
@@ -270,7 +271,8 @@ def _probes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityPro
 
 def within(settings: LightingSettings, memory: int) -> LightingSettings:
     """Estimate the light on fewer pixels, in smaller clusters, as the memory, bytes, has room for."""
-    room = max((memory - BYTES_OF_LIBRARIES - BYTES_AT_ANY_SIZE) // BYTES_PER_PIXEL, LEAST_PIXELS)
+    for_pixels = memory - memory // PART_FOR_MESH - BYTES_OF_LIBRARIES - BYTES_AT_ANY_SIZE
+    room = max(for_pixels // BYTES_PER_PIXEL, LEAST_PIXELS)
     clusters = settings.clusters.within(room)
     return settings.model_copy(update={"pixels": min(settings.pixels, room), "clusters": clusters})
 
