@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
 
 from pipeline import Artefact, Job, Settings, Stage, group, setting
 from stages.photometry.transport.settings import EnvironmentMapSettings, ReflectanceScaleSettings
@@ -10,10 +13,22 @@ from stages.scene.distributions import OPEN3D, PICTURES
 from stages.scene.memory_of_views import FEWER_PIXELS
 from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
 
+if TYPE_CHECKING:
+    import numpy as np
+
+Azimuth = Annotated[float, Field(ge=-360, le=360)]
+Elevation = Annotated[float, Field(ge=1, le=90)]
+
 
 class RelightSettings(Settings):
     """Settings of the `relight` stage."""
 
+    sun: tuple[Azimuth, Elevation] | None = setting(
+        None,
+        "A clear sky with its sun at this azimuth and elevation, instead of an environment map. Azimuth 0 is "
+        "the middle of an environment map; it grows counter-clockwise seen from above, as `turn_deg` does.",
+        unit="°",
+    )
     turn_deg: float = setting(
         0.0, "Yaw of the light (rotation about the vertical), counter-clockwise seen from above.", unit="°"
     )
@@ -42,7 +57,7 @@ def run(job: Job[RelightSettings]) -> None:
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.artefacts.transfer_file import read_transfer
     from stages.formats.artefacts.view_files import read_maps, read_surface_points, write_maps, write_previews
-    from stages.formats.images.photos import read_environment, read_mask
+    from stages.formats.images.photos import read_mask
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.vertex_interpolation import pixels_on_proxy
     from stages.photometry.transport.environment import turned_light
@@ -53,7 +68,7 @@ def run(job: Job[RelightSettings]) -> None:
     from stages.solvers.kernels.threading_layer import use_threads
 
     settings = job.settings
-    picture = read_environment(job.inputs["light"])  # first: an invalid light is refused at once
+    picture = _picture(job)  # first: an invalid light is refused at once
     cameras = read_cameras(job.inputs["cameras"])
     masks = [read_mask(job.inputs["mask"] / f"{camera.name}.png") for camera in cameras]
     normals, albedo = (read_maps(job.inputs[kind], cameras, masks) for kind in ("normal", "albedo"))
@@ -75,6 +90,18 @@ def run(job: Job[RelightSettings]) -> None:
     job.note(opposed_pixels=opposed, mean_shading=np.round(shading.mean(axis=0, dtype=float), 6).tolist())
 
 
+def _picture(job: Job[RelightSettings]) -> np.ndarray:
+    """Read the environment map that was given, or make that of a clear sky."""
+    from stages.formats.images.photos import read_environment
+    from stages.synthetic.lights import ClearSky, clear_sky_picture
+
+    if job.settings.sun is None:
+        return read_environment(job.inputs["light"])
+    azimuth_deg, elevation_deg = job.settings.sun
+    sky = ClearSky(sun_azimuth_deg=azimuth_deg, sun_elevation_deg=elevation_deg)
+    return clear_sky_picture(sky, job.settings.environment_map.max_rows).radiance
+
+
 def _brightest(job: Job[RelightSettings]) -> float:
     """Choose the reflectance of the brightest material: given, estimated with the light, or usual."""
     from stages.formats.artefacts.light_npz import read_light
@@ -87,10 +114,11 @@ def _brightest(job: Job[RelightSettings]) -> float:
 
 RELIGHT = Stage(
     name="relight",
-    version=7,
+    version=8,
     about="The views under another light, from their albedo.",
     settings=RelightSettings,
-    takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer", "light"),
+    takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer"),
+    may_take=("light",),
     gives=(Artefact("relit", "the views under another light, EXR (linear) and PNG", output="relit"),),
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),

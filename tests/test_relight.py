@@ -20,7 +20,7 @@ from stages.photometry.transport.relighting import relit
 from stages.photometry.transport.settings import EnvironmentMapSettings, LightPictureSettings
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from stages.scene.upright import upright_from_world, vertical_of
-from stages.synthetic.lights import SKY_DOME, dome_picture
+from stages.synthetic.lights import SKY_DOME, ClearSky, clear_sky_picture, dome_picture
 from tests.rendered_scene import TINY, artefact, unshade, write_config
 from tests.sphere_scene import camera_looking_at_origin
 
@@ -164,10 +164,36 @@ def test_the_paper_s_albedo_can_be_relit_too(config, capsys):
     assert code == 0, said
 
 
+def test_a_sun_is_the_light_of_its_sky(config, capsys):
+    """As the same sky as an environment map; from the other side, what was bright is dark."""
+    output, seen = config.parent / "w/output", {}
+    light = config.parent / "sun.exr"
+    write_exr(light, clear_sky_picture(ClearSky(sun_azimuth_deg=-60, sun_elevation_deg=25)).radiance)
+    for name, words in (
+        ("map", ("--light", light)), ("left", ("--sun=-60,25",)), ("right", ("--sun", "60,25")),
+    ):  # fmt: skip
+        code, _, said = unshade(capsys, "relight", config, *words)
+        assert code == 0, said
+        masks = [read_mask(output / f"mask/{view}.png") for view in NAMES]
+        views = [read_exr(output / f"relit/{view}.exr") for view in NAMES]
+        seen[name] = np.concatenate([view[mask] for view, mask in zip(views, masks, strict=True)])
+    np.testing.assert_array_equal(seen["left"], seen["map"])
+    brightness = [seen[side].mean(axis=1) for side in ("left", "right")]
+    assert np.corrcoef(*brightness)[0, 1] < 0.7
+
+
+@pytest.mark.parametrize("given", ["40", "a,b", "40,30,20", "40,-5", "400,20", "40,", "nan,20"])
+def test_what_is_no_sun_is_said(config, capsys, given):
+    code, _, said = unshade(capsys, "relight", config, f"--sun={given}")
+    assert code == 2 and "sun" in said and "expected" in said
+
+
 def test_what_is_no_light_is_said(config, capsys):
     code, _, said = unshade(capsys, "relight", config)
     assert code == 2
     assert "No light was given" in said
+    code, _, said = unshade(capsys, "relight", config, "--light", config, "--sun", "40,30")
+    assert code == 2 and "Two lights were given" in said
     square = config.parent / "square.exr"
     write_exr(square, np.ones((8, 8, 3), np.float32))
     code, _, said = unshade(capsys, "relight", config, "--light", square)

@@ -126,9 +126,13 @@ class Relight(Given):
     ----------
     light
         Environment map (EXR, HDR), twice as wide as high, its zenith in the first row.
+    sun
+        Azimuth and elevation, in degrees, of the sun in a clear sky, instead of an environment map; azimuth 0
+        is the middle of such a map, and grows counter-clockwise seen from above.
     """
 
     light: File = None
+    sun: Annotated[str | None, optional("AZIMUTH,ELEVATION")] = None
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import stages
 from pipeline import UserError, former_names
 from pipeline.config import Config, check_settings, override, read_config
-from pipeline.errors import shortened
+from pipeline.errors import shortened, shown
 from pipeline.files.file_kinds import FILE, FOLDER, is_folder, kind_of_file
 from pipeline.process.library_messages import library_messages_in
 from pipeline.request import Absent, Request, Selection, check_flow
@@ -65,13 +65,29 @@ def relighting_of(command: Relight) -> Request:
         The command or its configuration has an error that the user can correct; no light was given.
     """
     config = config_of(command)
-    if command.light is None:
+    if (command.light is None) == (command.sun is None):
+        both = "Two lights were given" if command.light else "No light was given"
         raise UserError(
-            "No light was given; expected --light FILE, a picture of all directions (EXR or HDR, twice as "
-            "wide as high)."
+            f"{both}; expected --light FILE, a picture of all directions (EXR or HDR, twice as wide as "
+            "high), or --sun AZIMUTH,ELEVATION in degrees, for a clear sky."
         )
-    sources = {**sources_of(command, config), "light": existing("light", command.light)}
-    return _request(command, config, sources, Selection())
+    sources = sources_of(command, config)
+    if command.light is not None:
+        sources |= {"light": existing("light", command.light)}
+    sun = None if command.sun is None else f"relight.sun={_sun_of(command.sun)}"
+    return _request(command, config, sources, Selection(), relighting=True, further=[sun] if sun else [])
+
+
+def _sun_of(given: str) -> str:
+    """Write azimuth and elevation as a list, as settings have it."""
+    parts = given.split(",")
+    try:
+        azimuth, elevation = (float(part) for part in parts)
+    except ValueError as error:
+        raise UserError(
+            f"--sun is {shown(given)}; expected azimuth and elevation in degrees, as in --sun 40,30."
+        ) from error
+    return f"[{azimuth:g}, {elevation:g}]"
 
 
 def _request(
@@ -81,13 +97,15 @@ def _request(
     selection: Selection,
     full_resolution: bool = False,
     texture: bool = False,
+    relighting: bool = False,
+    further: Sequence[str] = (),
 ) -> Request:
-    given = override(config.settings, command.assignments)
+    given = override(config.settings, [*command.assignments, *further])
     declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
     settings = check_settings(declared, given, former_names(stages.ALL_STAGES))
     flow_of = stages.experiment if "render" in given else stages.dataflow
     flow = flow_of(sources, stages.kind_of_light(settings, sources))
-    if "light" in sources:
+    if relighting:
         flow = stages.with_relighting(flow)
     if full_resolution:
         flow = stages.with_full_resolution(flow)
