@@ -231,17 +231,16 @@ class Illumination:
             observed=nothing,
             diffuse=nothing,
         )
+        scene = replace(explained.scene.at(none), probes=None)  # no further directions are looked at
         removed = explained.removed_under and (
-            explained.removed_under[0].at(none),
+            replace(explained.removed_under[0].at(none), probes=None),
             explained.removed_under[1],
         )
         return replace(
             self,
             light=replace(self.light, shading=nothing),
             observations=AlbedoData(nothing, nothing, none.astype(bool), self.observations.glossy),
-            explained=replace(
-                explained, photos=photos, scene=explained.scene.at(none), removed_under=removed
-            ),
+            explained=replace(explained, photos=photos, scene=scene, removed_under=removed),
         )
 
 
