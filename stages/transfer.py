@@ -10,9 +10,11 @@ from pipeline import Artefact, Job, Settings, Stage, group, setting
 from stages.geometry.settings import ProxySettings
 from stages.photometry.transport.settings import VisibilitySettings
 from stages.scene.distributions import OPEN3D
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     import numpy as np
 
@@ -20,8 +22,11 @@ if TYPE_CHECKING:
     from stages.geometry.occluders import Occluders
     from stages.photometry.transport.sky_visibility import VisibilityProbes
     from stages.photometry.transport.transfer_vectors import Occlusion
+    from stages.scene.cameras import Camera
 
-
+BYTES_PER_THREAD = 100_000_000
+BYTES_PER_VERTEX = 2_000
+BYTES_OF_VERTEX_IN_FILE = 38  # of a mesh: its coordinates, and two faces
 Distance = Annotated[float, Field(ge=1.5)]  # nearer, the light would be inside the scene
 
 
@@ -60,10 +65,18 @@ class TransferSettings(Settings):
     )
     max_vertices: int = setting(
         200_000,
-        "Larger meshes are decimated to this for the rays, since occlusion varies slowly. The time is "
-        "proportional to this times the rays per vertex: about a minute on two cores by default.",
+        "Larger meshes are decimated to this for the rays, since occlusion varies slowly; more views show "
+        "more surface: see `usual_views`. The time is proportional to this times the rays per vertex: "
+        "about a minute on two cores by default.",
         unit="vertices",
         ge=100,
+    )
+    usual_views: int = setting(
+        40,
+        "`max_vertices` holds for up to so many views. Of more, which show more surface, it grows in "
+        "proportion: else a street that is three times as long has shadows three times as coarse.",
+        unit="views",
+        ge=1,
     )
     longest_edge: float = setting(
         0.02,
@@ -97,6 +110,7 @@ def run(job: Job[TransferSettings]) -> None:
     """Cast rays from the mesh's vertices to the sky. Memory: 16 B per blocked ray, and 100 MB a thread."""
     import numpy as np
 
+    from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.artefacts.transfer_file import StoredTransfer, write_transfer
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.occluders import Occluders
@@ -107,7 +121,8 @@ def run(job: Job[TransferSettings]) -> None:
     settings = job.settings
     mesh = read_mesh(job.inputs["mesh"])
     longest = settings.longest_edge * _middle(mesh, settings.outlier_share)[1]
-    short, proxy = short_edged_with_proxy(mesh, longest, settings.max_vertices, settings.proxy)
+    most = _most_vertices(settings, read_cameras(job.inputs["cameras"]))
+    short, proxy = short_edged_with_proxy(mesh, longest, most, settings.proxy)
     normals = vertex_normals(proxy.vertices, proxy.faces)
     places = proxy.vertices + settings.lift * roughness_of(mesh, proxy, short.longest) * normals
     occluders = Occluders(proxy, job.threads)
@@ -148,6 +163,20 @@ def run(job: Job[TransferSettings]) -> None:
     job.note(vertices=len(normals), mean_blocked=round(float(blocked.mean()), 4))
 
 
+def _most_vertices(settings: TransferSettings, cameras: Sequence[Camera]) -> int:
+    """Bound the vertices of the proxy, by the views that show its surface."""
+    return round(settings.max_vertices * max(1.0, len(cameras) / settings.usual_views))
+
+
+def estimated_memory(settings: TransferSettings, inputs: Mapping[str, Path], threads: int) -> int:
+    """Estimate the memory of the rays at the vertices."""
+    from stages.formats.artefacts.camera_file import read_cameras
+
+    most = _most_vertices(settings, read_cameras(inputs["cameras"]))
+    vertices = min(most, inputs["mesh"].stat().st_size // BYTES_OF_VERTEX_IN_FILE)
+    return BYTES_OF_LIBRARIES + threads * BYTES_PER_THREAD + BYTES_PER_VERTEX * vertices
+
+
 def _occlusion(probes: VisibilityProbes, occluders: Occluders, job: Job[TransferSettings]) -> Occlusion:
     """Compute the vertices' occlusion of the sky and their form factors."""
     from stages.photometry.transport.transfer_vectors import occlusion, points_at_once
@@ -182,12 +211,13 @@ def _middle(surface: Surface, outlier_share: float) -> tuple[np.ndarray, float]:
 
 TRANSFER = Stage(
     name="transfer",
-    version=8,
+    version=9,
     about="Visibility of the sky from each vertex, and form factors of what occludes it.",
     settings=TransferSettings,
-    takes=("mesh",),
+    takes=("mesh", "cameras"),
     gives=(Artefact("transfer", "transfer vectors and form factors", file="transfer.npz"),),
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", "fast-simplification", *OPEN3D),
+    memory=estimated_memory,
     saves_memory="lower transfer.max_vertices and transfer.sky_directions",
 )

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import open3d as o3d
 import pytest
 
+from stages.formats.artefacts.camera_file import write_cameras
 from stages.formats.meshes.triangle_meshes import Surface, from_open3d
 from stages.geometry.proxy import faces_of_fewer_vertices, short_edged_with_proxy
 from stages.geometry.settings import ProxySettings
-from stages.transfer import TRANSFER, TransferSettings
+from stages.transfer import TRANSFER, TransferSettings, estimated_memory
+from tests.sphere_scene import camera_looking_at_origin
 
 
 def sphere(vertices: int) -> Surface:
@@ -66,6 +70,27 @@ def test_meshes_of_hundreds_of_thousands_of_vertices_pass_through_transfer(
 
     write_mesh(tmp_path / "mesh.ply", SHAPES[shape](sphere(vertices)))
     few = TransferSettings(directions=16, sky_directions=16, light_distances=())
-    job = make_job(tmp_path / "out", TRANSFER, few, mesh=tmp_path / "mesh.ply")
+    write_cameras(
+        tmp_path / "cameras.json", [camera_looking_at_origin("0", np.array([3.0, 0, 0]), 40, 30, 40.0)]
+    )
+    job = make_job(
+        tmp_path / "out", TRANSFER, few, mesh=tmp_path / "mesh.ply", cameras=tmp_path / "cameras.json"
+    )
     TRANSFER.run(job)
     assert job.facts["vertices"] <= 1.5 * few.max_vertices
+
+
+def test_more_views_have_more_vertices_in_proportion_and_take_more_memory(tmp_path):
+    """Of a mesh that is larger than all bounds; few views have what few views had."""
+    (tmp_path / "mesh.ply").write_bytes(bytes(10**8))
+    camera, how = camera_looking_at_origin("0", np.array([3.0, 0, 0]), 40, 30, 40.0), TransferSettings()
+    taken = []
+    for views in (1, 40, 80, 400):
+        write_cameras(tmp_path / "cameras.json", [replace(camera, name=str(view)) for view in range(views)])
+        paths = {"mesh": tmp_path / "mesh.ply", "cameras": tmp_path / "cameras.json"}
+        taken.append(estimated_memory(how, paths, 2))
+        few = how.model_copy(update={"max_vertices": 1000})
+        assert estimated_memory(few, paths, 2) < taken[-1]
+    assert taken[0] == taken[1]
+    assert taken[2] - taken[1] == pytest.approx(how.max_vertices * 2000, rel=0.01)
+    assert taken[3] > 2 * taken[2]
