@@ -70,9 +70,8 @@ def test_meshes_of_hundreds_of_thousands_of_vertices_pass_through_transfer(
 
     write_mesh(tmp_path / "mesh.ply", SHAPES[shape](sphere(vertices)))
     few = TransferSettings(directions=16, sky_directions=16, light_distances=())
-    write_cameras(
-        tmp_path / "cameras.json", [camera_looking_at_origin("0", np.array([3.0, 0, 0]), 40, 30, 40.0)]
-    )
+    camera = camera_looking_at_origin("0", np.array([3.0, 0, 0]), 40, 30, 40.0)
+    write_cameras(tmp_path / "cameras.json", [camera])
     job = make_job(
         tmp_path / "out", TRANSFER, few, mesh=tmp_path / "mesh.ply", cameras=tmp_path / "cameras.json"
     )
