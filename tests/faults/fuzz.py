@@ -110,6 +110,10 @@ def sound_files() -> dict[str, tuple[str, bytes, Reader]]:
         "TIFF": ("a.tif", _picture(small, "TIFF")),
         "16-bit TIFF": ("a.tif", _deep(small, ".tif")),
         "HDR": ("a.hdr", hdr(6, 8)[:60] + bytes(6 * 8 * 4)),
+        "WebP": ("a.webp", _picture(small, "WEBP")),
+        "AVIF": ("a.avif", _picture(small, "AVIF")),
+        "HEIF": ("a.heic", _small_heif()),
+        "camera raw": ("a.dng", _small_dng()),
     }
     return (
         {kind: (name, data, read_mesh_file) for kind, (name, data) in meshes.items()}
@@ -144,6 +148,22 @@ def _small_exr() -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         write_exr(Path(folder) / "a.exr", np.ones((20, 6, 3), np.float32))
         return (Path(folder) / "a.exr").read_bytes()
+
+
+def _small_heif() -> bytes:
+    import pillow_heif
+
+    stream = BytesIO()
+    pillow_heif.from_bytes("RGB", (64, 64), bytes(range(64)) * 192).save(stream)
+    return stream.getvalue()
+
+
+def _small_dng() -> bytes:
+    from tests.written_dng import write_dng
+
+    with tempfile.TemporaryDirectory() as folder:
+        write_dng(Path(folder) / "a.dng", np.full((32, 40, 3), 0.4))
+        return (Path(folder) / "a.dng").read_bytes()
 
 
 def _model_files(form: str) -> dict[str, bytes]:

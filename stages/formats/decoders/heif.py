@@ -12,6 +12,8 @@ from pipeline import UserError
 if TYPE_CHECKING:
     import pi_heif
 
+FAILED = (ValueError, RuntimeError, EOFError, OSError, SyntaxError, LookupError, TypeError, MemoryError)
+
 
 def heif_size(path: Path) -> tuple[int, int]:
     """Read width and height, px, upright, from the header only.
@@ -21,7 +23,10 @@ def heif_size(path: Path) -> tuple[int, int]:
     UserError
         The file is damaged, or the extra is not installed.
     """
-    width, height = _opened(path).size
+    try:
+        width, height = _opened(path).size
+    except FAILED as error:  # a file without a picture
+        raise _unreadable(path, error) from error
     return int(width), int(height)
 
 
@@ -36,7 +41,7 @@ def read_heif(path: Path) -> tuple[np.ndarray, bytes]:
     opened = _opened(path)
     try:
         codes = np.array(opened)  # a copy: the memory is the file's, and freed with it
-    except (ValueError, RuntimeError, EOFError, OSError, MemoryError) as error:
+    except FAILED as error:
         raise _unreadable(path, error) from error
     return codes, bytes(opened.info.get("icc_profile") or b"")
 
@@ -63,7 +68,7 @@ def _opened(path: Path) -> pi_heif.HeifFile:
         ) from error
     try:
         return pi_heif.open_heif(path, convert_hdr_to_8bit=False)
-    except (ValueError, RuntimeError, EOFError, OSError, SyntaxError) as error:
+    except FAILED as error:
         raise _unreadable(path, error) from error
 
 

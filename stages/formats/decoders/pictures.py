@@ -23,7 +23,7 @@ from stages.scene.image_names import HEIF
 # What Pillow raises on damaged files; it warns about damaged EXIF, which strict callers turn into an error.
 DECODING_FAILED = (
     *(OSError, SyntaxError, ValueError, EOFError, LookupError, TypeError, ArithmeticError, MemoryError),
-    *(struct.error, UserWarning),
+    *(struct.error, UserWarning, RuntimeError),  # the last by AVIF's decoder
 )
 
 # Pillow knows some fifty kinds by their first bytes, whatever the name says; one runs Ghostscript.
