@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from stages import transfer
+from stages.formats.artefacts.camera_file import write_cameras
 from stages.formats.artefacts.transfer_file import read_transfer
 from stages.formats.meshes.triangle_meshes import Surface, read_mesh, write_mesh
 from stages.geometry.proxy import roughly_decimated, roughness_of, short_edged_with_proxy
@@ -17,6 +18,7 @@ from stages.geometry.short_edges import with_short_edges
 from stages.geometry.vertex_interpolation import pixels_on_proxy
 from stages.photometry.transport.directional_transport import even_directions
 from tests.bowls import bowl
+from tests.sphere_scene import camera_looking_at_origin
 
 PROXY = ProxySettings()
 TETRAHEDRON = Surface(
@@ -197,10 +199,13 @@ def run_transfer(folder) -> None:
     def progress(_label, _steps):
         yield lambda: None
 
+    write_cameras(
+        folder / "cameras.json", [camera_looking_at_origin("0", np.array([3.0, 0, 1]), 40, 30, 40.0)]
+    )
     transfer.run(
         SimpleNamespace(
             settings=transfer.TransferSettings(directions=16, sky_directions=64),
-            inputs={"mesh": folder / "mesh.ply"},
+            inputs={"mesh": folder / "mesh.ply", "cameras": folder / "cameras.json"},
             outputs={"transfer": folder / "transfer.npz"},
             threads=1,
             executor=None,
