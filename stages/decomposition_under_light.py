@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from stages.scene.cameras import Camera
 
 MAPS = ("albedo", "albedo_tv", "confidence")
-KINDS = ("observed", "diffuse", "trusted")
 BYTES_PER_PIXEL = 400  # that take part, all channels together
 BYTES_PER_LINK = 40
 
@@ -197,7 +196,7 @@ def _opened(cluster: Cluster, task: ClusterTask, threads: int) -> OpenedCluster:
     import numpy as np
 
     from stages.formats.artefacts.light_npz import read_light
-    from stages.photometry.albedo_data import AlbedoData
+    from stages.photometry.albedo_data import BY_PIXEL, AlbedoData
     from stages.photometry.clusters.cluster_views import open_cluster
     from stages.solvers.kernels.pixelwise import on_threads
     from stages.solvers.kernels.threading_layer import use_threads
@@ -206,7 +205,8 @@ def _opened(cluster: Cluster, task: ClusterTask, threads: int) -> OpenedCluster:
     light = read_light(task.inputs["found_light"])
     views = open_cluster(task.inputs, task.cameras, cluster, task.side, on_threads)
     shading = views.maps(task.inputs["shading"], on_threads) / light.mean_shading.astype(np.float32)
-    observed = AlbedoData(**views.arrays(task.inputs["observations"], KINDS, on_threads), glossy=light.glossy)
+    kept = views.arrays(task.inputs["observations"], BY_PIXEL, on_threads)
+    observed = AlbedoData(**kept, glossy=light.glossy)
     return OpenedCluster(views, light, shading, observed, threads)
 
 

@@ -103,19 +103,7 @@ def run(job: Job[UndistortSettings]) -> None:
     ]
     with job.progress("undistorting", len(views)) as step:
         found = list(counted(job.tasks.small(undistort_view, views), step))
-    names = [image.name for image in images]
-    _tell_black_masks(job, [name for name, one in zip(names, found, strict=True) if one.black], len(views))
-    _tell_transparent(
-        job, [name for name, one in zip(names, found, strict=True) if one.transparent], len(views)
-    )
-    if all(one.nothing_left for one in found):
-        raise UserError(
-            f"No photo in {job.inputs['images']} holds a value that can be light: all are not numbers, or "
-            "beyond 1e30; expected linear light. Export the photos again."
-        )
-    _tell_black_photos(job, [name for name, one in zip(names, found, strict=True) if one.unlit], len(views))
-    _tell_impossible(job, {name: one.impossible for name, one in zip(names, found, strict=True)})
-    _tell_remarks(job, {name: one.remarks for name, one in zip(names, found, strict=True)})
+    _tell_what_is_left_out(job, [image.name for image in images], found)
     write_model(pinhole_model(cameras, points_from=model), workspace / "sparse")
     write_stereo_settings(workspace, [f"{camera.name}.png" for camera in cameras])
     job.note(
@@ -240,37 +228,53 @@ def _find_masks(job: Job[UndistortSettings], names: list[str]) -> dict[str, Path
     return found
 
 
-def _tell_black_masks(job: Job[UndistortSettings], black: list[str], views: int) -> None:
-    """Raise where nothing at all is kept: what follows, stereo first, would be for nothing."""
-    if len(black) == views:
+def _tell_what_is_left_out(job: Job[UndistortSettings], names: list[str], found: list[Undistorted]) -> None:
+    """Warn of photos and pixels that are not used; raise where nothing is left."""
+
+    def those(flag: str) -> list[str]:
+        return [name for name, one in zip(names, found, strict=True) if getattr(one, flag)]
+
+    folder = job.inputs["images"]
+    _tell_useless(
+        job,
+        those("black"),
+        len(names),
+        "masks keep no pixel of their photos",
+        f"No mask in {job.inputs.get('masks')} keeps a pixel; expected white (255, at least 128) where the "
+        "object is. Masks of 0 and 1 have to be multiplied by 255.",
+    )
+    _tell_useless(
+        job,
+        those("transparent"),
+        len(names),
+        "photos are transparent everywhere",
+        f"The photos in {folder} are transparent everywhere by their alpha channels; expected what is opaque "
+        "where the object is. Export them without, or set undistort.alpha=false.",
+    )
+    if all(one.nothing_left for one in found):
         raise UserError(
-            f"No mask in {job.inputs['masks']} keeps a pixel; expected white (255, at least 128) where the "
-            "object is. Masks of 0 and 1 have to be multiplied by 255."
+            f"No photo in {folder} holds a value that can be light: all are not numbers, or beyond 1e30; "
+            "expected linear light. Export the photos again."
         )
-    if black:
-        job.warn(f"{len(black)} of {views} masks keep no pixel of their photos: {listed(black)}.")
+    _tell_useless(
+        job,
+        those("unlit"),
+        len(names),
+        "photos are black, no value above zero",
+        f"The photos in {folder} are black: no value is above zero; expected some light. Export them again.",
+    )
+    _tell_impossible(job, {name: one.impossible for name, one in zip(names, found, strict=True)})
+    _tell_remarks(job, {name: one.remarks for name, one in zip(names, found, strict=True)})
 
 
-def _tell_transparent(job: Job[UndistortSettings], transparent: list[str], views: int) -> None:
-    """Raise where alpha channels keep nothing at all, as those of some programs do by mistake."""
-    if len(transparent) == views:
-        raise UserError(
-            f"The photos in {job.inputs['images']} are transparent everywhere by their alpha channels; "
-            "expected what is opaque where the object is. Export them without, or set undistort.alpha=false."
-        )
-    if transparent:
-        job.warn(f"{len(transparent)} of {views} photos are transparent everywhere: {listed(transparent)}.")
-
-
-def _tell_black_photos(job: Job[UndistortSettings], unlit: list[str], views: int) -> None:
-    """Raise where no photo has light: what follows, stereo first, would be for nothing."""
-    if len(unlit) == views:
-        raise UserError(
-            f"The photos in {job.inputs['images']} are black: no value is above zero; expected some light. "
-            "Export them again."
-        )
-    if unlit:
-        job.warn(f"{len(unlit)} of {views} photos are black, no value above zero: {listed(unlit)}.")
+def _tell_useless(
+    job: Job[UndistortSettings], useless: list[str], views: int, what: str, refusal: str
+) -> None:
+    """Warn of photos of which nothing is left; raise where all are so: what follows would be for nothing."""
+    if len(useless) == views:
+        raise UserError(refusal)
+    if useless:
+        job.warn(f"{len(useless)} of {views} {what}: {listed(useless)}.")
 
 
 def _tell_impossible(job: Job[UndistortSettings], counts: dict[str, int]) -> None:

@@ -11,14 +11,13 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in another order
 
-from benchmarks.scale.growth import Grown, grow  # noqa: E402
+from benchmarks.scale.growth import Grown, grow, own_and_further  # noqa: E402
 from benchmarks.scale.photo_set import photo_set  # noqa: E402
 from benchmarks.scale.report import page_of  # noqa: E402
 
@@ -43,8 +42,7 @@ def main(argv: Sequence[str] | None = None) -> list[Grown]:
 
 def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """Parse the command line."""
-    own = list(sys.argv[1:] if argv is None else argv)
-    own, further = (own[: own.index("--")], own[own.index("--") + 1 :]) if "--" in own else (own, [])
+    own, further = own_and_further(argv)
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--views", default="10,30", help="numbers of views, comma-separated")
     parser.add_argument("--size", default="640x400", help="of a view, px")

@@ -8,9 +8,6 @@ scale per channel), and the steps of log albedo across the borders of clusters i
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.paper.tables import markdown
+from benchmarks.scale.growth import own_and_further, run_program
 from stages.formats.artefacts.camera_file import read_cameras
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
@@ -27,7 +25,6 @@ from stages.photometry.clusters.settings import ClusterSettings
 from stages.photometry.clusters.surface_clusters import Cluster
 from stages.solvers.least_squares.difference_operators import neighbours
 
-ROOT = Path(__file__).resolve().parent.parent.parent
 AT_ONCE = 10**12  # pixels of a cluster: all
 WITH_MARGIN = 1.25  # pixels that take part in a cluster over its own, about
 ENDS = (0.001, 0.999)  # quantiles between which the range of an albedo lies
@@ -58,8 +55,7 @@ class Decomposed:
 
 def main(argv: Sequence[str] | None = None) -> str:
     """Run, compare and print; returns the table."""
-    own = list(sys.argv[1:] if argv is None else argv)
-    own, arguments = (own[: own.index("--")], own[own.index("--") + 1 :]) if "--" in own else (own, [])
+    own, arguments = own_and_further(argv)
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--clusters", default="4,16", help="numbers of clusters, about, comma-separated")
     parser.add_argument("--margin", type=float, help="decomposition.clusters.margin")
@@ -81,11 +77,9 @@ def main(argv: Sequence[str] | None = None) -> str:
 
 def decomposed(arguments: Sequence[str], pixels: int, margin: float | None) -> Decomposed:
     """Decompose in clusters of so many pixels."""
-    command = [sys.executable, "-m", "unshade", "run", "--json", "--to", "decomposition", *arguments]
-    command += ["--set", f"decomposition.clusters.pixels={pixels}"]
-    command += [] if margin is None else [f"decomposition.clusters.margin={margin}"]
-    answer = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
-    records = {one["stage"]: one["record"] for one in json.loads(answer)["stages"]}
+    how = [f"decomposition.clusters.pixels={pixels}"]
+    how += [] if margin is None else [f"decomposition.clusters.margin={margin}"]
+    records = run_program(["--to", "decomposition", *arguments, "--set", *how])
     cache = Path(arguments[list(arguments).index("--workspace") + 1]).resolve() / "cache"
     paths = {
         file.stem: file
@@ -121,10 +115,10 @@ def border_steps(whole: Decomposed, parts: Decomposed, pixels: int, margin: floa
     for camera in cameras:
         mask = read_mask(whole.paths["mask"] / f"{camera.name}.png")
         owner = _owner(clusters, surface_points(whole.paths, camera, mask)[0])
+        both = [np.log(run.albedo(camera.name, mask).mean(axis=1) + DARK) for run in (whole, parts)]
         for one, other in neighbours(mask, 0):
             border = owner[one] != owner[other]
-            for steps, run in zip(found, (whole, parts), strict=True):
-                logs = np.log(run.albedo(camera.name, mask).mean(axis=1) + DARK)
+            for steps, logs in zip(found, both, strict=True):
                 steps.append(np.abs(logs[one[border]] - logs[other[border]]))
     return [_numbers(np.quantile(np.concatenate(steps), STEPS)) for steps in found]
 

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,20 +57,32 @@ def grow(photos: PhotoSet, arguments: Sequence[str], from_photos: bool) -> Grown
         Estimate cameras and mesh, as far as the mesh; else both are given, as far as the albedo.
     """
     workspace = photos.folder / ("workspace-photos" if from_photos else "workspace")
-    command = [sys.executable, "-m", "unshade", "run", "--json", "--images", str(photos.photos)]
+    command = ["--images", str(photos.photos)]
     command += ["--workspace", str(workspace), "--set", "undistort.max_size_px=null"]
     if from_photos:
         command += ["--to", "mesh"]
     else:
         command += ["--colmap", str(photos.model), "--mesh", str(photos.mesh)]
-    answer = subprocess.run(
-        [*command, *arguments, "--force"], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True
-    ).stdout
-    stages = {one["stage"]: _taken(one["record"]) for one in json.loads(answer)["stages"]}
+    records = run_program([*command, *arguments, "--force"])
+    stages = {stage: _taken(record) for stage, record in records.items()}
     return Grown(photos.views, stages, None if from_photos else _error(photos, workspace / "output/albedo"))
 
 
-def _taken(record: dict[str, float]) -> Taken:
+def run_program(arguments: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Run `unshade run` as a process of its own; the records of its stages, by name."""
+    command = [sys.executable, "-m", "unshade", "run", "--json", *arguments]
+    answer = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
+    return {one["stage"]: one["record"] for one in json.loads(answer)["stages"]}
+
+
+def own_and_further(argv: Sequence[str] | None) -> tuple[list[str], list[str]]:
+    """Divide the command line, that of the process by default, at ``--``."""
+    given = list(sys.argv[1:] if argv is None else argv)
+    at = given.index("--") if "--" in given else len(given)
+    return given[:at], given[at + 1 :]
+
+
+def _taken(record: dict[str, Any]) -> Taken:
     return Taken(record["seconds"], record["cpu_seconds"], int(record["peak_bytes"]))
 
 

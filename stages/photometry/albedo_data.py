@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 UNLIT = 0.02  # of the median shading: a quotient by less carries no information
+BY_PIXEL = ("observed", "diffuse", "trusted")  # of `AlbedoData`
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,3 +30,7 @@ class AlbedoData:
     diffuse: np.ndarray
     trusted: np.ndarray
     glossy: float
+
+    def by_pixel(self) -> dict[str, np.ndarray]:
+        """List what every pixel has, by name: `BY_PIXEL`."""
+        return {kind: getattr(self, kind) for kind in BY_PIXEL}

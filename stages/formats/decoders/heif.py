@@ -46,6 +46,17 @@ def read_heif(path: Path) -> tuple[np.ndarray, bytes]:
     return codes, bytes(opened.info.get("icc_profile") or b"")
 
 
+def heif_alpha(path: Path) -> np.ndarray | None:
+    """Decode the alpha channel, (h, w), uint8 or uint16, upright; None without, by the header alone.
+
+    Raises
+    ------
+    UserError
+        As `heif_size`.
+    """
+    return read_heif(path)[0][..., -1] if _opened(path).has_alpha else None
+
+
 def heif_exif(path: Path) -> bytes:
     """Read the block of EXIF data; empty without.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stages.formats.decoders.heif import read_heif
+from stages.formats.decoders.heif import heif_alpha
 from stages.formats.decoders.pictures import DECODING_FAILED, opened, turned_back, unreadable, upright
 from stages.formats.images.exr import read_exr_alpha
 from stages.formats.images.photos import orientation_of, photo_size
@@ -33,9 +33,8 @@ def read_alpha(path: Path, as_stored: bool = False) -> np.ndarray | None:
         alpha = read_exr_alpha(path)
         opaque = None if alpha is None else alpha >= OPAQUE
     elif suffix in HEIF:
-        codes, _ = read_heif(path)
-        channels = 1 if codes.ndim == 2 else codes.shape[2]
-        opaque = _at_least_half(codes[..., -1]) if channels in (2, 4) else None
+        codes = heif_alpha(path)
+        opaque = None if codes is None else _at_least_half(codes)
     else:
         opaque = _opaque_by_pillow(path)
     if opaque is None or opaque.all():

@@ -76,14 +76,17 @@ def _window_size(header: dict[str, Any]) -> tuple[int, int]:
 
 
 def read_exr_alpha(path: Path) -> np.ndarray | None:
-    """Read the channel A of an EXR, (h, w), float32; None without.
+    """Read the channel A of an EXR, (h, w), float32; None without, by the header alone.
 
     Raises
     ------
     UserError
         As `read_exr`.
     """
-    return _channels(path).get("A")
+    check_exr_header(path)
+    with OpenEXR.File(str(path), header_only=True) as file:
+        names = {channel.name for channel in file.header()["channels"]}
+    return _channels(path)["A"] if "A" in names else None
 
 
 def read_exr(path: Path) -> np.ndarray:

@@ -28,6 +28,7 @@ from stages.photometry.detail.scene_statistics import (
     SampledDetail,
     SampledOctave,
     SampledViews,
+    has_few_links,
 )
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.stack import StackedViews
@@ -162,7 +163,7 @@ def _kept(
     """Filter the three axes: the kept albedo, (N, 3), its expected variance, (N,), and what was sampled."""
     how, limits, response = scene.how, scene.how.uncertainty, response_to_noise(scene.how.sigmas_px)
     alone = None
-    if scene.known is None and scene.linked_share < how.noise.linked_share:
+    if scene.known is None and has_few_links(*scene.measured_and_linked, how):
         alone = octaves_of_views(scene)
     noise = OctaveNoise.of(alone, how)
     kept = np.zeros((len(scene.maps), 3), np.float32)

@@ -91,12 +91,6 @@ class DetailScene:
         measured = self.trusted & self.counted
         return int(np.count_nonzero(measured)), int(np.count_nonzero(self.others.count[measured]))
 
-    @property
-    def linked_share(self) -> float:
-        """Share of the trusted pixels that have correspondences."""
-        measured, linked = self.measured_and_linked
-        return float(linked) / max(measured, 1)
-
     @cached_property
     def maps(self) -> np.ndarray:
         """Axes of the residual, mean logarithm of I/S, mean logarithm of S: (N, 5)."""
@@ -158,9 +152,8 @@ class DetailOctave:
         )
         shown = sample.shown(how) if scene.known is None else scene.known.octaves[number].shown
         if shown is not None:
-            excess = pixelwise(shown.at, stated)
-            left[:, 0] -= excess * change
-            size = (1 + excess) ** 2 * stated
+            lost, size = pixelwise(shown.reduction, change, stated)
+            left[:, 0] -= lost
         wide_px = max(how.window * sigma_px, how.least_window_px)
         return cls(scene, left, size, stated, shown, wide_px, sample)
 

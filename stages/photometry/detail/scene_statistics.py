@@ -74,9 +74,8 @@ class SampledOctave:
         """Estimate κ, within its bounds, after the reduction of the shading's change to what is shown."""
         left, quotient, size = self.left[:, 0], self.quotient, self.stated
         if shown is not None:
-            excess = shown.at(self.stated)
-            left, quotient = left - excess * self.change, quotient - excess * self.change
-            size = (1 + excess) ** 2 * self.stated
+            lost, size = shown.reduction(self.change, self.stated)
+            left, quotient = left - lost, quotient - lost
         found, limits = error_of_change(size, quotient, left, how), how.uncertainty
         return float(np.clip(found, limits.least[self.number], limits.most))
 
@@ -165,9 +164,10 @@ class SampledDetail:
             int(linked.sum()),
         )
 
-    def has_few_links(self, how: DetailSettings) -> bool:
-        """Whether so few pixels have correspondences that noise is measured within single views."""
-        return self.linked / max(self.measured, 1) < how.noise.linked_share
+
+def has_few_links(measured: int, linked: int, how: DetailSettings) -> bool:
+    """Whether so few pixels have correspondences that noise is measured within single views."""
+    return linked / max(measured, 1) < how.noise.linked_share
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +203,8 @@ class DetailStatistics:
     @classmethod
     def of(cls, sample: SampledDetail, how: DetailSettings) -> DetailStatistics:
         """Compute the statistics of a sample."""
-        noise = OctaveNoise.of(sample.alone if sample.has_few_links(how) else None, how)
+        few = has_few_links(sample.measured, sample.linked, how)
+        noise = OctaveNoise.of(sample.alone if few else None, how)
         found = []
         for octave in sample.octaves:
             shown = octave.shown(how)

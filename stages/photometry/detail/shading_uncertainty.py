@@ -109,6 +109,14 @@ class ShownChange:
             excess.append(np.clip(slope * significant, -1, limits.largest_excess))
         return cls(np.array(log_size), np.array(excess))
 
+    def reduction(self, change: np.ndarray, stated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute what a residual loses, and the local mean square of the change that is left, (n,) each.
+
+        `change`: band of the log shading, times the response; `stated`: its local mean square.
+        """
+        excess = self.at(stated)
+        return excess * change, (1 + excess) ** 2 * stated
+
     def at(self, size: np.ndarray) -> np.ndarray:
         """Interpolate the excess to local mean squares of the shading's change, float32."""
         if not len(self.excess):

@@ -13,7 +13,6 @@ from stages.photometry.clusters.parts import Parts
 from stages.photometry.clusters.surface_clusters import Cluster
 from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.lighting.illumination import Explanation, Illumination
-from stages.photometry.lighting.lighting_record import OBSERVATIONS
 from stages.photometry.lighting.observations import Observations
 from stages.photometry.lighting.opened_views import Opened, ViewFiles
 from stages.photometry.lighting.trusted_pixels import Viewing, unlit
@@ -74,8 +73,7 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
         blend,
         task.gains[opened.views.numbers],
     )
-    values = {"shading": shading, **{kind: getattr(data, kind) for kind in OBSERVATIONS}}
-    task.parts.keep(cluster, opened.views, values)
+    task.parts.keep(cluster, opened.views, {"shading": shading, **data.by_pixel()})
     own, usable = opened.views.own, opened.viewing.trusted
     chosen = ~opened.unclipped & own, ~(usable & data.trusted) & own, usable & own
     clipped, untrusted, used = (int(np.count_nonzero(pixels)) for pixels in chosen)

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from stages.photometry.lighting.illumination import Illumination
     from stages.scene.cameras import Camera
 
-OBSERVATIONS = ("observed", "diffuse", "trusted")  # of `AlbedoData`, pixel by pixel
-
 
 @dataclass(frozen=True, eq=False)
 class AllViews:
@@ -100,15 +98,15 @@ def write_pixels(
     from stages.formats.artefacts.view_files import write_arrays, write_maps
 
     write_maps(job.outputs["shading"], cameras, masks, shading, job.executor.map)
-    data = {kind: getattr(observed, kind) for kind in OBSERVATIONS}
-    write_arrays(job.outputs["observations"], cameras, masks, data, job.executor.map)
+    write_arrays(job.outputs["observations"], cameras, masks, observed.by_pixel(), job.executor.map)
 
 
 def write_view(view: int, parts: Parts, shading: Path, observations: Path) -> None:
     """Write the same of one view into their folders, out of clusters. Picklable."""
     from stages.formats.artefacts.view_files import write_arrays, write_maps
+    from stages.photometry.albedo_data import BY_PIXEL
 
-    mask, values = parts.of_view(view, ("shading", *OBSERVATIONS))
+    mask, values = parts.of_view(view, ("shading", *BY_PIXEL))
     of_one = [parts.cameras[view]], [mask]
     write_maps(shading, *of_one, values.pop("shading"))
     write_arrays(observations, *of_one, values)
