@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks.scale.__main__ import main
+from benchmarks.scale.albedo_error import SHARED, albedo_error
 from benchmarks.scale.daylight import SKY, Daylight, sun_directions
+from benchmarks.scale.photo_set import PhotoSet
 from benchmarks.scale.street import build_street
 from benchmarks.solver.growth import slope
+from stages.formats.images.exr import write_exr
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.occluders import Occluders
 from stages.geometry.rays import RayCaster
@@ -76,6 +79,22 @@ def test_slopes_of_powers_are_their_exponents():
         assert slope(views, [3.0 * n**exponent for n in views]) == pytest.approx(exponent, abs=1e-9)
 
 
+def test_errors_are_told_over_the_albedo_and_of_the_views_that_all_streets_have(tmp_path):
+    rng = np.random.default_rng(0)
+    truths = [0.2 * rng.uniform(0.5, 1, (6, 8, 3)) * (1 if n < SHARED else 3) for n in range(SHARED + 4)]
+    (tmp_path / "truth").mkdir()
+    for number, truth in enumerate(truths):
+        np.save(tmp_path / "truth" / f"{number:04d}.npy", truth.astype(np.float16))
+        truth = truth.astype(np.float16).astype(np.float32)
+        off = 0.1 * np.where(np.arange(6) % 2, 1, -1)[:, None, None]  # of the albedo, rows in turn
+        write_exr(tmp_path / "albedo" / f"{number:04d}.exr", (2 * truth * (1 + off)).astype(np.float32))
+    error = albedo_error(PhotoSet(tmp_path, len(truths)), tmp_path / "albedo")
+    assert error.relative == pytest.approx([0.1] * 3, rel=0.03)
+    first = np.sqrt(np.mean(np.square(truths[:SHARED])))
+    assert error.shared == pytest.approx([0.1 * first] * 3, rel=0.05)
+    assert error.si_rmse == pytest.approx([0.1 * np.sqrt(np.mean(np.square(truths)))] * 3, rel=0.05)
+
+
 @pytest.mark.slow
 def test_two_lengths_are_measured_as_far_as_the_albedo(tmp_path):
     measured = main(["--views", "3,5", "--size", "64x40", "--workspace", str(tmp_path)])
@@ -83,5 +102,5 @@ def test_two_lengths_are_measured_as_far_as_the_albedo(tmp_path):
     for one in measured:
         assert {"correspondence", "lighting", "decomposition"} <= one.stages.keys()
         assert all(taken.peak_bytes > 0 for taken in one.stages.values())
-        assert one.error is not None and max(one.error) < 0.2
+        assert one.error is not None and max(one.error.si_rmse) < 0.2
     assert "slope" in (tmp_path / "scale.md").read_text(encoding="utf-8")

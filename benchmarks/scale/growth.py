@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from benchmarks.scale.albedo_error import AlbedoError, albedo_error
 from benchmarks.scale.photo_set import PhotoSet
-from stages.formats.images.exr import read_exr
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 
@@ -36,13 +34,13 @@ class Grown:
     views : int
     stages : dict of str to Taken
         In the order in which they ran.
-    error : tuple of 3 float, or None
-        si-RMSE of the albedo, one scale per channel for all views; None without an albedo.
+    error : AlbedoError, or None
+        None without an albedo.
     """
 
     views: int
     stages: dict[str, Taken]
-    error: tuple[float, ...] | None
+    error: AlbedoError | None
 
 
 def grow(photos: PhotoSet, arguments: Sequence[str], from_photos: bool) -> Grown:
@@ -65,7 +63,9 @@ def grow(photos: PhotoSet, arguments: Sequence[str], from_photos: bool) -> Grown
         command += ["--colmap", str(photos.model), "--mesh", str(photos.mesh)]
     records = run_program([*command, *arguments, "--force"])
     stages = {stage: _taken(record) for stage, record in records.items()}
-    return Grown(photos.views, stages, None if from_photos else _error(photos, workspace / "output/albedo"))
+    return Grown(
+        photos.views, stages, None if from_photos else albedo_error(photos, workspace / "output/albedo")
+    )
 
 
 def run_program(arguments: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -84,18 +84,3 @@ def own_and_further(argv: Sequence[str] | None) -> tuple[list[str], list[str]]:
 
 def _taken(record: dict[str, Any]) -> Taken:
     return Taken(record["seconds"], record["cpu_seconds"], int(record["peak_bytes"]))
-
-
-def _error(photos: PhotoSet, albedo: Path) -> tuple[float, ...]:
-    """Compute the si-RMSE view by view: no more than one is in memory."""
-    products, squares, truths, count = np.zeros(3), np.zeros(3), np.zeros(3), 0
-    for file in sorted(albedo.glob("*.exr")):
-        truth, found = photos.true_albedo(file.stem).astype(np.float64), read_exr(file).astype(np.float64)
-        inside = (truth > 0).all(axis=2) & (found > 0).any(axis=2)
-        truth, found = truth[inside], found[inside]
-        products += (truth * found).sum(axis=0)
-        squares += (found**2).sum(axis=0)
-        truths += (truth**2).sum(axis=0)
-        count += len(truth)
-    left = truths - products**2 / squares  # of Σ (t − a p)² at the best a
-    return tuple(float(value) for value in np.sqrt(np.maximum(left, 0) / count))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from benchmarks.paper.tables import markdown
+from benchmarks.scale.albedo_error import SHARED
 from benchmarks.scale.growth import Grown, Taken
 from benchmarks.solver.growth import slope
 
@@ -34,6 +35,20 @@ def page_of(measured: Sequence[Grown], size: str, from_photos: bool) -> str:
             rows.append([f"`{stage}`", *(format(value, form) for value in values), f"{steep:.2f}"])
         parts.append(f"## {title}\n\n{markdown(head, rows)}")
     if not from_photos:
-        rows = [[str(one.views), " ".join(f"{value:.4f}" for value in one.error or ())] for one in measured]
-        parts.append("## si-RMSE of the albedo\n\n" + markdown(["views", "red green blue"], rows))
+        parts.append(f"## Error of the albedo\n\n{_errors(measured)}")
     return "\n\n".join(parts) + "\n"
+
+
+def _errors(measured: Sequence[Grown]) -> str:
+    """Tabulate si-RMSE, relative error and that of the views that all streets have."""
+    head = ["views", "si-RMSE (red green blue)", "over RMS of the true albedo", f"first {SHARED} views"]
+    rows = [
+        [str(one.views), *(_three(part) for part in (error.si_rmse, error.relative, error.shared))]
+        for one in measured
+        if (error := one.error)
+    ]
+    return markdown(head, rows)
+
+
+def _three(values: Sequence[float]) -> str:
+    return " ".join(f"{value:.4f}" for value in values)
