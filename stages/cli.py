@@ -33,7 +33,9 @@ from stages.command.arguments import (
     refuse_empty,
 )
 from stages.command.evaluation import evaluate_verb
-from stages.command.request import check_lights, existing_workspace, relighting_of, request_of
+from stages.command.request import relighting_of, request_of
+from stages.command.sources import check_lights
+from stages.command.workspaces import existing_workspace
 
 COMMANDS = [kind.__name__.lower() for kind in get_args(Command)]
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130

@@ -19,7 +19,8 @@ from pipeline import UserError
 from pipeline.command.terminal import Terminal
 from stages import lighting
 from stages.command.arguments import Run
-from stages.command.request import memory_of, memory_to_fit, request_of
+from stages.command.machine import memory_of, memory_to_fit
+from stages.command.request import request_of
 from stages.decomposition_under_light import within
 from stages.formats.artefacts.camera_file import read_cameras
 from stages.formats.artefacts.correspondence_files import CorrespondenceFiles, numbered_correspondences

@@ -1,0 +1,158 @@
+"""Sources of a run: what the command line and the configuration name, checked."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import stages
+from pipeline import UserError, former_names
+from pipeline.config import Config, read_config
+from pipeline.errors import shortened
+from pipeline.files.file_kinds import FILE, FOLDER, is_folder, kind_of_file
+from pipeline.process.library_messages import library_messages_in
+from pipeline.request import Absent
+from stages.command.arguments import Given
+from stages.scene.datasets import Dataset, find_dataset
+
+SOURCE_OF_FLAG = {
+    "images": "images",
+    "colmap": "colmap",
+    "mesh": "mesh_file",
+    "masks": "masks",
+    "object": "object",
+    "environment": "environment",
+    "known_light": "known_light",
+}
+LIGHTS = ("light", "known_light", "environment")
+FILES = {"mesh", "object", "environment", "light", "known_light"}
+DATASET_PHOTOS = "images"
+
+
+def config_of(command: Given) -> Config:
+    """Read the configuration file; without one, return an empty configuration.
+
+    Raises
+    ------
+    UserError
+        There is no such file, or it is not a configuration.
+    """
+    if command.config is None:
+        return Config()
+    if is_folder(command.config):
+        raise UserError(
+            f"The configuration {command.config} is a folder; expected a YAML file. A folder of photos is "
+            f"given by `--images {command.config}`, one with a COLMAP model by `--colmap {command.config}`."
+        )
+    names = [stage.name for stage in stages.ALL_STAGES]
+    return read_config(command.config, [*SOURCE_OF_FLAG, "dataset"], names, former_names(stages.ALL_STAGES))
+
+
+def sources_of(command: Given, config: Config) -> dict[str, Path]:
+    """Collect the sources that were given, those on the command line before those of the configuration."""
+    sources = {}
+    if dataset := dataset_of(command, config):
+        sources["images"] = dataset.folder / DATASET_PHOTOS
+    for flag, name in SOURCE_OF_FLAG.items():
+        given = getattr(command, flag)
+        if given is None and flag in config.sources:
+            given = beside(config, config.sources[flag])
+        if given is not None:
+            sources[name] = existing(flag, given)
+    if "colmap" in sources and "images" not in sources and is_folder(sources["colmap"] / "images"):
+        sources["images"] = sources["colmap"] / "images"
+    return sources
+
+
+def dataset_of(command: Given, config: Config) -> Dataset | None:
+    """Find the data set that the photos are of, if the configuration names one and no folder was given."""
+    named = "dataset" in config.sources and command.images is None
+    return find_dataset(config.sources["dataset"]) if named else None
+
+
+def absent_sources(command: Given, config: Config) -> dict[str, Absent]:
+    """Describe the photos of a data set that is not on this machine; a user's own folder has to be here."""
+    dataset = dataset_of(command, config)
+    if dataset is None or dataset.is_here():
+        return {}
+    return {"images": Absent(dataset.digests(DATASET_PHOTOS), dataset.fetch)}
+
+
+def beside(config: Config, path: str) -> Path:
+    """Resolve a path in a configuration relative to its folder; ~ is the user's home."""
+    try:
+        return Path(os.path.normpath(config.folder / Path(path).expanduser()))
+    except RuntimeError as error:
+        raise UserError(
+            f"The path {path} in the configuration begins with a home that is not known here ({error}); "
+            "write it in full."
+        ) from error
+
+
+def existing(flag: str, path: Path) -> Path:
+    """Check that the path exists and is of the right kind, and return it."""
+    expected, flag = FILE if flag in FILES else FOLDER, flag.replace("_", "-")
+    try:
+        kind = kind_of_file(path)
+    except (FileNotFoundError, NotADirectoryError):
+        raise UserError(
+            f"--{flag} {shortened(str(path))} does not exist; expected {expected}. Check the path."
+        ) from None
+    except OSError as error:
+        raise UserError(
+            f"--{flag} {shortened(str(path))} cannot be looked up ({error.strerror}); expected {expected}. "
+            "Check the path."
+        ) from error
+    if kind != expected:
+        raise UserError(f"--{flag} {path} is {kind}; expected {expected}.")
+    return path
+
+
+def check_lights(sources: Mapping[str, Path]) -> None:
+    """Refuse a picture of light that cannot be one, before the stages that lead to its use are run.
+
+    Raises
+    ------
+    UserError
+        As `read_environment`.
+    """
+    for name in (one for one in LIGHTS if one in sources):
+        from stages.formats.images.photos import read_environment
+
+        with library_messages_in(Path(os.devnull)):
+            read_environment(sources[name])
+
+
+def check_text(path: Path) -> None:
+    """Refuse a path that is not text: libraries take names as UTF-8, and would not find it.
+
+    Raises
+    ------
+    UserError
+        Some bytes of its name, or of the name of a folder above it, are not UTF-8.
+    """
+    name = os.fsencode(path.absolute())
+    try:
+        name.decode("utf-8")
+    except UnicodeDecodeError:
+        raise UserError(
+            f"The path {name!r} is not UTF-8; expected names in UTF-8. Rename what it names, or choose "
+            "another place."
+        ) from None
+
+
+def check_apart(workspace: Path, sources: dict[str, Path]) -> None:
+    """Refuse a workspace in the folder of a source: the next run would read its results as that source.
+
+    Raises
+    ------
+    UserError
+        The workspace lies in such a folder.
+    """
+    for name, place in sources.items():
+        if workspace.resolve().is_relative_to(place.resolve()):
+            raise UserError(
+                f"The workspace {workspace} lies in {place.resolve()}, the folder of the source {name!r}, "
+                "which would come to hold results; expected a place outside. Choose one with --workspace DIR."
+            )
