@@ -89,8 +89,8 @@ LENT = {  # who may import a library whose objects are its own world; everyone e
     "pycolmap": {
         "sfm.py",
         "mvs.py",  # whether it has CUDA
-        "adopt_model.py",
         "undistort.py",
+        "formats/colmap/adoption.py",
         "formats/colmap/assembly.py",
         "formats/colmap/binary_files.py",
         "formats/colmap/model.py",
