@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipeline import AnyStage, Flow, Settings, Source, UserError, settings_of
+from stages.adopt_cameras import ADOPT_CAMERAS
 from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
 from stages.correspondence import CORRESPONDENCE
@@ -56,6 +57,8 @@ MODEL_FILES = (  # not *.bin: a dense workspace holds gigabytes of depth maps
 SOURCES = (
     Source("images", IMAGE_SUFFIXES),
     Source("colmap", MODEL_FILES),
+    Source("camera_file", (".txt",)),  # of a folder, the files of single photos
+    Source("photo_list"),
     Source("mesh_file"),
     Source("masks", IMAGE_SUFFIXES),
     Source("object"),
@@ -76,7 +79,7 @@ DATAFLOW: Flow = (
     DECOMPOSITION_UNDER_LIGHT,  # Eq. 1–4, 9–18: ρ
     EXPORT,  #         PNG files, a COLMAP workspace
 )
-ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_MESH)
+ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_MESH)
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
 AFTERWARDS: Flow = (FULL_RESOLUTION, TEXTURE, RELIGHT)  # on demand, from a finished result
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
@@ -94,8 +97,8 @@ def dataflow(given: Collection[str], light: str = "directions") -> Flow:
     Raises
     ------
     UserError
-        There are no photos, there is an object or environment but no `render` section, or a mesh without the
-        cameras in whose frame it is.
+        There are no photos, there is an object or environment but no `render` section, there are two kinds
+        of cameras, or a mesh without the cameras in whose frame it is.
     """
     if "object" in given or "environment" in given:
         raise UserError(
@@ -106,12 +109,16 @@ def dataflow(given: Collection[str], light: str = "directions") -> Flow:
         raise UserError(
             "No photos were given; expected --images DIR, or `images` under `sources` in a configuration."
         )
-    if "mesh_file" in given and "colmap" not in given:
+    cameras = {"colmap": ADOPT_MODEL, "camera_file": ADOPT_CAMERAS}
+    adopting = [stage for name, stage in cameras.items() if name in given]
+    if len(adopting) > 1:
+        raise UserError("--colmap and --cameras were given; expected one kind of cameras. Leave out one.")
+    if "mesh_file" in given and not adopting:
         raise UserError(
-            "--mesh was given without --colmap: a mesh has a meaning only in the frame of its cameras. "
-            "Give the COLMAP model that it belongs to."
+            "--mesh was given without --colmap or --cameras: a mesh has a meaning only in the frame of its "
+            "cameras. Give the COLMAP model, or the file of cameras, that it belongs to."
         )
-    model = ADOPT_MODEL if "colmap" in given else SFM
+    model = adopting[0] if adopting else SFM
     surface = (ADOPT_MESH,) if "mesh_file" in given else (MVS, MESH)
     return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
 

@@ -21,6 +21,7 @@ WHOLE = {
     "test_accuracy",
     "test_accuracy_benchmark",
     "test_albedo_detail",
+    "test_cameras_of_others",
     "test_divided_light",
     "test_fast_solver_parts",
     "test_full_resolution",

@@ -76,6 +76,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "formats/images": {"colour", "decoders"},
     "formats/meshes": {"images", "colour"},
     "formats/colmap": {"images"},
+    "formats/cameras": {"colmap", "images"},
     "formats/artefacts": {"images", "decoders"},
     "stereo/depth": set(),
     "synthetic/subjects": set(),
@@ -90,6 +91,7 @@ LENT = {  # who may import a library whose objects are its own world; everyone e
         "sfm.py",
         "mvs.py",  # whether it has CUDA
         "undistort.py",
+        "formats/cameras/colmap_model.py",
         "formats/colmap/adoption.py",
         "formats/colmap/assembly.py",
         "formats/colmap/binary_files.py",
@@ -350,7 +352,13 @@ def test_every_dataflow_is_sound():
     import stages
     from pipeline.request import check_flow
 
-    for given in (["images"], ["images", "colmap"], ["images", "colmap", "mesh_file"], ["images", "masks"]):
+    for given in (
+        ["images"],
+        ["images", "colmap"],
+        ["images", "colmap", "mesh_file"],
+        ["images", "masks"],
+        ["images", "camera_file"],
+    ):
         for light in ("paper", "harmonics", "directions"):
             check_flow(stages.dataflow(given, light), stages.SOURCES)
     for given in ([], ["object"], ["environment"], ["object", "environment"]):

@@ -37,8 +37,11 @@ class Given:
         Folder of photos.
     colmap
         Folder with a COLMAP model: its cameras are used instead of running structure from motion.
+    cameras
+        Cameras of another program, used likewise: transforms.json (NeRF, nerfstudio), bundle.out (Bundler),
+        cameras.sfm (Meshroom), XML (Metashape), or matrices, a line or a file for each photo.
     mesh
-        Mesh in the frame of that model, used instead of dense stereo and reconstruction.
+        Mesh in the frame of these cameras, used instead of dense stereo and reconstruction.
     masks
         Folder of masks named like the photos, white = keep.
     object
@@ -71,6 +74,7 @@ class Given:
     workspace: Folder = None
     images: Folder = None
     colmap: Folder = None
+    cameras: File = None
     mesh: File = None
     masks: Folder = None
     object: File = None

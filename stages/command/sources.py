@@ -19,6 +19,7 @@ from stages.scene.datasets import Dataset, find_dataset
 SOURCE_OF_FLAG = {
     "images": "images",
     "colmap": "colmap",
+    "cameras": "camera_file",
     "mesh": "mesh_file",
     "masks": "masks",
     "object": "object",
@@ -28,6 +29,11 @@ SOURCE_OF_FLAG = {
 LIGHTS = ("light", "known_light", "environment")
 FILES = {"mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
+PHOTO_LIST = "list.txt"  # of Bundler, beside its bundle or in the folder above
+CAMERAS_OF_OTHERS = (  # names of files that --cameras takes
+    *("transforms.json", "transforms_train.json", "bundle.out", "bundle/bundle.out"),
+    *("cameras.sfm", "sfm.json", "sfm.sfm", "cameras.xml"),
+)
 
 
 def config_of(command: Given) -> Config:
@@ -60,9 +66,42 @@ def sources_of(command: Given, config: Config) -> dict[str, Path]:
             given = beside(config, config.sources[flag])
         if given is not None:
             sources[name] = existing(flag, given)
-    if "colmap" in sources and "images" not in sources and is_folder(sources["colmap"] / "images"):
-        sources["images"] = sources["colmap"] / "images"
+    if "camera_file" in sources and (listed := photo_list_of(sources["camera_file"])):
+        sources["photo_list"] = listed
+    if "colmap" in sources:
+        refuse_cameras_of_others(sources["colmap"])
+    beside_cameras = [sources["colmap"]] if "colmap" in sources else []
+    beside_cameras += [sources["camera_file"].parent] if "camera_file" in sources else []
+    for folder in beside_cameras:
+        if "images" not in sources and is_folder(folder / "images"):
+            sources["images"] = folder / "images"
     return sources
+
+
+def photo_list_of(cameras: Path) -> Path | None:
+    """Find the list of photos that Bundler wrote beside a bundle, or in the folder above; None of others."""
+    if cameras.suffix != ".out":
+        return None
+    folder = cameras.absolute().parent
+    places = (folder / PHOTO_LIST, folder.parent / PHOTO_LIST)
+    return next((place for place in places if place.is_file()), None)
+
+
+def refuse_cameras_of_others(folder: Path) -> None:
+    """Refuse a folder given as that of a COLMAP model, if it holds another program's cameras instead.
+
+    Raises
+    ------
+    UserError
+        It does, and no model of COLMAP.
+    """
+    there = [name for name in CAMERAS_OF_OTHERS if (folder / name).is_file()]
+    of_colmap = (f"{place}cameras.{form}" for place in ("", "*/", "*/*/") for form in ("bin", "txt"))
+    if there and not any(any(folder.glob(pattern)) for pattern in of_colmap):
+        raise UserError(
+            f"--colmap {folder} holds {there[0]} and no COLMAP model; cameras of other programs are given by "
+            f"`--cameras {folder / there[0]}`."
+        )
 
 
 def dataset_of(command: Given, config: Config) -> Dataset | None:
@@ -92,7 +131,8 @@ def beside(config: Config, path: str) -> Path:
 
 def existing(flag: str, path: Path) -> Path:
     """Check that the path exists and is of the right kind, and return it."""
-    expected, flag = FILE if flag in FILES else FOLDER, flag.replace("_", "-")
+    kinds = (FILE, FOLDER) if flag == "cameras" else (FILE,) if flag in FILES else (FOLDER,)
+    expected, flag = " or ".join(kinds), flag.replace("_", "-")
     try:
         kind = kind_of_file(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -104,8 +144,11 @@ def existing(flag: str, path: Path) -> Path:
             f"--{flag} {shortened(str(path))} cannot be looked up ({error.strerror}); expected {expected}. "
             "Check the path."
         ) from error
-    if kind != expected:
-        raise UserError(f"--{flag} {path} is {kind}; expected {expected}.")
+    if kind not in kinds:
+        hint = (
+            f" A file of cameras is given by `--cameras {path}`." if (flag, kind) == ("colmap", FILE) else ""
+        )
+        raise UserError(f"--{flag} {path} is {kind}; expected {expected}.{hint}")
     return path
 
 

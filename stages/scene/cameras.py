@@ -90,6 +90,13 @@ def intrinsics_for_integer_centres(intrinsics: np.ndarray) -> np.ndarray:
     return shifted
 
 
+def intrinsics_from_first_pixel(intrinsics: np.ndarray, first_pixel_px: float) -> np.ndarray:
+    """Shift K, whose first pixel's centre is at `first_pixel_px` on both axes, to put it at (0.5, 0.5)."""
+    shifted = intrinsics.copy()
+    shifted[:2, 2] += 0.5 - first_pixel_px
+    return shifted
+
+
 def rays_in_world(camera: Camera) -> np.ndarray:
     """Compute the direction of every pixel's ray, (height, width, 3), world axes, **z = 1 in the camera**.
 

@@ -10,6 +10,7 @@ import pycolmap
 
 from pipeline import UserError
 from stages.scene.cameras import FARTHEST
+from stages.scene.poses import UNROUND
 
 # Bounds of what a lens can be. They check input, far outside of what any camera has, and shape no result: a
 # model that is refused has to be exported again, whatever the bound. So they are no settings.
@@ -20,7 +21,6 @@ MOST_STRETCHED = 4.0  # what a lens with a rim makes of a distance from its cent
 FAR_OUT = 0.25  # diagonals from the centre, where the drawing out of the image is measured
 UNDONE_PX = 1  # a pixel that comes back so near has been undone
 LEAST_INVERTIBLE = 0.2  # share of the image; fitted lenses fold in corners that no point was seen in
-UNROUND = 1e-3  # how far quaternions may be from unit length: as those that are written with four digits
 WIDE = ("FISHEYE", "FOV", "EUCM")  # in their names: a pinhole is no measure of them
 
 
@@ -42,21 +42,22 @@ def check_cameras(model: pycolmap.Reconstruction, source: Path | str) -> None:
             f"The COLMAP model in {source} has poses of images that it does not hold "
             f"({' '.join(str(error).split())[:200]}); it was cut off or damaged. Export it again."
         ) from error
-    for camera_id in sorted({image.camera_id for image in images}):
+    of_camera = {image.camera_id: image.name for image in reversed(images)}
+    for camera_id, name in sorted(of_camera.items()):
         if fault := _fault_of(model.cameras[camera_id]):
             camera = model.cameras[camera_id]
             raise UserError(
-                f"Camera {camera_id} of the COLMAP model in {source} has impossible parameters: {fault} "
+                f"Camera {camera_id} in {source}, of {name}, has impossible parameters: {fault} "
                 f"({camera.model_name}, {camera.width} × {camera.height}, {camera.params_to_string()}). "
-                "Export the model again."
+                "Export the cameras again."
             )
     for image in images:
         pose = image.cam_from_world()
         if not _is_pose(pose):
             raise UserError(
-                f"{image.name} in the COLMAP model in {source} has a pose that is not one (rotation "
+                f"{image.name} in {source} has a pose that is not one (rotation "
                 f"{pose.rotation.quat.tolist()}, translation {pose.translation.tolist()}); expected numbers "
-                f"below {FARTHEST:g} and a rotation. Export the model again."
+                f"below {FARTHEST:g} and a rotation. Export the cameras again."
             )
 
 
@@ -82,7 +83,7 @@ def _fault_of(camera: pycolmap.Camera) -> str:
     if not len(focal_px) or len(camera.principal_point_idxs()) < 2:
         return ""  # all around: neither has a meaning there
     centre = np.asarray(camera.params)[list(camera.principal_point_idxs())]
-    corner = float(np.hypot(*size)) / 2 / focal_px.min()
+    corner = float(np.hypot(*size)) / 2 / float(focal_px.min())
     if not NARROWEST <= corner <= WIDEST:
         return f"a focal length of {focal_px.min():g} px"
     if np.hypot(*(centre - size / 2)) > FARTHEST_CENTRE * focal_px.min() + np.hypot(*size):

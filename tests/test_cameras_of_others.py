@@ -1,0 +1,130 @@
+"""`--cameras` as its users meet it: from a file of another program to the albedo, and on real files."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stages.cli import main
+from stages.formats.cameras.transforms_json import write_transforms
+from stages.formats.colmap.model import cameras_of, read_model, registered
+from stages.formats.images.exr import read_exr
+from stages.formats.images.masks import read_mask
+from stages.formats.images.photos import read_photo
+from stages.formats.meshes.mesh_files import read_mesh_file
+from stages.scene.cameras import project
+
+SAMPLE = Path(__file__).parent.parent / "sample_data"
+LINEAR = SAMPLE / "linear"
+WITH_MESH = ["--mesh", SAMPLE / "truth/mesh.ply"]
+SMALL = ("undistort.max_size_px=96", "transfer.max_vertices=1500", "transfer.sky_directions=64")
+QUICK = [word for setting in SMALL for word in ("--set", setting)]
+
+
+def unshade(capsys, *words: str | Path) -> tuple[int, str]:
+    """Exit code and error output, in one line."""
+    code = main([str(word) for word in words])
+    return code, " ".join(capsys.readouterr().err.split())
+
+
+@pytest.fixture(scope="module")
+def from_transforms(tmp_path_factory) -> Path:
+    """The workspace of a run with cameras from `transforms.json`, to the end."""
+    folder = tmp_path_factory.mktemp("transforms")
+    write_transforms(
+        folder / "t.json", cameras_of(read_model(LINEAR / "sparse")), "images/{name}.exr", "{name}"
+    )
+    words = ["run", "--cameras", folder / "t.json", "--images", LINEAR / "images", *WITH_MESH, *QUICK]
+    assert main([str(word) for word in [*words, "--workspace", folder / "w"]]) == 0
+    return folder / "w"
+
+
+def test_cameras_of_transforms_json_give_the_albedo_of_the_same_cameras_of_colmap(
+    from_transforms, tmp_path, capsys
+):
+    words = ["run", "--colmap", LINEAR, *WITH_MESH, *QUICK, "--workspace", tmp_path / "w"]
+    assert unshade(capsys, *words)[0] == 0
+    for path in (tmp_path / "w/output/albedo").glob("*.exr"):
+        mask = read_mask(tmp_path / "w/output/mask" / f"{path.stem}.png")
+        plain, other = read_exr(path)[mask], read_exr(from_transforms / "output/albedo" / path.name)[mask]
+        assert np.abs(other - plain).mean() < 1e-3 * plain.mean()
+
+
+def test_photos_and_lists_beside_the_cameras_are_found(tmp_path, capsys):
+    """Bundler's own folders: bundle/bundle.out, list.txt above; another list is other cameras."""
+    shutil.copytree(LINEAR / "images", tmp_path / "images")
+    (tmp_path / "bundle").mkdir()
+    rows = "312 0 0\n1 0 0\n0 1 0\n0 0 1\n0 0 -3\n" + "0 0 0\n" * 5
+    (tmp_path / "bundle/bundle.out").write_text(f"# Bundle file v0.3\n2 0\n{rows}")
+    words = ["run", "--cameras", tmp_path / "bundle/bundle.out", "--images", tmp_path / "images"]
+    words += ["--workspace", tmp_path / "w", "--to", "adopt_cameras", "--json"]
+    for name in ("003", "009"):
+        (tmp_path / "list.txt").write_text(f"./{name}.exr 0 312\n./001.exr\n")
+        assert unshade(capsys, *words)[0] == 0
+    models = (tmp_path / "w/cache/adopt_cameras").glob("*/model")
+    assert sorted(image.name for model in models for image in registered(read_model(model))) == [
+        "003.exr",
+        "009.exr",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--colmap", "transforms.json"], "A file of cameras is given by `--cameras transforms.json`."),
+        (
+            ["--colmap", "."],
+            "holds transforms.json and no COLMAP model; cameras of other programs are given by",
+        ),
+        (["--cameras", "transforms.json", "--colmap", str(LINEAR)], "expected one kind of cameras"),
+        (["--cameras", "nowhere.json"], "does not exist; expected a file or a folder"),
+        (["--mesh", "transforms.json"], "--mesh was given without --colmap or --cameras"),
+        (["--cameras", "transforms.json"], "is JSON of []; expected transforms.json, Bundler's"),
+    ],
+)
+def test_a_mistake_gets_a_sentence(words, says, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("transforms.json").write_text("{}")
+    code, said = unshade(capsys, "run", *words, "--images", LINEAR / "images", "--workspace", "../w")
+    assert code == 2
+    assert says in said
+
+
+def test_a_bundle_of_bundler_shows_its_points_where_it_saw_them(data_folder, tmp_path, capsys):
+    """Kermit, nine of eleven photos placed: its own observations are the truth."""
+    kermit = data_folder / "photos-bundler-kermit"
+    bundle = kermit / "results.example/bundle.out"
+    words = ["run", "--cameras", bundle, "--images", kermit, "--workspace", tmp_path / "w"]
+    assert unshade(capsys, *words, "--to", "adopt_cameras")[0] == 0
+    (folder,) = (tmp_path / "w/cache/adopt_cameras").glob("*/model")
+    model = read_model(folder)
+    images = {image.name: image for image in registered(model)}
+    assert len(images) == 9
+    lines = bundle.read_text().splitlines()[2 + 5 * 11 :]
+    off_px = []
+    for position, seen_by in zip(lines[::3], lines[2::3], strict=True):
+        x_in_world = np.array(position.split(), float)
+        for camera_index, _, x, y in np.array(seen_by.split()[1:], float).reshape(-1, 4):
+            image = images[f"kermit{int(camera_index):03}.jpg"]
+            camera = model.cameras[image.camera_id]
+            xy = camera.img_from_cam(image.cam_from_world() * x_in_world)
+            off_px.append(np.hypot(*(xy - [camera.width / 2 + x, camera.height / 2 - y])))
+    assert len(off_px) > 1000
+    assert np.median(off_px) < 0.5
+
+
+def test_matrices_of_middlebury_put_the_object_where_the_photos_show_it(data_folder, tmp_path, capsys):
+    temple = data_folder / "photos-middlebury-temple"
+    words = ["run", "--cameras", temple / "templeSR_par.txt", "--images", temple]
+    assert unshade(capsys, *words, "--workspace", tmp_path / "w", "--to", "undistort")[0] == 0
+    (folder,) = (tmp_path / "w/cache/undistort").glob("*/workspace/sparse")
+    hull = read_mesh_file(temple / "visual_hull.ply").vertices
+    for camera in cameras_of(read_model(folder)):
+        bright = np.argwhere(read_photo(temple / f"{camera.name}.png").max(axis=2) > 0.05)[:, ::-1]
+        shown, _ = project(camera, np.asarray(hull, float))
+        inside = ((bright >= shown.min(axis=0)) & (bright <= shown.max(axis=0))).all(axis=1)
+        assert inside.mean() > 0.95, camera.name
+        assert np.abs(bright.mean(axis=0) - (shown.min(axis=0) + shown.max(axis=0)) / 2).max() < 60
