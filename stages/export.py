@@ -1,4 +1,4 @@
-"""Results in common formats: PNGs at one scale, a COLMAP workspace of albedo maps, a contact sheet."""
+"""Results in common formats: PNGs at one scale, a COLMAP workspace, `transforms.json`, a contact sheet."""
 
 from __future__ import annotations
 
@@ -82,6 +82,7 @@ def warn_of_dark_pictures(job: Job[ExportSettings], kind: str, white: float, mid
 def run(job: Job[ExportSettings]) -> None:
     """Encode the maps, view by view."""
     from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.cameras.transforms_json import write_transforms
     from stages.formats.images.contact_sheet import contact_sheet
     from stages.formats.images.photos import write_png8
 
@@ -111,6 +112,7 @@ def run(job: Job[ExportSettings]) -> None:
         contact_sheet(rows, ["photo", "albedo", "shading", "normals (world axes)"], settings.sheet_width_px),
     )
     write_dense_model(job, cameras)
+    write_transforms(job.outputs["transforms"], cameras, "dense/images/{name}.png", "mask/{name}.png")
     write_scales(job.outputs["scales"], whites)
     job.note(png_white={kind: float(f"{white:.6g}") for kind, white in whites.items()})
 
@@ -187,8 +189,8 @@ def write_scales(path: Path, whites: dict[str, float]) -> None:
 EXPORT = Stage(
     name="export",
     formerly=("deliver",),
-    version=2,
-    about="PNGs at one common scale, a COLMAP workspace of albedo maps, a contact sheet.",
+    version=3,
+    about="PNGs at one common scale, a COLMAP workspace of albedo maps, cameras for NeRF, a contact sheet.",
     settings=ExportSettings,
     takes=("linear", "albedo", "shading", "normal", "mask", "depth", "cameras", "workspace"),
     gives=(
@@ -196,6 +198,12 @@ EXPORT = Stage(
         Artefact("shading_png", "shading per view, 16-bit sRGB PNG", output="shading"),
         Artefact("scales", "what PNG white stands for", file="png_scale.json", output="png_scale.json"),
         Artefact("dense", "COLMAP workspace whose images are the albedo maps", output="dense"),
+        Artefact(
+            "transforms",
+            "the cameras and albedo images as nerfstudio takes them",
+            file="transforms.json",
+            output="transforms.json",
+        ),
         Artefact(
             "contact_sheet",
             "photo, albedo, shading, normals",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -51,6 +52,20 @@ def test_cameras_of_transforms_json_give_the_albedo_of_the_same_cameras_of_colma
         mask = read_mask(tmp_path / "w/output/mask" / f"{path.stem}.png")
         plain, other = read_exr(path)[mask], read_exr(from_transforms / "output/albedo" / path.name)[mask]
         assert np.abs(other - plain).mean() < 1e-3 * plain.mean()
+
+
+def test_transforms_json_that_a_run_wrote_gives_the_cameras_that_it_had(from_transforms, tmp_path, capsys):
+    output = from_transforms / "output"
+    frames = json.loads((output / "transforms.json").read_text())["frames"]
+    assert all((output / frame[key]).is_file() for frame in frames for key in ("file_path", "mask_path"))
+    words = ["run", "--cameras", output / "transforms.json", "--images", output / "dense/images"]
+    assert unshade(capsys, *words, "--workspace", tmp_path / "w", "--to", "adopt_cameras")[0] == 0
+    (model,) = (tmp_path / "w/cache/adopt_cameras").glob("*/model")
+    read, written = cameras_of(read_model(model)), json.loads((output / "cameras.json").read_text())
+    for camera, was in zip(read, written, strict=True):
+        assert (camera.name, camera.width, camera.height) == (was["name"], was["width"], was["height"])
+        np.testing.assert_allclose(camera.intrinsics, was["intrinsics"], atol=1e-6)
+        np.testing.assert_allclose(camera.cam_from_world, was["cam_from_world"], atol=1e-6)
 
 
 def test_photos_and_lists_beside_the_cameras_are_found(tmp_path, capsys):
