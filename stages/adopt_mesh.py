@@ -41,12 +41,12 @@ def run(job: Job[AdoptMeshSettings]) -> None:
 
 ADOPT_MESH = Stage(
     name="adopt_mesh",
-    version=4,
+    version=5,
     about="The user's own mesh, in the frame of the cameras.",
     settings=AdoptMeshSettings,
     takes=("mesh_file",),
     gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
     run=run,
-    tools=("numpy", "scipy", "trimesh", *OPEN3D),
+    tools=("numpy", "scipy", *OPEN3D),
     saves_memory="give a mesh of fewer faces",
 )

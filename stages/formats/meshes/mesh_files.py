@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from pipeline import UserError
-from stages.formats.meshes.glb import read_glb
+from stages.formats.meshes.glb import read_glb, read_glb_with_uv
 from stages.formats.meshes.ply import read_ply
-from stages.formats.meshes.polygon_texts import read_obj, read_off
+from stages.formats.meshes.ply_uv import read_ply_with_uv
+from stages.formats.meshes.polygon_texts import read_obj, read_obj_with_uv, read_off
+from stages.formats.meshes.polygons import Polygons, UVMap, checked_uv_map
 from stages.formats.meshes.stl import read_stl
 from stages.formats.meshes.triangle_meshes import Surface, from_polygons
 
@@ -19,6 +21,7 @@ READERS = {
     ".stl": read_stl,
     ".glb": read_glb,
 }
+READERS_WITH_UV = {".ply": read_ply_with_uv, ".obj": read_obj_with_uv, ".glb": read_glb_with_uv}
 
 
 def read_mesh_file(path: Path) -> Surface:
@@ -34,3 +37,22 @@ def read_mesh_file(path: Path) -> Surface:
     if reader is None:
         raise UserError(f"{path} is of an unknown kind; expected PLY, OBJ, STL, OFF or GLB: convert it.")
     return from_polygons(path, reader(path))
+
+
+def read_uv_map(path: Path) -> tuple[Polygons, UVMap] | None:
+    """Read the faces of a mesh file and their texture coordinates; None for a file without any.
+
+    The faces are those of `read_mesh_file`, in their order, before they are divided into triangles. Those of
+    an OBJ share its positions, whatever parts them there.
+
+    Raises
+    ------
+    UserError
+        It cannot be read, or its texture coordinates are not whole: see `checked_uv_map`.
+    """
+    reader = READERS_WITH_UV.get(path.suffix.lower())
+    if reader is None:
+        return None
+    polygons, found = reader(path)
+    checked = checked_uv_map(path, polygons, found)
+    return None if checked is None else (polygons, checked)

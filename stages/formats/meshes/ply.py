@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ TYPES = {
 }
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 INDICES = ("vertex_indices", "vertex_index")
+TEXTURE_FILE = ["comment", "TextureFile"]
 LONGEST_HEADER = 1 << 20  # bytes
 END_OF_HEADER = re.compile(rb"ply[ \t]*(\r\n|\n|\r)((?:.*?(?:\r\n|\n|\r))??)end_header[ \t]*\1", re.DOTALL)
 MOST_PROPERTIES = 256  # of an element; scans with all their attributes have some thirty
@@ -66,11 +67,17 @@ class Ply:
         By property name, in the types that the header declares.
     sizes, corners : ndarray
         As in `Polygons`; empty where there are no faces.
+    face : mapping of str to ndarray
+        What else the file has of faces; of a list, all its items in a row, and ``NAME sizes``.
+    textures : tuple of str
+        Names of images, as MeshLab writes them in comments.
     """
 
     vertex: Columns
     sizes: np.ndarray
     corners: np.ndarray
+    face: Columns = field(default_factory=dict)
+    textures: tuple[str, ...] = ()
 
     def columns(self, *names: str) -> np.ndarray | None:
         """Stack vertex properties, (v, n), float64; None where one of them is missing."""
@@ -99,7 +106,7 @@ def read_ply(path: Path) -> Ply:
         fewer than three corners.
     """
     data = path.read_bytes()
-    order, elements, start = _read_header(path, data)
+    order, elements, textures, start = _read_header(path, data)
     found = {}
     try:
         rows = _TextRows(data[start:]) if order == "" else _BinaryRows(data, start, order)
@@ -129,7 +136,7 @@ def read_ply(path: Path) -> Ply:
             f"{path} has a face with {sizes.min()} corners (number {int(sizes.argmin())}); expected three or "
             "more. Export the mesh again."
         )
-    return Ply(vertex, sizes.astype(np.int64), _as_indices(path, corners))
+    return Ply(vertex, sizes.astype(np.int64), _as_indices(path, corners), faces, textures)
 
 
 def write_ply(path: Path, vertices: Mapping[str, np.ndarray], faces: np.ndarray | None = None) -> None:
@@ -169,16 +176,18 @@ def _as_indices(path: Path, corners: np.ndarray) -> np.ndarray:
     return whole
 
 
-def _read_header(path: Path, data: bytes) -> tuple[str, list[Element], int]:
-    """Byte order ("" for text), what is promised, and where the body begins."""
+def _read_header(path: Path, data: bytes) -> tuple[str, list[Element], tuple[str, ...], int]:
+    """Byte order ("" for text), what is promised, names of textures, and where the body begins."""
     head = END_OF_HEADER.match(data[:LONGEST_HEADER])
     if head is None:
         raise UserError(f"{path} has no PLY header; expected a file that begins with 'ply'. Export it again.")
     lines, start = head[2].decode("ascii", "replace").splitlines(), head.end()
-    order, elements = "", []
+    order, elements, textures = "", list[Element](), []
     try:
         for words in filter(None, (line.split() for line in lines)):
-            if words[0] == "format":
+            if words[:2] == TEXTURE_FILE:
+                textures.append(" ".join(words[2:]))
+            elif words[0] == "format":
                 order = ORDERS[words[1]]
             elif words[0] == "element":
                 elements.append(Element(words[1], _count(words[2]), ()))
@@ -198,7 +207,7 @@ def _read_header(path: Path, data: bytes) -> tuple[str, list[Element], int]:
                 f"{path} promises {element.count} rows of {element.name} and holds {len(data)} bytes in all; "
                 "it was cut off or damaged. Copy or export it again."
             )
-    return order, elements, start
+    return order, elements, tuple(textures), start
 
 
 def _count(word: str) -> int:

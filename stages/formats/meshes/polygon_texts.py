@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from pipeline import UserError
-from stages.formats.meshes.polygons import FEWEST_CORNERS, Polygons
+from stages.formats.meshes.polygons import FEWEST_CORNERS, Polygons, UVMap, material_numbers
 
 LARGEST_INDEX = 2**62
 BOM = b"\xef\xbb\xbf"
@@ -17,6 +18,25 @@ FACES = (b"f", b"fo")  # the second is the first's older name
 CURVES = (b"surf", b"curv", b"curv2")
 CONTINUED = (b"v", b"vt", b"vn", b"l", b"p", *FACES)
 OFF_HEAD = re.compile(rb"(?:(?:ST)?C?N?OFF)? ?(\d+ \d+.*)?", re.ASCII)
+
+
+@dataclass
+class _Obj:
+    """What the lines of an OBJ say; of each corner the numbers of its ``v``, ``vt`` and ``vn``, from 0."""
+
+    positions: list[list[float]] = field(default_factory=list)
+    uv: list[list[float]] = field(default_factory=list)
+    sizes: list[int] = field(default_factory=list)
+    corners: list[tuple[int, ...]] = field(default_factory=list)
+    materials: list[str] = field(default_factory=list)
+
+    @property
+    def vertices(self) -> np.ndarray:
+        return np.array(self.positions, np.float64).reshape(-1, 3)
+
+    @property
+    def triples(self) -> np.ndarray:
+        return np.array(self.corners, np.int64).reshape(-1, 3)
 
 
 def read_obj(path: Path) -> Polygons:
@@ -30,32 +50,55 @@ def read_obj(path: Path) -> Polygons:
     UserError
         A line cannot be read, or a face has fewer than three corners or one that is not there.
     """
-    positions: list[list[float]] = []
-    sizes: list[int] = []
-    corners: list[tuple[int, ...]] = []
+    found = _parsed_obj(path, with_uv=False)
+    vertices, triples, counts = found.vertices, found.triples, np.array(found.sizes, np.int64)
+    if not len(triples) or (triples[:, 1:] < 0).all() or triples[:, 0].max() >= len(vertices):
+        return Polygons(vertices, counts, triples[:, 0])
+    parted, vertex_of_corner = np.unique(triples, axis=0, return_inverse=True)
+    return Polygons(vertices[parted[:, 0]], counts, vertex_of_corner.reshape(-1))
+
+
+def read_obj_with_uv(path: Path) -> tuple[Polygons, UVMap]:
+    """Read the faces of a Wavefront OBJ over its positions alone, ``v``; ``vt`` and ``usemtl`` beside them.
+
+    Raises
+    ------
+    UserError
+        As `read_obj`; or texture coordinates cannot be read.
+    """
+    found = _parsed_obj(path, with_uv=True)
+    material, names = material_numbers(found.materials)
+    uv_map = UVMap(
+        np.array(found.uv, np.float64).reshape(-1, 2), found.triples[:, 1], material, names, v_upwards=True
+    )
+    return Polygons(found.vertices, np.array(found.sizes, np.int64), found.triples[:, 0]), uv_map
+
+
+def _parsed_obj(path: Path, with_uv: bool) -> _Obj:
+    found, material = _Obj(), ""
     seen = {b"v": 0, b"vt": 0, b"vn": 0}
     for number, words in _lines_of(path):
         try:
             if words[0] in seen:
                 seen[words[0]] += 1
             if words[0] == b"v":
-                positions.append(_position(words))
+                found.positions.append(_position(words))
             elif words[0] in CURVES:
                 raise ValueError("curved surface is not read")
             elif words[0] in FACES:
-                sizes.append(_size(words))
-                corners += [_corner(word, tuple(seen.values())) for word in words[1:]]
+                found.sizes.append(_size(words))
+                found.corners += [_corner(word, tuple(seen.values())) for word in words[1:]]
+                found.materials.append(material)
+            elif with_uv and words[0] == b"vt":
+                found.uv.append(_texture_coordinate(words))
+            elif words[0] == b"usemtl":
+                material = b" ".join(words[1:]).decode("utf-8", "replace")
         except ValueError as error:
             raise UserError(
                 f"{path} cannot be read at line {number}, {b' '.join(words)[:60]!r} ({error}); it was cut "
                 "off or damaged. Export the mesh again."
             ) from error
-    vertices = np.array(positions, np.float64).reshape(-1, 3)
-    triples, counts = np.array(corners, np.int64).reshape(-1, 3), np.array(sizes, np.int64)
-    if not len(triples) or (triples[:, 1:] < 0).all() or triples[:, 0].max() >= len(vertices):
-        return Polygons(vertices, counts, triples[:, 0])
-    parted, vertex_of_corner = np.unique(triples, axis=0, return_inverse=True)
-    return Polygons(vertices[parted[:, 0]], counts, vertex_of_corner.reshape(-1))
+    return found
 
 
 def read_off(path: Path) -> Polygons:
@@ -114,6 +157,13 @@ def _position(words: list[bytes]) -> list[float]:
     if len(words) < 4:
         raise ValueError("a position has three numbers")
     return [float(word) for word in words[1:4]]
+
+
+def _texture_coordinate(words: list[bytes]) -> list[float]:
+    """Read u and v; v is 0 where a curve has u alone, a third number says nothing of an image."""
+    if len(words) < 2:
+        raise ValueError("a texture coordinate has one number or more")
+    return [float(words[1]), float(words[2]) if len(words) > 2 else 0.0]
 
 
 def _size(words: list[bytes]) -> int:

@@ -1,13 +1,19 @@
-"""Faces of any number of corners, as modelling tools write them, and the triangles that stand for them."""
+"""Faces of any number of corners, as modelling tools write them: their triangles, and their UV maps."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from pipeline import UserError
+
 FEWEST_CORNERS = 3
 MOST_FANS = 64  # tried of a face: its time grows with the square of its corners
+NO_UV = -1
+FARTHEST_UV = 1e6  # beyond it, single precision leaves no place inside a texture
+NAMELESS = "material"
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +37,35 @@ class Polygons:
     def triangle_count(self) -> int:
         """Number of triangles that these faces are divided into: Σ (corners − 2)."""
         return int((self.sizes - 2).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class UVMap:
+    """Texture coordinates of a mesh's corners, and the materials of its faces.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (n, 2), float64
+        In the file's order and orientation.
+    corners : ndarray, shape (sum of sizes,), int64
+        Row of `uv` of each corner of `Polygons`, `NO_UV` where it has none.
+    material : ndarray, shape (f,), int64
+        Of each face.
+    materials : tuple of str
+        Names.
+    v_upwards : bool
+        Whether v points up in the image, as OBJ and PLY have it, or down, as glTF.
+    """
+
+    uv: np.ndarray
+    corners: np.ndarray
+    material: np.ndarray
+    materials: tuple[str, ...]
+    v_upwards: bool
+
+    def with_v(self, upwards: bool) -> np.ndarray:
+        """Return the coordinates with v pointing up or down; to the bit as in the file where it has it so."""
+        return self.uv if upwards == self.v_upwards else np.column_stack([self.uv[:, 0], 1 - self.uv[:, 1]])
 
 
 def triangulate(polygons: Polygons) -> np.ndarray:
@@ -79,3 +114,49 @@ def _newell_normals(positions: np.ndarray) -> np.ndarray:
     """Normals, not normalised, (f, 3), of faces that need not be flat, (f, n, 3)."""
     relative = positions - positions[:, :1]
     return np.cross(relative, np.roll(relative, -1, axis=1)).sum(axis=1)
+
+
+def checked_uv_map(path: Path, polygons: Polygons, found: UVMap) -> UVMap | None:
+    """Check the UV map of a file; None where no face has one.
+
+    Raises
+    ------
+    UserError
+        Some faces have texture coordinates and others have none, a coordinate is not finite or beyond
+        `FARTHEST_UV`, or a corner names one that is not there.
+    """
+    without = found.corners == NO_UV
+    if without.all():
+        return None
+    if without.any():
+        bare = np.unique(np.repeat(np.arange(len(polygons.sizes)), polygons.sizes)[without])
+        raise UserError(
+            f"{path} has no texture coordinates on {len(bare)} of its {len(polygons.sizes)} faces (the first "
+            f"is number {bare[0]}); expected them on all or on none. Unwrap the rest, or set "
+            "texture.given_uv.keep=false for new charts."
+        )
+    if found.corners.min() < 0 or found.corners.max() >= len(found.uv):
+        raise UserError(
+            f"{path} has corners that name texture coordinates {found.corners.min()} to "
+            f"{found.corners.max()}; expected 0 to {len(found.uv) - 1}. Export the mesh again."
+        )
+    used = found.uv[found.corners]
+    if not (np.abs(used) <= FARTHEST_UV).all():
+        raise UserError(
+            f"{path} has texture coordinates that are not finite, or beyond {FARTHEST_UV:g}; expected "
+            "0 to 1, or a few tiles more. Unwrap the mesh again, or set texture.given_uv.keep=false."
+        )
+    return found
+
+
+def material_numbers(names: list[str]) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Number materials in the order in which faces first name them.
+
+    Parameters
+    ----------
+    names : list of str
+        Of each face; empty where it has none.
+    """
+    number: dict[str, int] = {}
+    material = np.array([number.setdefault(name or NAMELESS, len(number)) for name in names], np.int64)
+    return material, tuple(number)
