@@ -1,10 +1,10 @@
-"""A textured model: albedo, shading and confidence of the views in one atlas, as GLB and OBJ."""
+"""A textured model: albedo, shading and confidence of the views in textures, as GLB and OBJ."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,86 +15,86 @@ from stages.texturing.settings import TextureSettings
 if TYPE_CHECKING:
     import numpy as np
 
+    from stages.formats.meshes.textured_models import Texture
     from stages.scene.cameras import Camera
-    from stages.texturing.gathering import ViewMaps
+    from stages.texturing.gathering import Seen, ViewMaps
+    from stages.texturing.sheets import Charted, Sheet
     from stages.texturing.texels import Texels
     from stages.texturing.unwrapping import ChartedMesh
 
-PARTS = 16  # of an atlas that are encoded one after another: bounds the memory
-BASE_COLOUR, NORMALS = "albedo.png", "normal.png"
-
-
-@dataclass(frozen=True, eq=False)
-class Atlas:
-    """Values of texels, (T, …), and the mesh that they are of.
-
-    Attributes
-    ----------
-    mesh : ChartedMesh
-    texels : Texels
-    seen : ndarray, shape (T,), bool
-        Shown by a view.
-    albedo, shading : ndarray, shape (T, 3), float32
-        Linear.
-    normals : ndarray, shape (T, 3), float32
-        World axes; zeros where unseen.
-    confidence : ndarray, shape (T,), float32
-        0 where unseen.
-    """
-
-    mesh: ChartedMesh
-    texels: Texels
-    seen: np.ndarray
-    albedo: np.ndarray
-    shading: np.ndarray
-    normals: np.ndarray
-    confidence: np.ndarray
+PARTS = 16  # of a texture that are encoded one after another: bounds the memory
 
 
 def run(job: Job[TextureSettings]) -> None:
-    """Unwrap the mesh, gather what the views show, complete it, write the model."""
+    """Chart the mesh, gather what the views show of each sheet, complete it, write the model."""
+    from stages.formats.artefacts.array_store import ArrayStore
     from stages.formats.artefacts.camera_file import read_cameras
-    from stages.formats.meshes.triangle_meshes import read_mesh
-    from stages.scene.upright import gltf_from_world
     from stages.solvers.kernels.threading_layer import use_threads
-    from stages.texturing.texels import side_of_atlas, texels_of
-    from stages.texturing.unwrapping import unwrapped, within_budget
+    from stages.texturing.completion import SurfaceMeans
+    from stages.texturing.gathering import Seen
+    from stages.texturing.texels import texels_of
 
     use_threads(job.threads)
-    how, cameras = job.settings, read_cameras(job.inputs["cameras"])
-    with job.progress("texture", 2 * len(cameras) + 3) as step:
-        surface = within_budget(read_mesh(job.inputs["mesh"]), how.charts)
-        side = side_of_atlas(surface, [_as_large_as_its_albedo(job.inputs, c) for c in cameras], how.charts)
-        mesh = unwrapped(surface, side, how.charts)
-        step()
-        texels = texels_of(mesh, side, job.threads)
-        step()
-        atlas = _gathered(job, mesh, texels, cameras, step)
-        _write(job, atlas, gltf_from_world(cameras, how.upright_within_deg))
-        step()
-    job.note(
-        faces=len(mesh.faces),
-        side_px=side,
-        used=round(len(texels) / side**2, 3),
-        seen=round(float(atlas.seen.mean()), 4),
+    cameras = read_cameras(job.inputs["cameras"])
+    charted = _charted(job, cameras)
+    sheets = charted.sheets
+    held = {field.name: ArrayStore(job.scratch / field.name) for field in fields(Seen)}
+    means, counts = SurfaceMeans(charted.mesh), []
+    with job.progress("texture", len(sheets) * (2 * len(cameras) + 1)) as step:
+        for number, sheet in enumerate(sheets):
+            texels = texels_of(sheet.part, sheet.side)
+            seen = _gathered(job, sheet, texels, cameras, step)
+            means.add(texels, sheet.part, seen.colours, seen.weight > 0)
+            counts.append((len(texels), int((seen.weight > 0).sum()), texels.covered, texels.overlap()))
+            for name, store in held.items():
+                store[number] = getattr(seen, name)
+        at_vertices, textures = means.spread(job.settings.completion), []
+        for number, sheet in enumerate(sheets):
+            seen = Seen(**{name: store.pop(number) for name, store in held.items()})
+            textures.append(_textured(job, charted.mesh, sheet, seen, at_vertices))
+            step()
+    _write_models(job, charted, tuple(textures), cameras)
+    _tell(job, charted, counts)
+
+
+def _charted(job: Job[TextureSettings], cameras: list[Camera]) -> Charted:
+    """Take the charts that the mesh was given with, or unwrap it within its budget of faces."""
+    from stages.formats.meshes.mesh_files import read_uv_map
+    from stages.formats.meshes.triangle_meshes import read_mesh
+    from stages.texturing.given_charts import given_charts
+    from stages.texturing.sheets import (
+        Charted,
+        obj_of_own_charts,
+        sheet_of_own_charts,
+        sheets_of_given_charts,
     )
+    from stages.texturing.texels import side_of_atlas
+    from stages.texturing.unwrapping import unwrapped, within_budget
+
+    how, surface = job.settings, read_mesh(job.inputs["mesh"])
+    views = [_as_large_as_its_albedo(job.inputs, camera) for camera in cameras]
+    wanted = "mesh_file" in job.inputs and how.given_uv.keep
+    uv_map = read_uv_map(job.inputs["mesh_file"]) if wanted else None
+    if uv_map is not None:
+        given = given_charts(surface, *uv_map, how.given_uv)
+        sheets = sheets_of_given_charts(given, views, how.charts)
+        return Charted(given.mesh, sheets, given.obj, given=True)
+    surface = within_budget(surface, how.charts)
+    side = side_of_atlas(surface, views, how.charts)
+    mesh = unwrapped(surface, side, how.charts)
+    return Charted(mesh, [sheet_of_own_charts(mesh, side)], obj_of_own_charts(mesh), given=False)
 
 
 def _gathered(
-    job: Job[TextureSettings],
-    mesh: ChartedMesh,
-    texels: Texels,
-    cameras: list[Camera],
-    step: Callable[[], None],
-) -> Atlas:
-    """Average over the views in two passes, the second robust; complete what none shows."""
+    job: Job[TextureSettings], sheet: Sheet, texels: Texels, cameras: list[Camera], step: Callable[[], None]
+) -> Seen:
+    """Average over the views in two passes, the second robust."""
     import numpy as np
 
     from stages.scene.cameras import smallest_footprints
-    from stages.texturing.completion import completed
-    from stages.texturing.gathering import CONFIDENCE, MAPS, NORMAL, SHADING, Sums, gather
+    from stages.texturing.gathering import CONFIDENCE, MAPS, NORMAL, SHADING, Seen, Sums, gather
 
-    how = job.settings
+    how, mesh = job.settings, sheet.part
     origin = mesh.vertices.mean(axis=0)
     points = texels.interpolated(mesh, mesh.vertices - origin)
     normals = texels.interpolated(mesh, mesh.normals)
@@ -110,16 +110,14 @@ def _gathered(
         if robust:
             albedo = np.where(sums.weight[:, None] > 0, albedo, reference)  # no two views agree
         else:
-            reference, seen = albedo, sums.weight > 0
+            reference, weight = albedo, sums.weight
+            seen = weight > 0
             bright = float(np.quantile(albedo[seen], how.gathering.bright_quantile)) if seen.any() else 1.0
-    return Atlas(
-        mesh,
-        texels,
-        seen,
-        completed(texels, mesh, albedo, seen, how.completion),
-        completed(texels, mesh, further[:, SHADING], seen, how.completion),
-        further[:, NORMAL].copy(),  # without the rest
-        further[:, CONFIDENCE].copy(),
+    return Seen(
+        weight,
+        np.concatenate([albedo, further[:, SHADING]], axis=1),
+        further[:, NORMAL],
+        further[:, CONFIDENCE, None],
     )
 
 
@@ -159,51 +157,105 @@ def _as_large_as_its_albedo(inputs: Mapping[str, Path], camera: Camera) -> Camer
     return camera.scaled(*check_exr_header(_albedo_of(inputs, camera)))
 
 
-def _write(job: Job[TextureSettings], atlas: Atlas, gltf_from_world: np.ndarray) -> None:
-    """Write textures, GLB and OBJ."""
+def _textured(
+    job: Job[TextureSettings], mesh: ChartedMesh, sheet: Sheet, seen: Seen, at_vertices: np.ndarray
+) -> Texture:
+    """Complete a sheet, and write its images."""
+    import numpy as np
+
+    from stages.formats.images.exr import write_exr
+    from stages.formats.images.photos import encode_srgb8, write_png8
+    from stages.formats.meshes.textured_models import Texture
+    from stages.texturing.completion import Gutters, completed
+    from stages.texturing.normal_map import tangent_space, tangents_of
+    from stages.texturing.texels import texels_of
+
+    texels, folder = texels_of(sheet.part, sheet.side), job.outputs["textured_model"]
+    colours = completed(texels, sheet.part, seen.colours, seen.weight > 0, at_vertices)
+    directions = tangent_space(texels, sheet.part, tangents_of(mesh), seen.normals)
+    texels, (colours, confidence, directions) = texels.means(
+        seen.weight, [colours, seen.confidence, directions]
+    )
+    gutters = Gutters(texels.image(np.ones(len(texels), bool), False))
+    write_exr(folder / sheet.file("albedo", "exr"), gutters.fill(texels.image(colours[:, :3])))
+    write_exr(folder / sheet.file("shading", "exr"), gutters.fill(texels.image(colours[:, 3:])))
+    write_exr(folder / sheet.file("confidence", "exr"), texels.image(confidence[:, 0]))
+    white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
+    codes = np.concatenate([encode_srgb8(part / white) for part in np.array_split(colours[:, :3], PARTS)])
+    base_colour, normal_map = (folder / sheet.file(kind, "png") for kind in ("albedo", "normal"))
+    write_png8(base_colour, gutters.fill(texels.image(codes)))
+    write_png8(normal_map, gutters.fill(texels.image(np.rint(127.5 * (directions + 1)).astype(np.uint8))))
+    return Texture(sheet.material, sheet.faces, base_colour, normal_map)
+
+
+def _write_models(
+    job: Job[TextureSettings], charted: Charted, textures: tuple[Texture, ...], cameras: list[Camera]
+) -> None:
+    """Write GLB and OBJ, which show the textures."""
     import numpy as np
 
     from stages.formats.artefacts.light_npz import read_light
-    from stages.formats.images.exr import write_exr
-    from stages.formats.images.photos import encode_srgb8, write_png8
     from stages.formats.meshes.textured_models import TexturedModel, write_glb, write_obj
-    from stages.texturing.completion import Gutters
-    from stages.texturing.normal_map import tangent_space, tangents_of
+    from stages.scene.upright import gltf_from_world
+    from stages.texturing.normal_map import tangents_of
 
-    folder, texels, mesh = job.outputs["textured_model"], atlas.texels, atlas.mesh
-    gutters = Gutters(texels.image(np.ones(len(texels), bool), False))
-    white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
-    write_exr(folder / "albedo.exr", gutters.fill(texels.image(atlas.albedo)))
-    write_exr(folder / "shading.exr", gutters.fill(texels.image(atlas.shading)))
-    write_exr(folder / "confidence.exr", texels.image(atlas.confidence))
-    parts = np.array_split(atlas.albedo, PARTS)
-    base_colour = gutters.fill(texels.image(np.concatenate([encode_srgb8(part / white) for part in parts])))
-    write_png8(folder / BASE_COLOUR, base_colour)
-    tangents = tangents_of(mesh)
-    directions = tangent_space(texels, mesh, tangents, atlas.normals)
-    normal_map = gutters.fill(texels.image(np.rint(127.5 * (directions + 1)).astype(np.uint8)))
-    write_png8(folder / NORMALS, normal_map)
+    folder, mesh = job.outputs["textured_model"], charted.mesh
     roughness = read_light(job.inputs["found_light"]).specular_roughness if "found_light" in job.inputs else 0
     model = TexturedModel(
         mesh.vertices,
         mesh.normals,
-        tangents,
+        tangents_of(mesh),
         mesh.faces,
         mesh.uv,
-        base_colour,
-        normal_map,
+        textures,
         float(np.sqrt(roughness)) if roughness else 1.0,
     )
-    write_glb(folder / "model.glb", model, gltf_from_world)
-    write_obj(folder / "model.obj", model, BASE_COLOUR, NORMALS)
+    write_glb(folder / "model.glb", model, gltf_from_world(cameras, job.settings.upright_within_deg))
+    write_obj(folder / "model.obj", charted.obj, textures)
+
+
+def _tell(job: Job[TextureSettings], charted: Charted, counts: list[tuple[int, int, int, float]]) -> None:
+    """Record what was textured, and how much of it is seen; warn where a given layout has no room for it.
+
+    `counts`: of each sheet, places on faces, those of them that are seen, texels, and the share of texels
+    that faces share.
+    """
+    from stages.texturing.texels import areas_in_texture
+
+    places, seen, used = (sum(count[k] for count in counts) for k in range(3))
+    shared = max(count[3] for count in counts)
+    job.note(
+        faces=len(charted.mesh.faces),
+        charts="given" if charted.given else "own",
+        textures=len(counts),
+        side_px=max(sheet.side for sheet in charted.sheets),
+        used=round(used / sum(sheet.side**2 for sheet in charted.sheets), 3),
+        seen=round(seen / max(places, 1), 4),
+    )
+    if not charted.given:
+        return
+    flat = int((areas_in_texture(charted.mesh.uv[charted.mesh.faces]) == 0).sum())
+    job.note(shared=round(shared, 4), faces_without_texels=flat)
+    if shared > job.settings.given_uv.shared_share:
+        job.warn(
+            f"Faces overlap in the texture coordinates of the mesh: up to {shared:.0%} of the texels of a "
+            "texture belong to several faces, and show the mean of what views show of them. Where these "
+            "differ, unwrap the mesh without overlap, or set texture.given_uv.keep=false."
+        )
+    if flat:
+        job.warn(
+            f"{flat} of {len(charted.mesh.faces)} faces have no area in the texture coordinates of the mesh: "
+            "nothing can be shown on them but the colour of a point or a line."
+        )
 
 
 TEXTURE = Stage(
     name="texture",
-    version=1,
-    about="A textured model: mesh, atlas of the albedo, GLB and OBJ.",
+    version=2,
+    about="A textured model, GLB and OBJ; on the texture coordinates of a given mesh where it has them.",
     settings=TextureSettings,
     takes=("mesh", "cameras", "mask", "depth", "normal", "albedo", "shading", "scales"),
+    may_take=("mesh_file",),
     gives=(
         Artefact(
             "textured_model",
@@ -216,7 +268,6 @@ TEXTURE = Stage(
         "numpy",
         "scipy",
         "numba",
-        "trimesh",
         "xatlas",
         "fast-simplification",
         *OPEN3D,

@@ -9,18 +9,19 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 from stages.formats.artefacts.camera_file import write_cameras
 from stages.formats.colour.srgb import srgb_from_linear
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import write_mask
-from stages.formats.meshes.textured_models import TexturedModel, write_glb
+from stages.formats.meshes.textured_models import Texture, TexturedModel, write_glb
 from stages.formats.meshes.triangle_meshes import Surface, write_mesh
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
 from stages.scene.cameras import Camera, back_project
 from stages.synthetic.views import look_at
 from stages.texture import TEXTURE
-from stages.texturing.completion import Gutters, completed
+from stages.texturing.completion import Gutters, SurfaceMeans, completed
 from stages.texturing.normal_map import tangent_space, tangents_of
 from stages.texturing.settings import ChartSettings, CompletionSettings, TextureSettings
 from stages.texturing.texels import Texels, side_of_atlas, texels_of
@@ -86,7 +87,7 @@ def textured(tmp_path_factory, make_job):
 @pytest.fixture(scope="module")
 def charted() -> tuple[ChartedMesh, Texels]:
     mesh = unwrapped(SURFACE, 256, ChartSettings())
-    return mesh, texels_of(mesh, 256, 2)
+    return mesh, texels_of(mesh, 256)
 
 
 def test_the_model_shows_the_paint_from_where_the_photos_were_not(textured):
@@ -227,11 +228,13 @@ def test_unseen_surface_is_filled_from_around_across_chart_borders(charted):
     mesh, texels = charted
     height = texels.interpolated(mesh, mesh.vertices)[:, 2:]
     seen = np.abs(height[:, 0]) > 0.3
-    filled = completed(texels, mesh, np.where(seen[:, None], height, -9), seen, CompletionSettings())
+    means = SurfaceMeans(mesh)
+    means.add(texels, mesh, np.where(seen[:, None], height, -9), seen)
+    filled = completed(texels, mesh, height, seen, means.spread(CompletionSettings()))
     np.testing.assert_array_equal(filled[seen], height[seen])
     assert np.abs(filled - height).max() < 0.15  # nearly linear between the two rims
-    nothing = completed(texels, mesh, height, np.zeros(len(texels), bool), CompletionSettings())
-    assert nothing is height
+    assert completed(texels, mesh, height, np.ones(len(texels), bool), np.zeros((0, 1))) is height
+    assert not SurfaceMeans(mesh).spread(CompletionSettings()).any()
 
 
 def test_gutters_take_the_nearest_texel():
@@ -273,7 +276,9 @@ def test_axes_of_a_glb_are_turned_and_nothing_else(tmp_path):
     up = np.tile([[0.0, 0, 1]], (4, 1))
     tangents = np.tile([[1.0, 0, 0, 1]], (4, 1))
     faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-    model = TexturedModel(square, up, tangents, faces, uv, image, image, 0.5)
+    Image.fromarray(image).save(tmp_path / "i.png")
+    texture = Texture("wood", np.arange(2), tmp_path / "i.png", tmp_path / "i.png")
+    model = TexturedModel(square, up, tangents, faces, uv, (texture,), 0.5)
     write_glb(tmp_path / "m.glb", model, TO_Y_UP)
     back = trimesh.load(tmp_path / "m.glb", force="mesh", process=False)
     np.testing.assert_allclose(np.asarray(back.vertices) @ TO_Y_UP, square, atol=1e-6)

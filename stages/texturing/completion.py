@@ -11,30 +11,53 @@ from stages.texturing.texels import Texels
 from stages.texturing.unwrapping import ChartedMesh
 
 
-def completed(
-    texels: Texels, mesh: ChartedMesh, values: np.ndarray, seen: np.ndarray, how: CompletionSettings
-) -> np.ndarray:
-    """Fill unseen texels with what spreads over the surface from the seen ones.
+class SurfaceMeans:
+    """Means of what is seen around each vertex of a surface, gathered texture by texture.
 
     Parameters
     ----------
-    texels : Texels
     mesh : ChartedMesh
-    values : ndarray, shape (T, c), float32
-    seen : ndarray, shape (T,), bool
-    how : CompletionSettings
-
-    Notes
-    -----
-    Vertices take the mean of the seen texels around them; the others, round by round, that of their
-    neighbours: a harmonic function over the surface, chart borders or not. Parts of which nothing is seen
-    take the mean of all.
+        All of it, whatever its textures.
     """
-    if seen.all() or not seen.any():
+
+    def __init__(self, mesh: ChartedMesh) -> None:
+        count = int(mesh.original.max(initial=-1)) + 1
+        self._mesh = mesh
+        self._weight, self._sums = np.zeros(count), np.zeros((count, 1))
+
+    def add(self, texels: Texels, part: ChartedMesh, values: np.ndarray, seen: np.ndarray) -> None:
+        """Add the seen texels, of values (T, c), of a part of the mesh."""
+        corners = part.original[part.faces[texels.face[seen]]]
+        self._sums = self._sums + np.zeros(values.shape[1])
+        weights = texels.weights()[seen]
+        for k in range(3):
+            self._weight += np.bincount(corners[:, k], weights[:, k], len(self._weight))
+            for c, channel in enumerate(values[seen].T):
+                self._sums[:, c] += np.bincount(corners[:, k], weights[:, k] * channel, len(self._weight))
+
+    def spread(self, how: CompletionSettings) -> np.ndarray:
+        """Compute values of the mesh's vertices, (V, c), where nothing is seen by what is around.
+
+        Notes
+        -----
+        Vertices take the mean of the seen texels around them; the others, round by round, that of their
+        neighbours: a harmonic function over the surface, chart borders or not. Parts of which nothing is seen
+        take the mean of all.
+        """
+        known = self._weight > 0
+        if not known.any():
+            return np.zeros((len(self._mesh.vertices), self._sums.shape[1]))
+        means = self._sums / np.where(known, self._weight, 1)[:, None]
+        return _harmonic(self._mesh, means, known, how.rounds)[self._mesh.original]
+
+
+def completed(
+    texels: Texels, part: ChartedMesh, values: np.ndarray, seen: np.ndarray, at_vertices: np.ndarray
+) -> np.ndarray:
+    """Fill unseen texels, of values (T, c), with those of the vertices around: see `SurfaceMeans.spread`."""
+    if seen.all():
         return values
-    vertices = _harmonic(mesh, *_at_vertices(texels, mesh, values, seen), how.rounds)
-    spread = texels.interpolated(mesh, vertices[mesh.original])
-    return np.where(seen[:, None], values, spread)
+    return np.where(seen[:, None], values, texels.interpolated(part, at_vertices))
 
 
 class Gutters:
@@ -55,25 +78,6 @@ class Gutters:
         flat = image.reshape(-1, *image.shape[2:])
         flat[self._outside] = flat[self._nearest]
         return image
-
-
-def _at_vertices(
-    texels: Texels, mesh: ChartedMesh, values: np.ndarray, seen: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Sum up seen texels at the surface's vertices: means (n, c), and whether there are any (n,)."""
-    count = int(mesh.original.max()) + 1
-    corners = mesh.original[mesh.faces[texels.face[seen]]]
-    weights = texels.weights()[seen]
-    total = np.zeros(count)
-    for k in range(3):
-        total += np.bincount(corners[:, k], weights[:, k], count)
-    means = np.zeros((count, values.shape[1]))
-    for c in range(values.shape[1]):
-        of_channel = values[seen, c]
-        for k in range(3):
-            means[:, c] += np.bincount(corners[:, k], weights[:, k] * of_channel, count)
-    known = total > 0
-    return means / np.where(known, total, 1)[:, None], known
 
 
 def _harmonic(mesh: ChartedMesh, values: np.ndarray, known: np.ndarray, rounds: int) -> np.ndarray:

@@ -70,6 +70,28 @@ class Sums:
         return self.albedo / weight, self.maps / weight
 
 
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What views show of the texels of a sheet.
+
+    Attributes
+    ----------
+    weight : ndarray, shape (T,), float32
+        0 where no view shows it.
+    colours : ndarray, shape (T, 6), float32
+        Albedo and shading, linear.
+    normals : ndarray, shape (T, 3), float32
+        World axes; zeros where unseen.
+    confidence : ndarray, shape (T, 1), float32
+        0 where unseen.
+    """
+
+    weight: np.ndarray
+    colours: np.ndarray
+    normals: np.ndarray
+    confidence: np.ndarray
+
+
 def weight_of(
     camera: Camera, mask: np.ndarray, depth: np.ndarray, confidence: np.ndarray, how: GatheringSettings
 ) -> np.ndarray:

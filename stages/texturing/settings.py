@@ -34,6 +34,36 @@ class ChartSettings(Settings):
     proxy: ProxySettings = group(ProxySettings, "The decimation.")
 
 
+class GivenUVSettings(Settings):
+    """Settings of a mesh that is given with texture coordinates: `stages.texturing.given_charts`."""
+
+    keep: bool = setting(
+        True,
+        "A given mesh that has texture coordinates is textured on them, all its faces as they are: the "
+        "textures then fit what was made for that mesh. False: new charts, as for every other mesh.",
+    )
+    most_textures: int = setting(
+        100,
+        "Materials, and UDIM tiles of each, at most: every one has images of its own, and opens all views.",
+        ge=1,
+        le=1000,
+    )
+    most_layers: float = setting(
+        8.0,
+        "Faces that lie on one another in a texture, on average over it, at most: where a pattern repeats "
+        "over a wall, its image has no place for the albedo of the wall; and all layers are held in memory.",
+        ge=1,
+        le=64,
+    )
+    shared_share: float = setting(
+        0.01,
+        "A warning tells of texels that several faces share, if they are more than this share.",
+        ge=0,
+        le=1,
+        changes_result=False,
+    )
+
+
 class GatheringSettings(Settings):
     """Settings of what each view tells of a texel: `stages.texturing.gathering`."""
 
@@ -90,5 +120,6 @@ class TextureSettings(Settings):
 
     upright_within_deg: float = UPRIGHT_WITHIN_DEG
     charts: ChartSettings = group(ChartSettings, "The mesh that carries the texture, and its charts.")
+    given_uv: GivenUVSettings = group(GivenUVSettings, "Texture coordinates that the mesh is given with.")
     gathering: GatheringSettings = group(GatheringSettings, "What each view tells of a texel.")
     completion: CompletionSettings = group(CompletionSettings, "Surface that no view shows.")

@@ -1,31 +1,32 @@
-"""Texels of an atlas on the surface: which face each lies in, and where."""
+"""Texels of a texture on the surface: which faces each lies in, and where."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit, prange
 
+import stages.solvers.kernels.threading_layer  # noqa: F401 -- chooses the threads below
 from stages.formats.meshes.triangle_meshes import Surface
-from stages.geometry.occluders import first_faces, scene_of
-from stages.geometry.rays import NO_TRIANGLE, face_normals
+from stages.geometry.rays import face_normals
 from stages.scene.cameras import Camera, smallest_footprints
 from stages.texturing.settings import ChartSettings
 from stages.texturing.unwrapping import ChartedMesh
 
-ROWS_AT_ONCE = 256  # of an atlas: bounds the memory of rays
+INSIDE = 1e-3  # barycentric coordinates of what is clearly inside a face, whatever rounding says
 
 
 @dataclass(frozen=True, eq=False)
 class Texels:
-    """Texels whose centres lie in a chart.
+    """Places on the surface that texels show: one for each face in which the centre of a texel lies.
 
     Attributes
     ----------
     side : int
-        Of the atlas.
+        Of the texture.
     place : ndarray, shape (T,), int64
-        row · side + column.
+        row · side + column, ascending; several times where faces overlap in the texture, or share an edge.
     face : ndarray, shape (T,), int32
     corners : ndarray, shape (T, 2), float32
         Barycentric coordinates of the face's second and third corner.
@@ -49,6 +50,45 @@ class Texels:
         values = of_vertices.astype(np.float32)
         return sum(weights[:, k, None] * values[corners[:, k]] for k in range(3))
 
+    @property
+    def covered(self) -> int:
+        """Number of texels."""
+        return int((np.diff(self.place, prepend=-1) != 0).sum())
+
+    def overlap(self) -> float:
+        """Measure the share of texels whose centres lie clearly inside of two faces or more."""
+        inside = self.place[self.weights().min(axis=1) > INSIDE]
+        shared = np.unique(inside[1:][inside[1:] == inside[:-1]])
+        return len(shared) / max(self.covered, 1)
+
+    def means(self, weight: np.ndarray, values: list[np.ndarray]) -> tuple[Texels, list[np.ndarray]]:
+        """Average values over the places of each texel.
+
+        Parameters
+        ----------
+        weight : ndarray, shape (T,)
+            Of each place; where all of a texel weigh nothing, they weigh the same.
+        values : list of ndarray, shape (T, c), float32
+
+        Returns
+        -------
+        Texels
+            Each with its first place.
+        list of ndarray, shape (t, c), float32
+        """
+        first = np.concatenate([[True], self.place[1:] != self.place[:-1]])[: len(self)]
+        if first.all():
+            return self, values
+        texel = np.cumsum(first) - 1
+        known = np.bincount(texel, weight)[texel] > 0
+        weight = np.where(known, weight, 1)
+        total = np.bincount(texel, weight)
+        alone = Texels(self.side, self.place[first], self.face[first], self.corners[first])
+        return alone, [
+            np.stack([np.bincount(texel, weight * channel) / total for channel in of.T], axis=1).astype("f4")
+            for of in values
+        ]
+
     def image(self, values: np.ndarray, background: float = 0) -> np.ndarray:
         """Arrange values of texels, (T, …), as an image (side, side, …)."""
         filled = np.full((self.side**2, *values.shape[1:]), background, values.dtype)
@@ -66,29 +106,98 @@ def side_of_atlas(surface: Surface, cameras: list[Camera], how: ChartSettings) -
         At the size of the maps that the texture is made from.
     how : ChartSettings
     """
+    return _side(_texels_of_faces(surface, cameras, how).sum() / how.expected_use, how)
+
+
+def side_of_charts(mesh: ChartedMesh, cameras: list[Camera], how: ChartSettings) -> int:
+    """Choose the side of a texture whose charts are given: as `side_of_atlas`, by the share that they cover.
+
+    Parameters
+    ----------
+    mesh : ChartedMesh
+    cameras : list of Camera
+    how : ChartSettings
+    """
+    wanted = _texels_of_faces(Surface(mesh.vertices, mesh.faces), cameras, how)
+    covered = np.abs(areas_in_texture(mesh.uv[mesh.faces]))
+    seen = (wanted > 0) & (covered > 0)
+    return _side(wanted[seen].sum() / covered[seen].sum() if seen.any() else 0, how)
+
+
+def areas_in_texture(uv: np.ndarray) -> np.ndarray:
+    """Compute areas of faces, (f, 3, 2), in a texture, shape (f,): negative where they are mirrored."""
+    one, other = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    return (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) / 2
+
+
+def texels_of(mesh: ChartedMesh, side: int) -> Texels:
+    """Find the faces under the centre of every texel; beyond its borders a texture is repeated."""
+    corners = np.ascontiguousarray(mesh.uv[mesh.faces] * side - 0.5)
+    counts = np.zeros(len(corners), np.int64)
+    _count(corners, counts)
+    ends = np.cumsum(counts)
+    total = int(ends[-1]) if len(ends) else 0
+    place, within = np.empty(total, np.int64), np.empty((total, 2), np.float32)
+    _lay(corners, ends - counts, side, place, within)
+    face = np.repeat(np.arange(len(corners), dtype=np.int32), counts)
+    order = np.argsort(place, kind="stable")
+    return Texels(side, place[order], face[order], within[order])
+
+
+def _texels_of_faces(surface: Surface, cameras: list[Camera], how: ChartSettings) -> np.ndarray:
+    """Count the texels that each face is worth, shape (f,): its pixels in the nearest view; 0 if unseen."""
     middles = surface.vertices[surface.faces].mean(axis=1)
     areas = np.linalg.norm(face_normals(surface.vertices, surface.faces), axis=1) / 2
     smallest = smallest_footprints(middles, cameras) / how.texels_per_pixel
-    seen = np.isfinite(smallest)
-    texels = float((areas[seen] / smallest[seen] ** 2).sum()) / how.expected_use
+    return np.where(np.isfinite(smallest), areas / smallest**2, 0)
+
+
+def _side(texels: float, how: ChartSettings) -> int:
     side = 2 ** int(np.ceil(np.log2(max(np.sqrt(texels), 1))))
     return int(np.clip(side, how.least_px, how.most_px))
 
 
-def texels_of(mesh: ChartedMesh, side: int, threads: int) -> Texels:
-    """Find the face under the centre of every texel, by rays on to the charts laid flat."""
-    flat = np.concatenate([mesh.uv * side, np.zeros((len(mesh.uv), 1))], axis=1)
-    scene, origin = scene_of(Surface(flat, mesh.faces), threads)
-    places, faces, corners = [], [], []
-    columns = np.arange(side) + 0.5
-    for first in range(0, side, ROWS_AT_ONCE):
-        rows = np.arange(first, min(first + ROWS_AT_ONCE, side)) + 0.5
-        x, y = np.meshgrid(columns, rows)
-        rays = np.zeros((*x.shape, 6), np.float32)
-        rays[..., 0], rays[..., 1], rays[..., 2], rays[..., 5] = x - origin[0], y - origin[1], 1, -1
-        found, within = first_faces(scene, rays, threads)
-        hit = found != NO_TRIANGLE
-        places.append(np.flatnonzero(hit) + first * side)
-        faces.append(found[hit].astype(np.int32))
-        corners.append(within[hit])
-    return Texels(side, np.concatenate(places), np.concatenate(faces), np.concatenate(corners))
+@njit(parallel=True, cache=True, nogil=True)
+def _count(corners, counts):
+    """Count the texels in each face; texel centres are whole numbers here."""
+    for f in prange(len(corners)):
+        left, top, right, bottom = _box(corners[f])
+        for row in range(top, bottom + 1):
+            for column in range(left, right + 1):
+                inside, _, _ = _barycentric(corners[f], column, row)
+                counts[f] += inside
+
+
+@njit(parallel=True, cache=True, nogil=True)
+def _lay(corners, starts, side, place, within):
+    """Write the texels in each face and their barycentric coordinates, from its place in the list on."""
+    for f in prange(len(corners)):
+        left, top, right, bottom = _box(corners[f])
+        k = starts[f]
+        for row in range(top, bottom + 1):
+            for column in range(left, right + 1):
+                inside, second, third = _barycentric(corners[f], column, row)
+                if inside:
+                    place[k] = (row % side) * side + column % side
+                    within[k, 0], within[k, 1] = second, third
+                    k += 1
+
+
+@njit(inline="always")
+def _box(corners):
+    left, right = corners[:, 0].min(), corners[:, 0].max()
+    top, bottom = corners[:, 1].min(), corners[:, 1].max()
+    return int(np.ceil(left)), int(np.ceil(top)), int(np.floor(right)), int(np.floor(bottom))
+
+
+@njit(inline="always")
+def _barycentric(corners, x, y):
+    """Tell whether a point is inside, its borders with it; and its share of the second and third corner."""
+    x1, y1 = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
+    x2, y2 = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
+    area = x1 * y2 - x2 * y1
+    if area == 0:
+        return False, 0.0, 0.0
+    dx, dy = x - corners[0, 0], y - corners[0, 1]
+    second, third = (dx * y2 - dy * x2) / area, (dy * x1 - dx * y1) / area
+    return second >= 0 and third >= 0 and second + third <= 1, second, third

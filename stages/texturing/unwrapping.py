@@ -66,17 +66,21 @@ def unwrapped(surface: Surface, side_px: int, how: ChartSettings) -> ChartedMesh
     original = original.astype(np.int64)
     return ChartedMesh(
         surface.vertices[original],
-        _normals_of(surface)[original],
+        normals_of(surface)[original],
         faces.astype(np.int32),
         uv.astype(np.float64),
         original,
     )
 
 
-def _normals_of(surface: Surface) -> np.ndarray:
-    """Compute unit normals of vertices, (V, 3); where those of the faces around cancel, one of theirs."""
+def normals_of(surface: Surface) -> np.ndarray:
+    """Compute unit normals of vertices, (V, 3); where those of the faces around cancel, one of theirs.
+
+    Where no face around has area, any: z. Files and renderers take no normal without length.
+    """
     normals = vertex_normals(surface.vertices - surface.vertices.mean(axis=0), surface.faces).astype(float)
     any_face = np.zeros_like(normals)
     any_face[surface.faces.ravel()] = np.repeat(face_normals(surface.vertices, surface.faces), 3, axis=0)
     normals = np.where(np.linalg.norm(normals, axis=1, keepdims=True) > 0.5, normals, any_face)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    normals[~normals.any(axis=1)] = 0, 0, 1
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)

@@ -1,27 +1,44 @@
-"""Textured models on disk: GLB (metallic-roughness), and OBJ with its material."""
+"""Textured models on disk: GLB (metallic-roughness), and OBJ with its materials."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import trimesh
-from PIL import Image
-from trimesh.exchange.obj import export_obj
-from trimesh.visual.material import SimpleMaterial
-from trimesh.visual.texture import TextureVisuals
 
 from stages.formats.meshes.gltf_binary import BinaryBuffer, packed
 
-MATERIAL = "albedo"
 LINEAR_FILTER, TRILINEAR_FILTER = 9729, 9987  # of glTF: enlarged, reduced
+NO_PART_OF_NAMES = re.compile(r"[\x00-\x1f\x7f#]+")  # of materials in text
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """A material and its images, on some faces of a model.
+
+    Attributes
+    ----------
+    material : str
+    faces : ndarray, shape (f,), int64
+    base_colour : Path
+        PNG, sRGB.
+    normal_map : Path
+        PNG, tangent space, y against v.
+    """
+
+    material: str
+    faces: np.ndarray
+    base_colour: Path
+    normal_map: Path
 
 
 @dataclass(frozen=True, eq=False)
 class TexturedModel:
-    """A mesh with one atlas.
+    """A mesh with textures.
 
     Attributes
     ----------
@@ -32,11 +49,9 @@ class TexturedModel:
         Unit, and the sign of the bitangent, as glTF has them.
     faces : ndarray, shape (F, 3), int32
     uv : ndarray, shape (V, 2), float64
-        v downwards, as rows of an image.
-    base_colour : ndarray, shape (s, s, 3), uint8
-        sRGB.
-    normal_map : ndarray, shape (s, s, 3), uint8
-        Tangent space, y against v.
+        Of each texture, v downwards, as rows of an image.
+    textures : tuple of Texture
+        No two on one face or vertex.
     roughness : float
         Of glTF: the root of α of GGX.
     """
@@ -46,13 +61,38 @@ class TexturedModel:
     tangents: np.ndarray
     faces: np.ndarray
     uv: np.ndarray
-    base_colour: np.ndarray
-    normal_map: np.ndarray
+    textures: tuple[Texture, ...]
     roughness: float
 
 
+@dataclass(frozen=True, eq=False)
+class ObjCorners:
+    """Faces as OBJ has them: with places, texture coordinates and normals of corners in tables of their own.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (p, 3), float64
+    uv : ndarray, shape (t, 2), float64
+        v upwards; beyond 0 to 1 in UDIM tiles.
+    normals : ndarray, shape (n, 3)
+    sizes : ndarray, shape (f,)
+        Corners of each face.
+    corners : ndarray, shape (sum of sizes, 3)
+        Rows of the three tables.
+    texture : ndarray, shape (f,)
+        Number of each face's texture.
+    """
+
+    positions: np.ndarray
+    uv: np.ndarray
+    normals: np.ndarray
+    sizes: np.ndarray
+    corners: np.ndarray
+    texture: np.ndarray
+
+
 def write_glb(path: Path, model: TexturedModel, gltf_from_world: np.ndarray) -> None:
-    """Write a GLB: one mesh, one lit metallic-roughness material, base colour and normals as PNG inside.
+    """Write a GLB: one mesh; a primitive and a lit metallic-roughness material for each texture, PNG inside.
 
     Parameters
     ----------
@@ -62,33 +102,22 @@ def write_glb(path: Path, model: TexturedModel, gltf_from_world: np.ndarray) -> 
         Rotation from the model's axes to glTF's, y up.
     """
     buffer = BinaryBuffer()
-    attributes = {
-        "POSITION": buffer.attribute(model.vertices @ gltf_from_world.T, bounded=True),
-        "NORMAL": buffer.attribute(model.normals @ gltf_from_world.T),
-        "TANGENT": buffer.attribute(
-            np.column_stack([model.tangents[:, :3] @ gltf_from_world.T, model.tangents[:, 3]])
-        ),
-        "TEXCOORD_0": buffer.attribute(model.uv),
-    }
-    primitive = {"attributes": attributes, "indices": buffer.indices(model.faces), "material": 0}
-    images = [buffer.add(_png(image)) for image in (model.base_colour, model.normal_map)]
-    material = {
-        "name": MATERIAL,
-        "pbrMetallicRoughness": {
-            "baseColorTexture": {"index": 0},
-            "metallicFactor": 0.0,
-            "roughnessFactor": float(model.roughness),
-        },
-        "normalTexture": {"index": 1},
-        "doubleSided": True,  # a scan is open where nobody could look
-    }
+    primitives = [
+        _primitive(buffer, model, texture.faces, gltf_from_world) | {"material": number}
+        for number, texture in enumerate(model.textures)
+    ]
+    files = [file for texture in model.textures for file in (texture.base_colour, texture.normal_map)]
+    images = [buffer.add(file.read_bytes()) for file in files]
     content = {
         "asset": {"version": "2.0", "generator": "Unshade"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [primitive]}],
-        "materials": [material],
+        "meshes": [{"primitives": primitives}],
+        "materials": [
+            _material(texture.material, 2 * number, model.roughness)
+            for number, texture in enumerate(model.textures)
+        ],
         "textures": [{"source": number, "sampler": 0} for number in range(len(images))],
         "samplers": [{"magFilter": LINEAR_FILTER, "minFilter": TRILINEAR_FILTER}],
         "images": [{"bufferView": view, "mimeType": "image/png"} for view in images],
@@ -96,26 +125,61 @@ def write_glb(path: Path, model: TexturedModel, gltf_from_world: np.ndarray) -> 
     path.write_bytes(packed(content, buffer))
 
 
-def write_obj(path: Path, model: TexturedModel, base_colour: str, normal_map: str) -> None:
-    """Write an OBJ and its MTL, which name textures that lie beside them; axes are the model's."""
+def _primitive(
+    buffer: BinaryBuffer, model: TexturedModel, of_texture: np.ndarray, gltf_from_world: np.ndarray
+) -> dict[str, Any]:
+    """Add the faces of a texture and the vertices that they use, in their order."""
+    used, faces = np.unique(model.faces[of_texture], return_inverse=True)
+    tangents = model.tangents[used]
+    attributes = {
+        "POSITION": buffer.attribute(model.vertices[used] @ gltf_from_world.T, bounded=True),
+        "NORMAL": buffer.attribute(model.normals[used] @ gltf_from_world.T),
+        "TANGENT": buffer.attribute(np.column_stack([tangents[:, :3] @ gltf_from_world.T, tangents[:, 3]])),
+        "TEXCOORD_0": buffer.attribute(model.uv[used]),
+    }
+    return {"attributes": attributes, "indices": buffer.indices(faces.reshape(-1, 3))}
+
+
+def _material(name: str, texture: int, roughness: float) -> dict[str, Any]:
+    return {
+        "name": name,
+        "pbrMetallicRoughness": {
+            "baseColorTexture": {"index": texture},
+            "metallicFactor": 0.0,
+            "roughnessFactor": float(roughness),
+        },
+        "normalTexture": {"index": texture + 1},
+        "doubleSided": True,  # a scan is open where nobody could look
+    }
+
+
+def write_obj(path: Path, model: ObjCorners, textures: tuple[Texture, ...]) -> None:
+    """Write an OBJ and its MTL, which name textures that lie beside them; axes are the model's.
+
+    Numbers are written with as many digits as tell them from all others.
+    """
     material_file = path.with_suffix(".mtl")
-    upwards = np.column_stack([model.uv[:, 0], 1 - model.uv[:, 1]])  # OBJ's v
-    mesh = trimesh.Trimesh(
-        model.vertices,
-        model.faces,
-        vertex_normals=model.normals,
-        visual=TextureVisuals(uv=upwards, material=SimpleMaterial(name=MATERIAL)),
-        process=False,
-    )
-    text = export_obj(
-        mesh, include_normals=True, write_texture=False, mtl_name=material_file.name, header=None
-    )
-    path.write_text(text + "\n", encoding="ascii")
-    shading = [f"newmtl {MATERIAL}", "Kd 1 1 1", "Ks 0 0 0", f"map_Kd {base_colour}", f"norm {normal_map}"]
-    material_file.write_text("\n".join(shading) + "\n", encoding="ascii")
+    names = [NO_PART_OF_NAMES.sub("_", texture.material) for texture in textures]
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(f"mtllib {material_file.name}\n")
+        for word, table in (("v", model.positions), ("vt", model.uv), ("vn", model.normals)):
+            file.writelines(f"{word} {' '.join(map(repr, row))}\n" for row in table.tolist())
+        file.writelines(_faces(model, names))
+    materials = map(_mtl_of, names, textures)
+    material_file.write_text("\n".join(materials), encoding="utf-8", newline="\n")
 
 
-def _png(image: np.ndarray) -> bytes:
-    stream = BytesIO()
-    Image.fromarray(image).save(stream, "png")
-    return stream.getvalue()
+def _mtl_of(name: str, texture: Texture) -> str:
+    images = f"map_Kd {texture.base_colour.name}\nnorm {texture.normal_map.name}\n"
+    return f"newmtl {name}\nKd 1 1 1\nKs 0 0 0\n{images}"
+
+
+def _faces(model: ObjCorners, names: list[str]) -> Iterator[str]:
+    """Write a line for each face, and one where another material begins."""
+    corners = iter((model.corners + 1).tolist())
+    before = None
+    for size, texture in zip(model.sizes.tolist(), model.texture.tolist(), strict=True):
+        if texture != before:
+            yield f"usemtl {names[texture]}\n"
+            before = texture
+        yield "f " + " ".join("{}/{}/{}".format(*next(corners)) for _ in range(size)) + "\n"
