@@ -211,17 +211,12 @@ def _at_working_size(job: Job[UndistortSettings], cameras: list[Camera]) -> list
 
 def _find_masks(job: Job[UndistortSettings], names: list[str]) -> dict[str, Path]:
     """The mask of every photo that has one; photos without are named aloud."""
-    from stages.formats.images.photo_folder import find_mask
+    from stages.formats.images.photo_folder import find_masks
 
     folder = job.inputs.get("masks")
     if folder is None:
         return {}
-    found = {name: mask for name in names if (mask := find_mask(folder, name)) is not None}
-    if not found:
-        raise UserError(
-            f"No mask in {folder} belongs to a photo: expected names like {names[0]}, its stem with "
-            f".png, or {names[0]}.png. Rename the masks."
-        )
+    found = find_masks(folder, names)
     missing = [name for name in names if name not in found]
     if missing:
         job.warn(f"{len(missing)} of {len(names)} photos have no mask and are used whole: {listed(missing)}.")
@@ -234,14 +229,15 @@ def _tell_what_is_left_out(job: Job[UndistortSettings], names: list[str], found:
     def those(flag: str) -> list[str]:
         return [name for name, one in zip(names, found, strict=True) if getattr(one, flag)]
 
+    from stages.formats.images.masks import nothing_kept
+
     folder = job.inputs["images"]
     _tell_useless(
         job,
         those("black"),
         len(names),
         "masks keep no pixel of their photos",
-        f"No mask in {job.inputs.get('masks')} keeps a pixel; expected white (255, at least 128) where the "
-        "object is. Masks of 0 and 1 have to be multiplied by 255.",
+        nothing_kept(f"No mask in {job.inputs.get('masks')}"),
     )
     _tell_useless(
         job,

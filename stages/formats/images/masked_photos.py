@@ -62,6 +62,33 @@ def read_masked_photo(
             f"{photo} is {width} × {height} pixels, but its camera in the model is {size[0]} × {size[1]}; "
             "give the photos that the model was made from."
         )
+    kept = read_kept(photo, mask, (width, height), as_stored, with_alpha)
+    most_times_bright = most_times_bright if photo.suffix.lower() in LINEAR else float("inf")
+    possible = _possible(linear, most_times_bright, fireflies)
+    if possible.all():
+        return linear, kept, 0
+    impossible = int(np.count_nonzero(~possible))
+    return np.where(possible[..., None], linear, np.float32(0)), kept & possible, impossible
+
+
+def read_kept(
+    photo: Path, mask: Path | None, size: tuple[int, int], as_stored: bool, with_alpha: bool
+) -> np.ndarray:
+    """Read which pixels of a photo its mask keeps, and its alpha channel; shape (h, w), bool.
+
+    Parameters
+    ----------
+    photo, mask, as_stored, with_alpha
+        As in `read_masked_photo`.
+    size : (int, int)
+        Width and height of the photo.
+
+    Raises
+    ------
+    UserError
+        The mask is unreadable, or of another size.
+    """
+    width, height = size
     kept = np.ones((height, width), bool) if mask is None else read_mask(mask, as_stored)
     if kept.shape != (height, width):
         raise UserError(
@@ -70,12 +97,7 @@ def read_masked_photo(
         )
     if with_alpha and (opaque := read_alpha(photo, as_stored)) is not None:
         kept = kept & opaque
-    most_times_bright = most_times_bright if photo.suffix.lower() in LINEAR else float("inf")
-    possible = _possible(linear, most_times_bright, fireflies)
-    if possible.all():
-        return linear, kept, 0
-    impossible = int(np.count_nonzero(~possible))
-    return np.where(possible[..., None], linear, np.float32(0)), kept & possible, impossible
+    return kept
 
 
 def _possible(linear: np.ndarray, most_times_bright: float, fireflies: FireflySettings) -> np.ndarray:

@@ -24,3 +24,11 @@ def kept_at(path: Path, shape: tuple[int, int]) -> np.ndarray:
         return kept
     height, width = shape
     return cv2.resize(kept.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > ALL_KEPT
+
+
+def nothing_kept(which: str) -> str:
+    """Say that `which`, the beginning of the sentence, keeps no pixel, and what masks should be."""
+    return (
+        f"{which} keeps a pixel; expected white (255, at least 128) where the object is. Masks of 0 and 1 "
+        "have to be multiplied by 255."
+    )

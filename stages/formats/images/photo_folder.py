@@ -100,6 +100,23 @@ def _readable(names: Iterable[str]) -> list[str]:
     ]
 
 
+def find_masks(folder: Path, names: Sequence[str]) -> dict[str, Path]:
+    """Find the mask of every photo that has one, by the photo's name.
+
+    Raises
+    ------
+    UserError
+        None belongs to a photo.
+    """
+    found = {name: mask for name in names if (mask := find_mask(folder, name)) is not None}
+    if not found:
+        raise UserError(
+            f"No mask in {folder} belongs to a photo: expected names like {names[0]}, its stem with "
+            f".png, or {names[0]}.png. Rename the masks."
+        )
+    return found
+
+
 def find_mask(folder: Path, image_name: str) -> Path | None:
     """Find a photo's mask: its name, its stem with ``.png``, or COLMAP's ``name.ext.png``; else None.
 
