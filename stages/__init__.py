@@ -139,6 +139,16 @@ def experiment(given: Collection[str], light: str = "directions") -> Flow:
     return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
 
 
+def keeping_within_masks(flow: Flow, settings: Mapping[str, Settings]) -> Flow:
+    """Let the stages take masks that are set to keep within them; the results of others ignore masks."""
+    taken: dict[str, AnyStage] = {}
+    if settings_of(SFM, settings).within_masks:
+        taken[SFM.name] = replace(SFM, may_take=("masks",))
+    if settings_of(MVS, settings).within_masks:
+        taken[MVS.name] = replace(MVS, takes=(*MVS.takes, "kept"))
+    return tuple(taken.get(stage.name, stage) for stage in flow)
+
+
 def kind_of_light(settings: Mapping[str, Settings], given: Collection[str] = ()) -> str:
     """Derive the decomposition's kind of light from all stages' settings: paper, harmonics or directions.
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Stage, UserError
-from stages.scene.distributions import PYCOLMAP
+from stages.scene.distributions import PICTURES, PYCOLMAP
 from stages.stereo.mvs_settings import MvsSettings
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def run(job: Job[MvsSettings]) -> None:
     from stages.stereo.workspace import open_workspace
 
     settings, engine = job.settings, job.machine["engine"]
-    workspace = open_workspace(job.inputs["workspace"])
+    workspace = open_workspace(job.inputs["workspace"], _masks(job))
     if len(workspace.cameras) < 2:
         raise UserError(
             f"The workspace holds {len(workspace.cameras)} posed view(s); stereo needs at least 2. "
@@ -45,6 +46,19 @@ def run(job: Job[MvsSettings]) -> None:
         engine, cloud = "sparse", sparse_points.compute(job, workspace)
     write_points(job.outputs["fused"], cloud.x_in_world, cloud.normals, cloud.colours)
     job.note(engine=engine, fused_points=len(cloud.x_in_world))
+
+
+def _masks(job: Job[MvsSettings]) -> Path | None:
+    """The folder of masks to keep within, if that is set."""
+    if not job.settings.within_masks:
+        return None
+    folder = job.inputs["kept"]
+    if next(folder.rglob("*.png"), None) is None:
+        raise UserError(
+            "mvs.within_masks is set, but no view has a mask; expected --masks DIR, or photos with alpha "
+            "channels. Give them, or leave the setting out."
+        )
+    return folder
 
 
 def compute_with(engine: str) -> Callable[[Job[MvsSettings], Workspace], FusedPoints]:
@@ -73,7 +87,7 @@ MVS = Stage(
         Artefact("fused", "fused points with normals and colours, world axes", file="fused.ply"),
     ),
     run=run,
-    tools=("numpy", "scipy", "numba", "opencv-python-headless", *PYCOLMAP),
+    tools=("numpy", "scipy", "numba", *PYCOLMAP, *PICTURES),
     saves_memory="lower undistort.max_size_px",
     machine=engine_of,
 )

@@ -109,17 +109,48 @@ def _find_features(job: Job[SfmSettings], photos: Sequence[Photo], database: Pat
     cameras = initial_cameras(
         photos, groups, settings.camera_model, settings.camera_params, settings.focal_factor
     )
+    masks = _write_masks(job, photos) if settings.within_masks else None
     found_in = job.scratch / "features.db"
     batch = 2 * job.threads
     with job.progress("finding features", len(photos)) as step:
         for start in range(0, len(photos), batch):
             copies = [photo.copy for photo in photos[start : start + batch]]
-            detect(copies, found_in, settings.max_features, job.threads)
+            detect(copies, found_in, settings.max_features, job.threads, masks)
             step(len(copies))
     check_room(database, room_for_copy(found_in))
     with pycolmap.Database.open(found_in) as found:
         features = (read_features(found, photo.copy, photo.width, photo.height) for photo in photos)
         return write_features(database, cameras, groups, features)
+
+
+def _write_masks(job: Job[SfmSettings], photos: Sequence[Photo]) -> Path:
+    """The folder of masks of the photos' copies; photos without one are named aloud."""
+    from stages.formats.images.masks import nothing_kept
+    from stages.formats.images.photo_folder import find_masks
+    from stages.motion.photo_set import write_mask_of_copy
+
+    settings, given, folder = job.settings, job.inputs.get("masks"), job.scratch / "masks"
+    folder.mkdir()
+    found = find_masks(given, [photo.name for photo in photos]) if given else {}
+    masked = [(photo, found.get(photo.name)) for photo in photos]
+    fixed = job.inputs["images"], folder, settings.max_size_px, settings.alpha
+    shares = list(job.tasks.small(write_mask_of_copy, masked, *fixed))
+    if not any(shares):
+        raise UserError(nothing_kept(f"No mask of the photos in {job.inputs['images']}"))
+    whole = [
+        photo.name for (photo, mask), share in zip(masked, shares, strict=True) if share == 1 and not mask
+    ]
+    if len(whole) == len(photos):
+        raise UserError(
+            "sfm.within_masks is set, but no photo has a mask; expected --masks DIR, or photos with alpha "
+            "channels. Give them, or leave the setting out."
+        )
+    if whole:
+        job.warn(
+            f"{len(whole)} of {len(photos)} photos have no mask, and features everywhere: {listed(whole)}."
+        )
+    job.note(kept_by_masks=round(sum(shares) / len(shares), 4))
+    return folder
 
 
 def _match(job: Job[SfmSettings], database: Path, photos: Sequence[Photo], features: Sequence[int]) -> None:

@@ -86,6 +86,7 @@ def _request(
     settings = check_settings(declared, given, former_names(stages.ALL_STAGES))
     flow_of = stages.experiment if "render" in given else stages.dataflow
     flow = flow_of(sources, stages.kind_of_light(settings, sources))
+    flow = stages.keeping_within_masks(flow, settings)
     if relighting:
         flow = stages.with_relighting(flow)
     if full_resolution:

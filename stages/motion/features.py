@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from stages.formats.images.photos import encode_srgb8, read_photo, write_png_srgb8
+from stages.formats.images.photos import encode_srgb8, read_photo, write_mask, write_png_srgb8
 from stages.motion.room import check_room, room_for_features
 
 
@@ -38,27 +38,55 @@ def write_reduced(linear: np.ndarray, path: Path, max_size_px: int) -> None:
     COLMAP knows neither 16 bits, EXIF rotation nor linear light; and it would reduce in sRGB.
     """
     height, width = linear.shape[:2]
-    reduction = min(1.0, max_size_px / max(width, height))
-    size = max(1, round(width * reduction)), max(1, round(height * reduction))
+    size = size_of_copy(width, height, max_size_px)
     if size != (width, height):
         linear = cv2.resize(linear, size, interpolation=cv2.INTER_AREA)
     write_png_srgb8(path, linear)
 
 
-def detect(copies: Sequence[Path], database: Path, max_features: int, threads: int) -> None:
+def size_of_copy(width: int, height: int, max_size_px: int) -> tuple[int, int]:
+    """Compute width and height of the reduced copy of a photo."""
+    reduction = min(1.0, max_size_px / max(width, height))
+    return max(1, round(width * reduction)), max(1, round(height * reduction))
+
+
+def write_reduced_mask(kept: np.ndarray, copy: Path, masks: Path, max_size_px: int) -> None:
+    """Write the mask of a reduced copy where COLMAP seeks it: in the folder `masks`, the name with ``.png``.
+
+    Parameters
+    ----------
+    kept : ndarray, shape (h, w), bool
+        Pixels of the full photo in which features may lie.
+    copy : Path
+        The reduced copy, which may not be there yet.
+    masks : Path
+    max_size_px : int
+        That of the copy.
+    """
+    size = size_of_copy(kept.shape[1], kept.shape[0], max_size_px)
+    rounded = cv2.resize(kept.astype(np.uint8), size, interpolation=cv2.INTER_AREA)
+    write_mask(masks / f"{copy.name}.png", rounded > 0)
+
+
+def detect(
+    copies: Sequence[Path], database: Path, max_features: int, threads: int, masks: Path | None = None
+) -> None:
     """Detect and describe SIFT features of some reduced copies (of one folder) into a scratch database.
 
-    The rows' order follows the threads: only `read_features`, by name, makes sense of it. Raises what
-    `check_room` does.
+    Features outside of the `masks`, of `write_reduced_mask`, are dropped, after the `max_features` largest
+    of the whole copy were chosen; COLMAP passes over a copy without a mask. The rows' order follows the
+    threads: only `read_features`, by name, makes sense of it. Raises what `check_room` does.
     """
     check_room(database, room_for_features([max_features] * len(copies)))
     options = pycolmap.FeatureExtractionOptions(num_threads=threads, use_gpu=False)
     options.sift.max_num_features = max_features
+    reading = pycolmap.ImageReaderOptions() if masks is None else pycolmap.ImageReaderOptions(mask_path=masks)
     pycolmap.extract_features(
         database,
         copies[0].parent,
         image_names=[copy.name for copy in copies],
         camera_mode=pycolmap.CameraMode.PER_IMAGE,
+        reader_options=reading,
         extraction_options=options,
         device=pycolmap.Device.cpu,
     )

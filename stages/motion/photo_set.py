@@ -12,9 +12,10 @@ import pycolmap
 from pipeline import UserError
 from pipeline.cache.digest import digest_file
 from stages.formats.decoders.pictures import exif_of
+from stages.formats.images.masked_photos import read_kept
 from stages.formats.images.photo_folder import LINEAR
 from stages.formats.images.photos import photo_size, read_photo
-from stages.motion.features import write_reduced
+from stages.motion.features import write_reduced, write_reduced_mask
 from stages.motion.positions import Position, position_of
 
 EXIF_DETAILS, FOCAL_LENGTH_35_MM = 0x8769, 0xA405  # a directory of EXIF, and a tag in it
@@ -78,6 +79,35 @@ def write_linear_copy(photo: Photo, folder: Path, max_size_px: int, exposure: fl
     write_reduced(
         np.nan_to_num(read_photo(folder / photo.name) * np.float32(exposure)), photo.copy, max_size_px
     )
+
+
+def write_mask_of_copy(
+    masked: tuple[Photo, Path | None], folder: Path, masks: Path, max_size_px: int, with_alpha: bool
+) -> float:
+    """Write where features of a photo's copy may lie; returns the share of it. White without a mask.
+
+    Parameters
+    ----------
+    masked : (Photo, Path or None)
+        The photo and its mask; white = keep.
+    folder : Path
+        Of the photos.
+    masks : Path
+        Folder of the masks of copies.
+    max_size_px : int
+        Of the copies.
+    with_alpha : bool
+        Whether an alpha channel is a mask, too.
+
+    Raises
+    ------
+    UserError
+        As `read_kept`.
+    """
+    photo, mask = masked
+    kept = read_kept(folder / photo.name, mask, (photo.width, photo.height), False, with_alpha)
+    write_reduced_mask(kept, photo.copy, masks, max_size_px)
+    return float(kept.mean())
 
 
 def focal_prior(path: Path) -> float | None:

@@ -53,8 +53,9 @@ def check_placeable(
             f"The {count} photos of {where} cannot be placed: in {len(still)} of {len(tried)} matching pairs "
             f"a part of the picture stands still ({np.median(still):.0%} of the matches lie at the same "
             "pixels in both photos). That is a turntable before a background that does not turn with it, or "
-            "one photo copied. Walk around the object instead, cover the background with plain cloth, or "
-            "leave out the copies."
+            "one photo copied. Give masks of what turns and nothing else (--masks, or alpha channels) and "
+            "set sfm.within_masks=true, cover the background with plain cloth, walk around the object "
+            "instead, or leave out the copies."
         )
     wanted = settings.parallax_pairs * len(tried)
     deep = 0

@@ -169,6 +169,15 @@ class SfmSettings(Settings):
         le=8192,
     )
     max_features: int = setting(8192, "Features kept per photo, COLMAP's default.", ge=256, le=65536)
+    within_masks: bool = setting(
+        False,
+        "Features outside of the masks (--masks, alpha channels) are left out. For what moves before a "
+        "background that does not move with it, as on a turntable. Else the background is kept: it helps to "
+        "place the photos.",
+    )
+    alpha: bool = setting(
+        True, "With within_masks: pixels that an alpha channel says are less than half opaque are masked too."
+    )
     linear_white_percentile: float = setting(
         99.0,
         "Linear photos (EXR, HDR) are scaled so that this percentile of the set becomes white.",

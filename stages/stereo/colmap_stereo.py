@@ -10,6 +10,7 @@ import pycolmap
 
 from pipeline import Job, UserError
 from stages.formats.colmap.depth_maps import read_map
+from stages.formats.images.photos import write_mask
 from stages.formats.meshes.point_clouds import read_cloud
 from stages.scene.cameras import normals_in_world
 from stages.stereo.depth.fusion import FusedPoints
@@ -36,10 +37,9 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
             (folder / "stereo" / name / image_name).parent.mkdir(parents=True, exist_ok=True)
     with job.progress("COLMAP PatchMatch"):
         pycolmap.patch_match_stereo(folder, options=patch_match_options(job.settings))
+    options = fusion_options(job.settings, write_fusion_masks(workspace, job.scratch / "masks"))
     with job.progress("COLMAP fusion"):
-        pycolmap.stereo_fusion(
-            job.scratch / "fused.ply", folder, options=fusion_options(job.settings), output_type="PLY"
-        )
+        pycolmap.stereo_fusion(job.scratch / "fused.ply", folder, options=options, output_type="PLY")
     job.note(coverage=_hand_over(job, workspace, folder / "stereo"))
     return FusedPoints(*read_cloud(job.scratch / "fused.ply"))
 
@@ -54,9 +54,21 @@ def patch_match_options(settings: MvsSettings) -> pycolmap.PatchMatchOptions:
     return options
 
 
-def fusion_options(settings: MvsSettings) -> pycolmap.StereoFusionOptions:
-    """Set up fusion with our thresholds of agreement."""
+def write_fusion_masks(workspace: Workspace, folder: Path) -> Path | None:
+    """Write the masks of the views as COLMAP's fusion seeks them: an image's name with ``.png``."""
+    masks = workspace.masks()
+    if masks is None:
+        return None
+    for view, name in enumerate(workspace.image_names):
+        write_mask(folder / f"{name}.png", masks(view))
+    return folder
+
+
+def fusion_options(settings: MvsSettings, masks: Path | None = None) -> pycolmap.StereoFusionOptions:
+    """Set up fusion with our thresholds of agreement, and the folder of masks to keep within."""
     options = pycolmap.StereoFusionOptions()
+    if masks is not None:
+        options.mask_path = masks
     options.min_num_pixels = settings.fusion_views
     options.max_reproj_error = settings.consistent_px
     options.max_depth_error = settings.fusion_depth_share
@@ -64,16 +76,23 @@ def fusion_options(settings: MvsSettings) -> pycolmap.StereoFusionOptions:
     return options
 
 
+def within(kept: np.ndarray, depth: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Empty a depth map (h, w) and its normals (h, w, 3) where the mask `kept`, (h, w), is False."""
+    return np.where(kept, depth, np.float32(0)), np.where(kept[..., None], normals, np.float32(0))
+
+
 def _hand_over(job: Job[MvsSettings], workspace: Workspace, stereo: Path) -> dict[str, float]:
     """COLMAP's maps into the artefact; a view that COLMAP skipped gets empty ones. Returns the coverage."""
-    coverage = {}
-    for name, camera in zip(workspace.image_names, workspace.cameras, strict=True):
+    coverage, masks = {}, workspace.masks()
+    for view, (name, camera) in enumerate(zip(workspace.image_names, workspace.cameras, strict=True)):
         depth, normals = np.zeros(camera.shape, np.float32), np.zeros((*camera.shape, 3), np.float32)
         if (stereo / "depth_maps" / f"{name}.geometric.bin").is_file():
             depth = read_map(stereo / "depth_maps" / f"{name}.geometric.bin")
             normals = read_map(stereo / "normal_maps" / f"{name}.geometric.bin")
         else:
             job.warn(f"COLMAP gave no depth map for {name}.")
+        if masks is not None:
+            depth, normals = within(masks(view), depth, normals)
         coverage[name] = round(float((depth > 0).mean()), 4)
         write_depth_maps(job.outputs["depth_maps"], name, camera, depth, normals_in_world(camera, normals))
     return coverage

@@ -182,6 +182,12 @@ class MvsSettings(Settings):
         "What computes depth: our own stereo (cpu), COLMAP's PatchMatch (cuda), or nothing: the sparse "
         "points are taken as they are (sparse). auto: cuda where pycolmap has it, else cpu.",
     )
+    within_masks: bool = setting(
+        False,
+        "Depth and points outside of the masks (--masks, alpha channels) are dropped, and the mesh has no "
+        "surface there. Else what is around the object stays in the mesh: it shades the object, and "
+        "reflects light onto it.",
+    )
     sources: int = setting(
         5, "Views that each view is matched with; more cost time, fewer leave holes.", ge=1, le=20
     )

@@ -144,6 +144,7 @@ def plan_scene(job: Job[MvsSettings], workspace: Workspace) -> tuple[stereo.Scen
         plans,
         planes=ArrayStore(scratch_of(job, workspace) / "planes"),
         costs=ArrayStore(scratch_of(job, workspace) / "costs"),
+        mask_of=workspace.masks(),
     )
     return scene, [view for view, plan in enumerate(plans) if not plan.sources]
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from pipeline import Job, UserError
+from stages.scene.cameras import Camera, in_image, project
 from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.mvs_settings import MvsSettings
 from stages.stereo.sparse_surface import oriented_normals
+from stages.stereo.view_selection import SparsePoints
 from stages.stereo.workspace import Workspace, write_depth_maps
 
 
@@ -17,13 +21,17 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
     Raises
     ------
     UserError
-        The model has fewer than three points.
+        The model has fewer than three points, within the masks if there are some.
     """
-    points = workspace.points
+    points, colours = workspace.points, workspace.colours
+    if (masks := workspace.masks()) is not None:
+        kept = mostly_kept(workspace.cameras, points, masks)
+        points, colours = SparsePoints(points.x_in_world[kept], points.seen[:, kept]), colours[kept]
     if len(points.x_in_world) < 3:
+        where = " within the masks" if masks is not None else ""
         raise UserError(
-            f"The sparse model has {len(points.x_in_world)} 3-D points; the sparse engine needs at least 3. "
-            "Give a mesh with --mesh, or photos that overlap more."
+            f"The sparse model has {len(points.x_in_world)} 3-D points{where}; the sparse engine needs at "
+            "least 3. Give a mesh with --mesh, or photos that overlap more."
         )
     job.warn(
         f"The surface comes from {len(points.x_in_world)} sparse points alone: it is coarse, and fine "
@@ -33,4 +41,28 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
         nothing = np.zeros((*camera.shape, 3), np.float32)
         write_depth_maps(job.outputs["depth_maps"], name, camera, nothing[..., 0], nothing)
     normals = oriented_normals(workspace.cameras, points, job.settings.sparse_neighbours)
-    return FusedPoints(points.x_in_world, normals, workspace.colours)
+    return FusedPoints(points.x_in_world, normals, colours)
+
+
+def mostly_kept(
+    cameras: list[Camera], points: SparsePoints, mask_of: Callable[[int], np.ndarray]
+) -> np.ndarray:
+    """Choose the points that the masks keep in most of the views that observe them, shape (n,), bool.
+
+    Parameters
+    ----------
+    cameras : list of Camera
+    points : SparsePoints
+    mask_of : callable
+        From a view's index to its mask, (h, w), bool, at the size of its camera.
+    """
+    votes = np.zeros(len(points.x_in_world), int)
+    for view, camera in enumerate(cameras):
+        observed = np.flatnonzero(points.seen[view])
+        xy, z = project(camera, points.x_in_world[observed])
+        inside = in_image(camera, xy, z)
+        column, row = xy[inside].astype(np.int64).T
+        kept = np.zeros(len(observed), bool)
+        kept[inside] = mask_of(view)[row, column]
+        votes[observed] += np.where(kept, 1, -1)
+    return votes > 0

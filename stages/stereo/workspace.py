@@ -14,6 +14,7 @@ import numpy as np
 from pipeline import UserError
 from stages.formats.colmap.depth_maps import write_map
 from stages.formats.colmap.model import camera_of, read_model, registered
+from stages.formats.images.masks import kept_at
 from stages.scene.cameras import Camera, normals_in_cam
 from stages.stereo.view_selection import SparsePoints
 
@@ -37,6 +38,8 @@ class Workspace:
         Their colours.
     shapes : list of tuple of int
         Height and width of the images' files.
+    mask_folder : Path or None
+        Masks named like the views, white = keep; a view without one is kept whole.
     """
 
     folder: Path
@@ -45,6 +48,7 @@ class Workspace:
     points: SparsePoints
     colours: np.ndarray
     shapes: list[tuple[int, int]]
+    mask_folder: Path | None = None
 
     def reduced(self, scale: float) -> Workspace:
         """Reduce the size at which the images are read."""
@@ -54,6 +58,25 @@ class Workspace:
         """Make a reader of the images."""
         sizes = [one.shape for one in self.cameras]
         return ImageReader(self.folder / "images", self.image_names, self.shapes, sizes)
+
+    def masks(self) -> MaskReader | None:
+        """Make a reader of the masks, at the size of the cameras; None where there are none."""
+        if self.mask_folder is None:
+            return None
+        return MaskReader(self.mask_folder, [(one.name, one.shape) for one in self.cameras])
+
+
+@dataclass(frozen=True)
+class MaskReader:
+    """A picklable function from a view's index to the pixels that its mask keeps, (h, w), bool."""
+
+    folder: Path
+    views: list[tuple[str, tuple[int, int]]]
+
+    def __call__(self, view: int) -> np.ndarray:
+        """Read the mask of a view; everything where it has none."""
+        name, shape = self.views[view]
+        return kept_at(self.folder / f"{name}.png", shape)
 
 
 @dataclass(eq=False)
@@ -111,8 +134,8 @@ class ImageReader:
         return np.ascontiguousarray(image[..., ::-1])
 
 
-def open_workspace(folder: Path) -> Workspace:
-    """Open a workspace: ``images/`` and a pinhole model in ``sparse/``."""
+def open_workspace(folder: Path, mask_folder: Path | None = None) -> Workspace:
+    """Open a workspace: ``images/`` and a pinhole model in ``sparse/``, with a folder of masks or without."""
     model = read_model(folder / "sparse")
     images = registered(model)
     row_of = {image.image_id: row for row, image in enumerate(images)}
@@ -130,6 +153,7 @@ def open_workspace(folder: Path) -> Workspace:
         points=SparsePoints(np.array([point.xyz for point in points], float).reshape(-1, 3), seen),
         colours=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
         shapes=[camera.shape for camera in cameras],
+        mask_folder=mask_folder,
     )
 
 

@@ -48,6 +48,8 @@ class Scene:
         (h, w, 3), float32: inverse depth and slopes.
     costs : mutable mapping of int to ndarray
         (h, w), float32: what the planes cost.
+    mask_of : callable or None
+        From a view's index to the pixels that may become points, (h, w), bool; None: all.
     """
 
     cameras: list[Camera]
@@ -55,6 +57,7 @@ class Scene:
     plans: list[ViewPlan]
     planes: MutableMapping[int, np.ndarray] = field(default_factory=dict)
     costs: MutableMapping[int, np.ndarray] = field(default_factory=dict)
+    mask_of: Callable[[int], np.ndarray] | None = None
 
     def grey(self, view: int) -> np.ndarray:
         """Compute a view's grey values in [0, 1], (h, w), float32."""
@@ -143,12 +146,14 @@ def refine_view(
 def confirm_view(scene: Scene, view: int, settings: MvsSettings) -> np.ndarray:
     """Choose the pixels of a view to keep, (h, w), bool.
 
-    They match, and `consistent_views` confirm them, or all sources where there are fewer.
+    They match, `consistent_views` confirm them, or all sources where there are fewer, and the view's mask
+    keeps them.
     """
     inverse = np.ascontiguousarray(scene.planes[view][..., 0])
     count = consistent_views(inverse, sources_of(scene, view, with_depth=True), settings.consistent_px)
     needed = min(settings.consistent_views, len(scene.plans[view].sources))
-    return confirmed(inverse, scene.costs[view], count, highest_cost=settings.highest_cost, fewest=needed)
+    kept = confirmed(inverse, scene.costs[view], count, highest_cost=settings.highest_cost, fewest=needed)
+    return kept if scene.mask_of is None else kept & scene.mask_of(view)
 
 
 def fuse_views(
