@@ -32,8 +32,8 @@ def check_cameras(model: pycolmap.Reconstruction, source: Path | str) -> None:
     UserError
         A size or focal length is not positive, a parameter not finite, the field of view or the way from
         the principal point to the image is beyond any lens, the lens cannot be undone over most of the image
-        or draws it out by more than `MOST_STRETCHED`, or a pose is not finite, beyond `FARTHEST`, or no
-        rotation.
+        or draws it out by more than `MOST_STRETCHED`, or a pose is not finite, beyond `FARTHEST`, no
+        rotation, or missing in a rig.
     """
     try:
         images = [model.images[image_id] for image_id in sorted(model.reg_image_ids())]
@@ -52,13 +52,24 @@ def check_cameras(model: pycolmap.Reconstruction, source: Path | str) -> None:
                 "Export the cameras again."
             )
     for image in images:
-        pose = image.cam_from_world()
+        pose = _pose_of(image, source)
         if not _is_pose(pose):
             raise UserError(
                 f"{image.name} in {source} has a pose that is not one (rotation "
                 f"{pose.rotation.quat.tolist()}, translation {pose.translation.tolist()}); expected numbers "
                 f"below {FARTHEST:g} and a rotation. Export the cameras again."
             )
+
+
+def _pose_of(image: pycolmap.Image, source: Path | str) -> pycolmap.Rigid3d:
+    """Pose of a posed image, which needs that of its camera in its rig."""
+    try:
+        return image.cam_from_world()
+    except RuntimeError as error:
+        raise UserError(
+            f"{image.name} in {source} has a camera without a pose in its rig; expected one for each camera "
+            "of a rig. Calibrate the rig in COLMAP, or leave these images out."
+        ) from error
 
 
 def _is_pose(cam_from_world: pycolmap.Rigid3d) -> bool:
