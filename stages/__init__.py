@@ -16,6 +16,7 @@ from pipeline import AnyStage, Flow, Settings, Source, UserError, settings_of
 from stages.adopt_cameras import ADOPT_CAMERAS
 from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
+from stages.adopt_points import ADOPT_POINTS
 from stages.correspondence import CORRESPONDENCE
 from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER
 from stages.decomposition_under_light import DECOMPOSITION_UNDER_LIGHT
@@ -59,6 +60,7 @@ SOURCES = (
     Source("colmap", MODEL_FILES),
     Source("camera_file", (".txt",)),  # of a folder, the files of single photos
     Source("photo_list"),
+    Source("points_file"),
     Source("mesh_file"),
     Source("masks", IMAGE_SUFFIXES),
     Source("object"),
@@ -79,7 +81,7 @@ DATAFLOW: Flow = (
     DECOMPOSITION_UNDER_LIGHT,  # Eq. 1–4, 9–18: ρ
     EXPORT,  #         PNG files, a COLMAP workspace
 )
-ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_MESH)
+ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_POINTS, ADOPT_MESH)
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
 AFTERWARDS: Flow = (FULL_RESOLUTION, TEXTURE, RELIGHT)  # on demand, from a finished result
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
@@ -97,8 +99,8 @@ def dataflow(given: Collection[str], light: str = "directions") -> Flow:
     Raises
     ------
     UserError
-        There are no photos, there is an object or environment but no `render` section, there are two kinds
-        of cameras, or a mesh without the cameras in whose frame it is.
+        There are no photos, there is an object or environment but no `render` section, or as
+        `cameras_and_surface`.
     """
     if "object" in given or "environment" in given:
         raise UserError(
@@ -109,18 +111,31 @@ def dataflow(given: Collection[str], light: str = "directions") -> Flow:
         raise UserError(
             "No photos were given; expected --images DIR, or `images` under `sources` in a configuration."
         )
-    cameras = {"colmap": ADOPT_MODEL, "camera_file": ADOPT_CAMERAS}
-    adopting = [stage for name, stage in cameras.items() if name in given]
-    if len(adopting) > 1:
-        raise UserError("--colmap and --cameras were given; expected one kind of cameras. Leave out one.")
-    if "mesh_file" in given and not adopting:
+    cameras, surface = cameras_and_surface(given)
+    return (cameras, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
+
+
+def cameras_and_surface(given: Collection[str]) -> tuple[AnyStage, Flow]:
+    """Select the stage that gives the cameras, and those that give the surface, from the sources given.
+
+    Raises
+    ------
+    UserError
+        There are two kinds of cameras or of geometry, or geometry without the cameras in whose frame it is.
+    """
+    cameras: dict[str, AnyStage] = {"colmap": ADOPT_MODEL, "camera_file": ADOPT_CAMERAS}
+    surfaces: dict[str, Flow] = {"mesh_file": (ADOPT_MESH,), "points_file": (ADOPT_POINTS, MESH)}
+    for kinds, flags in ((cameras, "--colmap and --cameras"), (surfaces, "--mesh and --points")):
+        if kinds.keys() <= set(given):
+            raise UserError(f"{flags} were given; expected one of the two. Leave out the other.")
+    if surfaces.keys() & set(given) and not cameras.keys() & set(given):
+        flag = "--mesh" if "mesh_file" in given else "--points"
         raise UserError(
-            "--mesh was given without --colmap or --cameras: a mesh has a meaning only in the frame of its "
+            f"{flag} was given without --colmap or --cameras: it has a meaning only in the frame of its "
             "cameras. Give the COLMAP model, or the file of cameras, that it belongs to."
         )
-    model = adopting[0] if adopting else SFM
-    surface = (ADOPT_MESH,) if "mesh_file" in given else (MVS, MESH)
-    return (model, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
+    adopted = next((stage for name, stage in cameras.items() if name in given), SFM)
+    return adopted, next((flow for name, flow in surfaces.items() if name in given), (MVS, MESH))
 
 
 def experiment(given: Collection[str], light: str = "directions") -> Flow:

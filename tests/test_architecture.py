@@ -358,6 +358,7 @@ def test_every_dataflow_is_sound():
         ["images", "colmap", "mesh_file"],
         ["images", "masks"],
         ["images", "camera_file"],
+        ["images", "colmap", "points_file"],
     ):
         for light in ("paper", "harmonics", "directions"):
             check_flow(stages.dataflow(given, light), stages.SOURCES)

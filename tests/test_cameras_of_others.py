@@ -94,7 +94,7 @@ def test_photos_and_lists_beside_the_cameras_are_found(tmp_path, capsys):
             ["--colmap", "."],
             "holds transforms.json and no COLMAP model; cameras of other programs are given by",
         ),
-        (["--cameras", "transforms.json", "--colmap", str(LINEAR)], "expected one kind of cameras"),
+        (["--cameras", "transforms.json", "--colmap", str(LINEAR)], "--colmap and --cameras were given"),
         (["--cameras", "nowhere.json"], "does not exist; expected a file or a folder"),
         (["--mesh", "transforms.json"], "--mesh was given without --colmap or --cameras"),
         (["--cameras", "transforms.json"], "is JSON of []; expected transforms.json, Bundler's"),

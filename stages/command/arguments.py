@@ -40,6 +40,9 @@ class Given:
     cameras
         Cameras of another program, used likewise: transforms.json (NeRF, nerfstudio), bundle.out (Bundler),
         cameras.sfm (Meshroom), XML (Metashape), or matrices, a line or a file for each photo.
+    points
+        Fused points with normals (PLY, as COLMAP's fused.ply) in the frame of these cameras, used instead of
+        dense stereo.
     mesh
         Mesh in the frame of these cameras, used instead of dense stereo and reconstruction.
     masks
@@ -75,6 +78,7 @@ class Given:
     images: Folder = None
     colmap: Folder = None
     cameras: File = None
+    points: File = None
     mesh: File = None
     masks: Folder = None
     object: File = None

@@ -27,21 +27,24 @@ def write_points(path: Path, x_in_world: np.ndarray, normals: np.ndarray, colour
 
 
 def read_cloud(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Read a cloud with normals and colours.
+    """Read a cloud with normals, and its colours if it has any.
 
     Returns
     -------
     x_in_world : ndarray, shape (n, 3), float64
     normals : ndarray, shape (n, 3), float32
     colours : ndarray, shape (n, 3), uint8
+        Black where the file has none.
 
     Raises
     ------
     UserError
-        It was cut off, or has no normals or colours.
+        It was cut off, or has no normals.
     """
     cloud = read_ply(path)
     normals, colours = cloud.columns("nx", "ny", "nz"), cloud.columns("red", "green", "blue")
-    if normals is None or colours is None:
-        raise UserError(f"{path} has points without normals or colours; expected both. Fuse them again.")
-    return cloud.positions, normals.astype(np.float32), colours.astype(np.uint8)
+    if normals is None:
+        raise UserError(f"{path} has points without normals; expected nx, ny and nz. Fuse them again.")
+    colours = np.zeros(normals.shape) if colours is None else colours
+    with np.errstate(over="ignore", invalid="ignore"):
+        return cloud.positions, normals.astype(np.float32), colours.astype(np.uint8)
