@@ -76,6 +76,8 @@ class Request:
         Where the tasks of stages run; None: on threads of this process.
     absent : mapping of str to Absent
         Those of the sources whose files are fetched only if a stage reads them.
+    remarks : tuple of str
+        Sentences on what was chosen for the user, said before anything is planned or run.
     """
 
     flow: Flow
@@ -88,6 +90,7 @@ class Request:
     cluster: ClusterRequest | None = None
     selection: Selection = field(default_factory=Selection)
     absent: Mapping[str, Absent] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
     def absent_from(self, stage: AnyStage) -> list[str]:
         """List the names of the absent sources that a stage takes."""

@@ -88,6 +88,8 @@ def _cluster(request: Request) -> ClusterOnDemand:
 
 
 def _run_in_order(request: Request, store: Store, listener: Listener, cluster: ClusterOnDemand) -> list[Done]:
+    for sentence in request.remarks:
+        listener.say(sentence)
     available = _read_sources_aloud(request, store, listener)
     output = _output(request, store)
     done = []

@@ -34,7 +34,7 @@ from stages.command.arguments import (
 )
 from stages.command.evaluation import evaluate_verb
 from stages.command.request import relighting_of, request_of
-from stages.command.sources import check_lights, unused_geometry
+from stages.command.sources import check_lights
 from stages.command.workspaces import existing_workspace
 
 COMMANDS = [kind.__name__.lower() for kind in get_args(Command)]
@@ -120,11 +120,9 @@ def obey(command: Command, terminal: Terminal, in_child: bool) -> int:
     match command:
         case Plan():
             check_lights((request := request_of(command)).sources)
-            tell_unused(request, terminal)
             verbs.plan_verb(request, terminal)
         case Run():
-            tell_unused(request := request_of(command), terminal)
-            return carry_out(request, terminal, in_child)
+            return carry_out(request_of(command), terminal, in_child)
         case Relight():
             return carry_out(relighting_of(command), terminal, in_child)
         case Status():
@@ -138,12 +136,6 @@ def obey(command: Command, terminal: Terminal, in_child: bool) -> int:
         case Evaluate():
             evaluate_verb(command, terminal)
     return 0
-
-
-def tell_unused(request: Request, terminal: Terminal) -> None:
-    """Tell of geometry that lies beside the sources and was not given."""
-    if sentence := unused_geometry(request.sources):
-        terminal.say(sentence)
 
 
 def carry_out(request: Request, terminal: Terminal, in_child: bool) -> int:

@@ -71,6 +71,16 @@ def test_a_cloud_of_no_use_is_a_sentence(normal, says, make_job, tmp_path):
         ADOPT_POINTS.run(job)
 
 
+def test_a_cloud_that_was_cut_off_is_a_sentence(cloud, make_job, tmp_path):
+    x_in_world, normals = cloud
+    write_points(tmp_path / "p.ply", x_in_world, normals, np.zeros(x_in_world.shape, np.uint8))
+    whole = (tmp_path / "p.ply").read_bytes()
+    (tmp_path / "p.ply").write_bytes(whole[: len(whole) // 2])
+    job = make_job(tmp_path / "out", ADOPT_POINTS, points_file=tmp_path / "p.ply")
+    with pytest.raises(UserError, match="it was cut off"):
+        ADOPT_POINTS.run(job)
+
+
 def test_dense_results_beside_a_model_are_told_of_and_how_to_take_them(tmp_path, capsys):
     project = colmap_project(tmp_path)
     words = ["plan", "--colmap", str(project), "--images", str(SAMPLE / "linear/images"), "--workspace", "w"]
@@ -81,7 +91,7 @@ def test_dense_results_beside_a_model_are_told_of_and_how_to_take_them(tmp_path,
     assert main(words) == 0
     told = " ".join(capsys.readouterr().err.split())
     dense = project / "dense"
-    assert f"add --mesh {dense}/meshed-poisson.ply or --points {dense}/fused.ply." in told
+    assert f"add --mesh {dense}/meshed-poisson.ply." in told
     assert main([*words, "--mesh", str(SAMPLE / "truth/mesh.ply")]) == 0
     assert "not used" not in capsys.readouterr().err
 

@@ -70,6 +70,8 @@ def _how_it_ended(ending: Ending, stages: Sequence[AnyStage]) -> str:
 
 def plan_verb(request: Request, terminal: Terminal) -> None:
     """Print what a run would do, and why."""
+    for sentence in request.remarks:
+        terminal.say(sentence)
     with refusals_explained(request.workspace):
         store = Store(request.workspace)
         rows = [decision.as_json() for decision in plan(request, store, read_sources(request, store))]

@@ -12,6 +12,7 @@ from pipeline.errors import shown
 from pipeline.request import Request, Selection, check_flow
 from pipeline.stage import settings_of
 from stages.command.arguments import Given, Relight, Run
+from stages.command.dense_results import dense_results
 from stages.command.machine import cluster_of, memory_of, memory_to_fit, threads_of
 from stages.command.sources import absent_sources, check_apart, check_text, config_of, existing, sources_of
 from stages.command.workspaces import workspace_of
@@ -84,6 +85,8 @@ def _request(
     given = override(config.settings, [*command.assignments, *further])
     declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
     settings = check_settings(declared, given, former_names(stages.ALL_STAGES))
+    found, remarks = ({}, ()) if "render" in given else dense_results(sources)
+    sources = sources | found
     flow_of = stages.experiment if "render" in given else stages.dataflow
     flow = flow_of(sources, stages.kind_of_light(settings, sources))
     flow = stages.keeping_within_masks(flow, settings)
@@ -117,4 +120,5 @@ def _request(
         memory=memory,
         selection=selection,
         absent=absent_sources(command, config),
+        remarks=remarks,
     )

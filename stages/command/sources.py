@@ -31,10 +31,6 @@ LIGHTS = ("light", "known_light", "environment")
 FILES = {"points", "mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
 PHOTO_LIST = "list.txt"  # of Bundler, beside its bundle or in the folder above
-DENSE_RESULTS = {
-    "meshed-poisson.ply": "mesh",
-    "fused.ply": "points",
-}  # of COLMAP, and the flags that take them
 CAMERAS_OF_OTHERS = (  # names of files that --cameras takes
     *("transforms.json", "transforms_train.json", "bundle.out", "bundle/bundle.out"),
     *("cameras.sfm", "sfm.json", "sfm.sfm", "cameras.xml"),
@@ -107,20 +103,6 @@ def refuse_cameras_of_others(folder: Path) -> None:
             f"--colmap {folder} holds {there[0]} and no COLMAP model; cameras of other programs are given by "
             f"`--cameras {folder / there[0]}`."
         )
-
-
-def unused_geometry(sources: Mapping[str, Path]) -> str:
-    """Describe dense results beside a COLMAP model that were not given; empty where there are none."""
-    if "colmap" not in sources or {"mesh_file", "points_file"} & sources.keys():
-        return ""
-    folder = sources["colmap"]
-    places = [folder, folder / "dense", folder / "dense/0"]
-    places += [folder.parent] if folder.name == "sparse" else []
-    there = {place / name: flag for place in places for name, flag in DENSE_RESULTS.items()}
-    usable = [f"--{flag} {file}" for file, flag in there.items() if file.is_file()]
-    if not usable:
-        return ""
-    return f"Dense results of COLMAP are there and not used; to take them, add {' or '.join(usable)}."
 
 
 def dataset_of(command: Given, config: Config) -> Dataset | None:
