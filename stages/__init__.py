@@ -20,6 +20,7 @@ from stages.adopt_points import ADOPT_POINTS
 from stages.correspondence import CORRESPONDENCE
 from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER
 from stages.decomposition_under_light import DECOMPOSITION_UNDER_LIGHT
+from stages.delit_photos import DELIT_PHOTOS
 from stages.export import EXPORT
 from stages.full_resolution import FULL_RESOLUTION
 from stages.known_geometry import KNOWN_GEOMETRY
@@ -83,7 +84,7 @@ DATAFLOW: Flow = (
 )
 ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_POINTS, ADOPT_MESH)
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
-AFTERWARDS: Flow = (FULL_RESOLUTION, TEXTURE, RELIGHT)  # on demand, from a finished result
+AFTERWARDS: Flow = (FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT)  # on demand, from a finished result
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
 IN_ORDER = (
     *EXPERIMENT,
@@ -206,6 +207,11 @@ def with_texture(flow: Flow) -> Flow:
     whole = flow if RENDER in flow or FULL_RESOLUTION in flow else (*flow, FULL_RESOLUTION)
     made = {artefact.name for stage in whole for artefact in stage.gives}
     return (*whole, replace(TEXTURE, takes=(*TEXTURE.takes, *(name for name in FINER if name in made))))
+
+
+def with_delit_photos(flow: Flow) -> Flow:
+    """Add the photos without their light to a dataflow."""
+    return (*flow, DELIT_PHOTOS)
 
 
 def kinds_of_sources(flow: Collection[AnyStage]) -> tuple[Source, ...]:

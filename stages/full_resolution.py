@@ -69,11 +69,10 @@ def write_view(view: View) -> str:
     from stages.formats.images.exr import read_exr, write_exr
     from stages.formats.images.masked_photos import read_masked_photo
     from stages.formats.images.photos import read_mask, write_png_srgb16
-    from stages.geometry.lenses import focal_px_of, through_pinhole
+    from stages.geometry.lenses import at_photos_size, through_pinhole
     from stages.photometry.full_resolution import at_full_resolution
 
-    finer = max(1.0, focal_px_of(view.lens) / view.camera.focal_px)
-    camera = view.camera.scaled(round(view.camera.width * finer), round(view.camera.height * finer))
+    camera = at_photos_size(view.camera, view.lens)
     size, how = (view.lens["width"], view.lens["height"]), view.settings
     linear, kept, _ = read_masked_photo(
         view.photo, None, size, view.as_stored, False, how.most_times_bright, how.fireflies

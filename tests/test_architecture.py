@@ -367,5 +367,5 @@ def test_every_dataflow_is_sound():
             flow = stages.with_full_resolution(stages.with_relighting(stages.experiment(given, light)))
             check_flow(flow, stages.kinds_of_sources(flow))
             for whole in (stages.dataflow(["images"], light), stages.experiment(given, light)):
-                flow = stages.with_texture(whole)
+                flow = stages.with_delit_photos(stages.with_texture(whole))
                 check_flow(flow, stages.kinds_of_sources(flow))

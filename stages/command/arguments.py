@@ -111,6 +111,9 @@ class Run(Given):
     texture
         Also write a textured model, GLB and OBJ, into output/model; with the albedo at the photos' own
         resolution.
+    delit_photos
+        Also write the photos without their light, under their own names and of their own size, distortion
+        included, into output/delit: for programs that have the photos already.
     """
 
     only: StageName = None
@@ -119,6 +122,7 @@ class Run(Given):
     force: bool = False
     full_resolution: bool = False
     texture: bool = False
+    delit_photos: bool = False
 
 
 @dataclass(frozen=True)

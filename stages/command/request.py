@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import stages
@@ -10,12 +10,18 @@ from pipeline import UserError, former_names
 from pipeline.config import Config, check_settings, override
 from pipeline.errors import shown
 from pipeline.request import Request, Selection, check_flow
-from pipeline.stage import settings_of
+from pipeline.stage import Flow, settings_of
 from stages.command.arguments import Given, Relight, Run
 from stages.command.dense_results import dense_results
 from stages.command.machine import cluster_of, memory_of, memory_to_fit, threads_of
 from stages.command.sources import absent_sources, check_apart, check_text, config_of, existing, sources_of
 from stages.command.workspaces import workspace_of
+
+FURTHER: dict[str, Callable[[Flow], Flow]] = {  # flags, called like the stage that they add, in order
+    "full_resolution": stages.with_full_resolution,
+    "texture": stages.with_texture,
+    "delit_photos": stages.with_delit_photos,
+}
 
 
 def request_of(command: Run) -> Request:
@@ -28,14 +34,23 @@ def request_of(command: Run) -> Request:
     """
     selection = Selection(command.only, command.first, command.last, command.force)
     config = config_of(command)
-    added = stages.TEXTURE if command.texture else stages.FULL_RESOLUTION if command.full_resolution else None
+    added = [extend for flag, extend in FURTHER.items() if getattr(command, flag)]
+    _check_selected([flag for flag in FURTHER if getattr(command, flag)], command)
+    return _request(command, config, sources_of(command, config), selection, added)
+
+
+def _check_selected(added: Sequence[str], command: Run) -> None:
+    """Refuse flags that ask for a further stage beside one that excludes it.
+
+    Raises
+    ------
+    UserError
+        The run is to end before that stage, or with another.
+    """
     for flag, stage in (("to", command.last), ("only", command.only)):
-        if added is not None and stage not in (None, added.name):
-            asked = added.name.replace("_", "-")
+        if added and stage not in (None, added[-1]):
+            asked = added[-1].replace("_", "-")
             raise UserError(f"--{asked} and --{flag} {stage} were given: it comes last. Leave out one.")
-    return _request(
-        command, config, sources_of(command, config), selection, command.full_resolution, command.texture
-    )
 
 
 def relighting_of(command: Relight) -> Request:
@@ -57,7 +72,8 @@ def relighting_of(command: Relight) -> Request:
     if command.light is not None:
         sources |= {"light": existing("light", command.light)}
     sun = None if command.sun is None else f"relight.sun={_sun_of(command.sun)}"
-    return _request(command, config, sources, Selection(), relighting=True, further=[sun] if sun else [])
+    added = [stages.with_relighting]
+    return _request(command, config, sources, Selection(), added, [sun] if sun else [])
 
 
 def _sun_of(given: str) -> str:
@@ -77,9 +93,7 @@ def _request(
     config: Config,
     sources: dict[str, Path],
     selection: Selection,
-    full_resolution: bool = False,
-    texture: bool = False,
-    relighting: bool = False,
+    added: Sequence[Callable[[Flow], Flow]],
     further: Sequence[str] = (),
 ) -> Request:
     given = override(config.settings, [*command.assignments, *further])
@@ -90,12 +104,8 @@ def _request(
     flow_of = stages.experiment if "render" in given else stages.dataflow
     flow = flow_of(sources, stages.kind_of_light(settings, sources))
     flow = stages.keeping_within_masks(flow, settings)
-    if relighting:
-        flow = stages.with_relighting(flow)
-    if full_resolution:
-        flow = stages.with_full_resolution(flow)
-    if texture:
-        flow = stages.with_texture(flow)
+    for extended in added:
+        flow = extended(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     memory = memory_of(command)

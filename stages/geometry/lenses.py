@@ -1,4 +1,4 @@
-"""Resampling of photos from COLMAP's lens models to pinhole cameras at the same place."""
+"""Photos of COLMAP's lens models and pinhole images at the same place: resampling, and the way back."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pycolmap
 
 from stages.formats.colmap.model import PINHOLES
-from stages.geometry.undistortion import oversampling, resample
-from stages.scene.cameras import Camera
+from stages.geometry.undistortion import BAND_ROWS, oversampling, resample
+from stages.scene.cameras import Camera, pixel_centres
 
 Lens = dict[str, Any]  # a COLMAP camera as keywords, which a worker can be sent
 
@@ -27,6 +27,12 @@ def lens_of(camera: pycolmap.Camera) -> Lens:
 def focal_px_of(lens: Lens) -> float:
     """Compute the mean focal length, pixels."""
     return pycolmap.Camera(**lens).mean_focal_length()
+
+
+def at_photos_size(camera: Camera, lens: Lens) -> Camera:
+    """Scale a pinhole camera to the focal length of its photo; never down."""
+    finer = max(1.0, focal_px_of(lens) / camera.focal_px)
+    return camera.scaled(round(camera.width * finer), round(camera.height * finer))
 
 
 def through_pinhole(
@@ -62,6 +68,24 @@ def through_pinhole(
         oversampling(given.mean_focal_length(), camera.focal_px),
     )
     return linear, kept, True
+
+
+def pinhole_from_photo(lens: Lens, camera: Camera) -> np.ndarray:
+    """Compute where the pixels of a photo lie in the pinhole image of the same place.
+
+    Returns
+    -------
+    ndarray, shape (H, W, 2), float32
+        Pixels of the pinhole image, centres at 0.5, at any distance outside it; NaN where the lens has no ray
+        that a pinhole could see.
+    """
+    given, K = pycolmap.Camera(**lens), camera.intrinsics
+    xy = np.empty((given.height, given.width, 2), np.float32)
+    for top in range(0, given.height, BAND_ROWS):
+        centres = pixel_centres(given.width, min(BAND_ROWS, given.height - top)) + [0, top]
+        rays = np.asarray(given.cam_from_img(centres.reshape(-1, 2)), float)
+        xy[top : top + BAND_ROWS] = (rays @ K[:2, :2].T + K[:2, 2]).reshape(centres.shape)
+    return xy
 
 
 def _source_from_target(lens: pycolmap.Camera, camera: Camera, xy: np.ndarray) -> np.ndarray:

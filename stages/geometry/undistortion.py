@@ -72,6 +72,32 @@ def resample(
     return out, out_kept
 
 
+def bilinear(image: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Interpolate an image at other pixels' places.
+
+    Parameters
+    ----------
+    image : ndarray, shape (h, w[, c]), float32
+    xy : ndarray, shape (H, W, 2), float32
+        Pixels of `image`, centres at 0.5; NaN where there is nothing to see.
+
+    Returns
+    -------
+    ndarray, shape (H, W[, c]), float32
+        0 outside the image.
+    """
+    height, width = image.shape[:2]
+    out = np.empty((*xy.shape[:2], *image.shape[2:]), np.float32)
+    for top in range(0, len(xy), BAND_ROWS):
+        x, y = np.moveaxis(xy[top : top + BAND_ROWS], -1, 0)
+        inside = _inside(x, y, width, height)
+        column, row = (np.where(inside, xy_for_integer_centres(v), 0).astype(np.float32) for v in (x, y))
+        values = cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        values[~inside] = 0
+        out[top : top + BAND_ROWS] = values
+    return out
+
+
 def _sample_grid(width: int, rows: int, top: int, samples: int) -> np.ndarray:
     """Sample positions of a band of pixels, shape (n, 2), in pixels of the wanted image."""
     return (pixel_centres(width * samples, rows * samples) / samples + [0, top]).reshape(-1, 2)
@@ -81,8 +107,7 @@ def _sample(linear: np.ndarray, kept_share: np.ndarray, xy: np.ndarray) -> tuple
     """Bilinear values and whether they may be used, at coordinates (h, w, 2) with centres at 0.5."""
     height, width = kept_share.shape
     x, y = xy[..., 0], xy[..., 1]
-    with np.errstate(invalid="ignore"):
-        inside = (x >= 0) & (x <= width) & (y >= 0) & (y <= height)
+    inside = _inside(x, y, width, height)
     column, row = (np.where(inside, xy_for_integer_centres(v), 0).astype(np.float32) for v in (x, y))
     values, shares = (
         cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -90,6 +115,13 @@ def _sample(linear: np.ndarray, kept_share: np.ndarray, xy: np.ndarray) -> tuple
     )
     values[~inside] = 0
     return values, inside & (shares > ALL_KEPT)
+
+
+def _inside(x: np.ndarray, y: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Test which coordinates lie in an image; NaN does not."""
+    with np.errstate(invalid="ignore"):
+        inside: np.ndarray = (x >= 0) & (x <= width) & (y >= 0) & (y <= height)
+    return inside
 
 
 def _block_mean(image: np.ndarray, samples: int) -> np.ndarray:

@@ -6,6 +6,8 @@ albedo, as at the border of a shadow or in noise, finer detail is not albedo eit
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -47,17 +49,52 @@ def at_full_resolution(
         return np.zeros_like(photo), np.zeros((rows, columns), bool)
     if mask.shape == (rows, columns):
         return np.where((mask & kept)[..., None], albedo, 0).astype(np.float32), mask & kept
-    coarse, inner = reduce_by_area(photo, mask.shape), cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) > 0
+    coarse = reduce_by_area(photo, mask.shape)
+    return with_detail_of(photo, kept, albedo, mask, coarse, lambda image: _enlarged(image, photo), how)
+
+
+def with_detail_of(
+    photo: np.ndarray,
+    kept: np.ndarray,
+    albedo: np.ndarray,
+    mask: np.ndarray,
+    coarse: np.ndarray,
+    enlarged: Callable[[np.ndarray], np.ndarray],
+    how: FullResolutionSettings,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Upsample an albedo map to the pixels of a photo, of whatever geometry: `at_full_resolution`.
+
+    Parameters
+    ----------
+    photo : ndarray, shape (H, W, 3), float32
+        Linear.
+    kept : ndarray, shape (H, W), bool
+        Where there is a photo.
+    albedo : ndarray, shape (h, w, 3), float32
+    mask : ndarray, shape (h, w), bool
+        Where the albedo is known; some of it has to be.
+    coarse : ndarray, shape (h, w, 3), float32
+        The photo at the pixels of the albedo.
+    enlarged : callable
+        Interpolates a map, (h, w[, c]), at the pixels of the photo: ↑ of the formula; 0 outside the map.
+    how : FullResolutionSettings
+
+    Returns
+    -------
+    tuple of ndarray, shape (H, W, 3), float32, and ndarray, shape (H, W), bool
+        The albedo, 0 outside; and where it is known.
+    """
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) > 0
     inner = inner if inner.any() else mask
     floor = how.log_offset * max(float(coarse[inner].mean()), 1e-12)
     shown = _filled(coarse, inner)
-    blurred = _enlarged(shown, photo)
+    blurred = enlarged(shown)
     detail = (np.maximum(photo, 0) + floor) / (np.maximum(blurred, 0) + floor)
     detail = np.clip(detail, 1 / how.most_contrast, how.most_contrast)
     smooth = _filled(albedo, inner)
-    share = _enlarged(taken_over(smooth, shown, how), photo)
-    fine = _enlarged(smooth, photo) * detail ** share[..., None]
-    known = kept & (_enlarged(mask.astype(np.float32), photo) >= 0.5)
+    share = enlarged(taken_over(smooth, shown, how))
+    fine = enlarged(smooth) * detail ** share[..., None]
+    known = kept & (enlarged(mask.astype(np.float32)) >= 0.5)
     return np.where(known[..., None], fine, 0).astype(np.float32), known
 
 

@@ -152,7 +152,9 @@ def camera_of(image: pycolmap.Image, camera: pycolmap.Camera) -> Camera:
 
 
 def pinhole_model(
-    cameras: list[Camera], points_from: pycolmap.Reconstruction | None = None, extension: str = ".png"
+    cameras: list[Camera],
+    points_from: pycolmap.Reconstruction | None = None,
+    extension: str | Mapping[str, str] = ".png",
 ) -> pycolmap.Reconstruction:
     """Build a PINHOLE model of given cameras, one image ``NAME.extension`` each.
 
@@ -163,8 +165,8 @@ def pinhole_model(
     points_from : pycolmap.Reconstruction, optional
         A model of the same views (matched by view name, any camera model, same poses) whose 3-D points and
         tracks are kept: each 2-D point is carried over along its ray. Without it there are no points.
-    extension : str
-        Of the image names.
+    extension : str or mapping of str to str
+        Of the image names, of all or by view name.
 
     Returns
     -------
@@ -182,7 +184,7 @@ def pinhole_model(
         images.append(
             PosedImage(
                 image_id=image_id,
-                name=camera.name + extension,
+                name=camera.name + (extension if isinstance(extension, str) else extension[camera.name]),
                 camera=_colmap_camera(camera),
                 cam_from_world=pycolmap.Rigid3d(camera.cam_from_world),
                 xy=xy,

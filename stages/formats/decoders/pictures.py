@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import cv2
@@ -30,6 +30,7 @@ DECODING_FAILED = (
 DECODED = ("JPEG", "PNG", "TIFF", "WEBP", "AVIF", "BMP", "GIF")
 
 EXIF_ORIENTATION = 0x0112
+EXIF_DIRECTORIES = (0x8769, 0x8825)  # how the photo was taken, and where
 TIFF_BITS_PER_SAMPLE = 258
 TIFF_SAMPLE_FORMAT = 339
 TIFF_PHOTOMETRIC = 262
@@ -108,7 +109,11 @@ def exif_of(path: Path) -> Image.Exif:
             exif.load(heif_exif(path))
             return exif
         with Image.open(path) as image:
-            return Image.Image.getexif(image)
+            exif = Image.Image.getexif(image)
+            for directory in EXIF_DIRECTORIES:  # while the file is open: of TIFF they are read on demand
+                with suppress(*DECODING_FAILED):
+                    exif.get_ifd(directory)
+            return exif
     except (UserError, Image.DecompressionBombError, *DECODING_FAILED):
         return Image.Exif()
 

@@ -32,11 +32,12 @@ def fault_of_chunks(data: bytes) -> str:
     return ""
 
 
-def said_to_be_srgb(data: bytes) -> bytes:
-    """Insert the chunks that say that a PNG's colours are sRGB."""
+def said_to_be_srgb(data: bytes, exif: bytes = b"") -> bytes:
+    """Insert the chunks that say that a PNG's colours are sRGB, and EXIF data (from their byte order on)."""
+    said = (*SRGB, (b"eXIf", exif)) if exif else SRGB
     chunks = b"".join(
         struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-        for kind, content in SRGB
+        for kind, content in said
     )
     return data[:HEADER] + chunks + data[HEADER:]
 

@@ -16,9 +16,10 @@ MOST_VALUES = 1 << 30  # of all parts and channels: four channels of the largest
 
 
 def write_exr(path: Path, image: np.ndarray, *, half: bool = False, is_colour: bool = True) -> None:
-    """Write `image`, (h, w) as Y or (h, w, 3) as RGB; ZIP, float32 unless `half`; makes the folder.
+    """Write `image`, (h, w) as Y, (h, w, 3) as RGB or (h, w, 4) as RGBA; ZIP, float32 unless `half`.
 
     The header says that colours are linear light of sRGB's primaries, unless three channels are no colour.
+    The folder is made.
 
     Raises
     ------
@@ -36,7 +37,7 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = False, is_colour: b
     if pixels.ndim > 2 and is_colour:
         header["chromaticities"] = REC_709
     try:
-        with OpenEXR.File(header, {"Y" if pixels.ndim == 2 else "RGB": pixels}) as file:
+        with OpenEXR.File(header, {"Y" if pixels.ndim == 2 else "RGBA"[: pixels.shape[2]]: pixels}) as file:
             file.write(str(path))
     except RuntimeError as error:  # all that the binding says of a full disk
         raise OSError(errno.EIO, f"it was cut short: {error}", str(path)) from error

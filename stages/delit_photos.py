@@ -1,0 +1,198 @@
+"""Photos without their light: the albedo in the photos' own pixels, files and names, for other programs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from pipeline import Artefact, Job, Settings, Stage, counted, group, setting
+from stages.photometry.full_resolution_settings import FullResolutionSettings
+from stages.scene.distributions import PICTURES, PYCOLMAP
+from stages.scene.wording import listed
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from stages.geometry.lenses import Lens
+    from stages.scene.cameras import Camera
+
+IMAGES, SPARSE = "images", "sparse"  # as in COLMAP's workspaces
+
+
+class DelitPhotosSettings(Settings):
+    """Settings of the `delit_photos` stage."""
+
+    geometry: Literal["original", "undistorted"] = setting(
+        "original",
+        "original: pixel by pixel as the photos, distortion and orientation included, to take their place in "
+        "another program's project. undistorted: pinhole images, with their COLMAP model.",
+    )
+    without_albedo: Literal["photo", "black", "alpha"] = setting(
+        "photo",
+        "What stands where there is no albedo, behind the surface or outside the masks: the photo itself, on "
+        "the same scale, black, or nothing by an alpha channel (JPEG becomes PNG then).",
+    )
+    quality: int = setting(95, "Quality of JPEG and WebP; colours are not subsampled.", ge=1, le=100)
+    detail: FullResolutionSettings = group(
+        FullResolutionSettings, "Detail finer than a working pixel, as in the stage `full_resolution`."
+    )
+
+
+@dataclass(frozen=True)
+class View:
+    """Work on one view: the photo, its lens, camera and maps at working size, and the picture to write."""
+
+    photo: Path
+    as_stored: bool
+    lens: Lens
+    camera: Camera
+    albedo: Path
+    mask: Path
+    picture: Path
+    white: float
+    settings: DelitPhotosSettings
+
+
+def run(job: Job[DelitPhotosSettings]) -> None:
+    """Write all views in parallel. Memory per worker: some 100 B per pixel of a photo."""
+    from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.colmap.model import read_model, registered
+    from stages.formats.images.photo_copies import name_of_copy
+    from stages.formats.images.photo_turns import read_as_stored
+    from stages.geometry.lenses import lens_of
+    from stages.scene.cameras import view_name
+
+    model = read_model(job.inputs["model"])
+    images = {view_name(image.name): image for image in registered(model)}
+    as_stored = read_as_stored(job.inputs["model"])
+    white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
+    cameras = read_cameras(job.inputs["cameras"])
+    photos = {camera.name: images[camera.name].name for camera in cameras}
+    written = {
+        view: name_of_copy(name, job.settings.without_albedo == "alpha") for view, name in photos.items()
+    }
+    views = [
+        View(
+            photo=job.inputs["images"] / photos[camera.name],
+            as_stored=photos[camera.name] in as_stored,
+            lens=lens_of(model.cameras[images[camera.name].camera_id]),
+            camera=camera,
+            albedo=job.inputs["albedo"] / f"{camera.name}.exr",
+            mask=job.inputs["mask"] / f"{camera.name}.png",
+            picture=job.outputs["delit"] / IMAGES / written[camera.name],
+            white=white,
+            settings=job.settings,
+        )
+        for camera in cameras
+    ]
+    with job.progress("views", len(views)) as step:
+        shares = list(counted(job.tasks.small(write_view, views), step))
+    if job.settings.geometry == "undistorted":
+        _write_model(job, views, written)
+    _tell_other_kinds(job, photos, written)
+    job.note(
+        views=len(views),
+        with_albedo={view.camera.name: round(share, 4) for view, share in zip(views, shares, strict=True)},
+    )
+
+
+def write_view(view: View) -> float:
+    """Write one view's picture; returns the share of its pixels that have an albedo."""
+    import numpy as np
+
+    from stages.formats.images.exr import read_exr
+    from stages.formats.images.masked_photos import read_masked_photo
+    from stages.formats.images.photo_copies import as_stored, is_linear, write_like
+    from stages.formats.images.photos import read_mask
+
+    size, how = (view.lens["width"], view.lens["height"]), view.settings
+    linear, kept, _ = read_masked_photo(
+        view.photo, None, size, view.as_stored, False, how.detail.most_times_bright, how.detail.fireflies
+    )
+    maps = read_exr(view.albedo), read_mask(view.mask)
+    undistorted = how.geometry == "undistorted"
+    fine, known, linear = (
+        _pinhole(view, linear, kept, *maps) if undistorted else _own(view, linear, kept, *maps)
+    )
+    picture = np.where(known[..., None], fine, linear if how.without_albedo == "photo" else np.float32(0))
+    if not is_linear(view.picture.name):
+        picture /= np.float32(view.white)
+    alpha = known if how.without_albedo == "alpha" else None
+    if not undistorted and not view.as_stored:
+        picture = as_stored(picture, view.photo)
+        alpha = alpha if alpha is None else as_stored(alpha, view.photo)
+    write_like(view.photo, view.picture, picture, alpha, how.quality, undistorted)
+    return float(known.mean())
+
+
+def _own(
+    view: View, linear: np.ndarray, kept: np.ndarray, albedo: np.ndarray, mask: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bring the albedo to the photo's own pixels, which are never resampled: albedo, known, photo."""
+    import numpy as np
+
+    from stages.geometry.lenses import pinhole_from_photo, through_pinhole
+    from stages.geometry.undistortion import bilinear
+    from stages.photometry.full_resolution import with_detail_of
+
+    if not mask.any():
+        return np.zeros_like(linear), np.zeros(kept.shape, bool), linear
+    coarse, _, _ = through_pinhole(linear, kept, view.lens, view.camera)
+    place = pinhole_from_photo(view.lens, view.camera)
+    fine, known = with_detail_of(
+        linear, kept, albedo, mask, coarse, lambda image: bilinear(image, place), view.settings.detail
+    )
+    return fine, known, linear
+
+
+def _pinhole(
+    view: View, linear: np.ndarray, kept: np.ndarray, albedo: np.ndarray, mask: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bring albedo and photo to a pinhole image of the photo's resolution: albedo, known, photo."""
+    from stages.geometry.lenses import at_photos_size, through_pinhole
+    from stages.photometry.full_resolution import at_full_resolution
+
+    linear, kept, _ = through_pinhole(linear, kept, view.lens, at_photos_size(view.camera, view.lens))
+    return *at_full_resolution(albedo, mask, linear, kept, view.settings.detail), linear
+
+
+def _write_model(job: Job[DelitPhotosSettings], views: list[View], written: dict[str, str]) -> None:
+    """Write the pinhole model of the pictures."""
+    from stages.formats.colmap.model import pinhole_model, read_model, write_model
+    from stages.geometry.lenses import at_photos_size
+
+    cameras = [at_photos_size(view.camera, view.lens) for view in views]
+    extensions = {view: name.removeprefix(view) for view, name in written.items()}
+    model = pinhole_model(cameras, read_model(job.inputs["model"]), extensions)
+    write_model(model, job.outputs["delit"] / SPARSE)
+
+
+def _tell_other_kinds(job: Job[DelitPhotosSettings], photos: dict[str, str], written: dict[str, str]) -> None:
+    """Warn of photos whose kind cannot be written: programs find pictures by their names."""
+    other = [f"{name} as {written[view]}" for view, name in photos.items() if written[view] != name]
+    if other:
+        job.warn(
+            f"{len(other)} of {len(photos)} pictures have the name of another kind than their photos: "
+            f"{listed(other, 3)}. Replace the photos in the other program's project accordingly."
+        )
+
+
+DELIT_PHOTOS = Stage(
+    name="delit_photos",
+    version=1,
+    about="The photos without their light, under their own names, for other programs.",
+    settings=DelitPhotosSettings,
+    takes=("images", "model", "cameras", "albedo", "mask", "scales"),
+    gives=(
+        Artefact(
+            "delit",
+            "the photos without their light, of their size and kind; undistorted, with a COLMAP model",
+            output="delit",
+        ),
+    ),
+    run=run,
+    tools=("numpy", "scipy", *PYCOLMAP, *PICTURES),
+    saves_memory="give --threads 1: one photo at a time",
+)
