@@ -12,11 +12,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline import AnyStage, Flow, Settings, Source, UserError, settings_of
+from pipeline import AnyStage, Flow, Job, Settings, Source, UserError, settings_of
 from stages.adopt_cameras import ADOPT_CAMERAS
 from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
 from stages.adopt_points import ADOPT_POINTS
+from stages.calibration import CALIBRATION
 from stages.correspondence import CORRESPONDENCE
 from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER
 from stages.decomposition_under_light import DECOMPOSITION_UNDER_LIGHT
@@ -84,7 +85,7 @@ DATAFLOW: Flow = (
 )
 ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_POINTS, ADOPT_MESH)
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
-AFTERWARDS: Flow = (FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT)  # on demand, from a finished result
+AFTERWARDS: Flow = (CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT)  # on demand
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
 IN_ORDER = (
     *EXPERIMENT,
@@ -212,6 +213,68 @@ def with_texture(flow: Flow) -> Flow:
 def with_delit_photos(flow: Flow) -> Flow:
     """Add the photos without their light to a dataflow."""
     return (*flow, DELIT_PHOTOS)
+
+
+def asks_for_calibration(settings: Mapping[str, Settings]) -> bool:
+    """Tell whether a card or chart is given, and check how it is written.
+
+    Raises
+    ------
+    UserError
+        As `references_of`.
+    """
+    how = settings_of(CALIBRATION, settings)
+    if not how.white and not how.chart:
+        return False
+    from stages.photometry.calibration.references import references_of  # numpy: only where it is needed
+
+    return bool(references_of(how))
+
+
+def with_calibration(flow: Flow) -> Flow:
+    """Put the calibration behind the stage that gives the albedo; all after it take what it gives.
+
+    What is before stays what it was, and in the cache: it is only no longer shown.
+    """
+    place = 1 + next(k for k, stage in enumerate(flow) if "albedo" in _given((stage,)))
+    made = _given(flow[:place])
+    lacking = {name for name in CALIBRATED if name not in made}
+    calibration = replace(
+        CALIBRATION,
+        takes=tuple(name for name in CALIBRATION.takes if name not in lacking),
+        gives=tuple(
+            one for one in CALIBRATION.gives if one.name not in {CALIBRATED[name] for name in lacking}
+        ),
+    )
+    before = [_unshown(stage) for stage in flow[:place]]
+    return (*before, calibration, *(_of_calibrated(stage) for stage in flow[place:]))
+
+
+CALIBRATED = {
+    name: f"{name}_calibrated" for name in ("albedo", "shading", "lighting", "albedo_tv", "light_pictures")
+}
+
+
+def _unshown(stage: AnyStage) -> AnyStage:
+    """Keep what is calibrated afterwards out of `output/`."""
+    gives = [replace(one, output=None) if one.name in CALIBRATED else one for one in stage.gives]
+    return replace(stage, gives=tuple(gives))
+
+
+def _of_calibrated(stage: AnyStage) -> AnyStage:
+    """Let a stage take the calibrated maps under the names that it knows; relighting its scale as well."""
+    own_name = {calibrated: name for name, calibrated in CALIBRATED.items()}
+
+    def run(job: Job[Settings]) -> None:
+        stage.run(replace(job, inputs={own_name.get(name, name): path for name, path in job.inputs.items()}))
+
+    takes = tuple(CALIBRATED.get(name, name) for name in stage.takes)
+    return replace(stage, run=run, takes=(*takes, *(["calibration"] if stage.name == RELIGHT.name else [])))
+
+
+def _given(flow: Flow) -> set[str]:
+    """List the artefacts that stages give."""
+    return {artefact.name for stage in flow for artefact in stage.gives}
 
 
 def kinds_of_sources(flow: Collection[AnyStage]) -> tuple[Source, ...]:

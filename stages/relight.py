@@ -35,8 +35,9 @@ class RelightSettings(Settings):
     bounces: int = setting(4, "Number of interreflections between surfaces.", ge=0, le=100)
     brightest: float | None = setting(
         None,
-        "Reflectance of the brightest material; it sets the scale of interreflection. none: the estimate of "
-        "the stage `lighting`; `reflectance_scale.usual_brightest` where there is none.",
+        "Reflectance of the brightest material; it sets the scale of interreflection. none: that of a "
+        "calibrated albedo, or the estimate of the stage `lighting`; without either, "
+        "`reflectance_scale.usual_brightest`.",
         gt=0,
         le=0.95,
     )
@@ -83,7 +84,9 @@ def run(job: Job[RelightSettings]) -> None:
     light = turned_light(
         picture, settings.turn_deg, upright, scene.pixels.directions, settings.environment_map
     )
-    bounces = Bounces(settings.bounces, _brightest(job), settings.reflectance_scale.brightest_quantile)
+    bounces = Bounces(
+        settings.bounces, _brightest(job, albedo), settings.reflectance_scale.brightest_quantile
+    )
     radiance, shading = relit(scene, albedo, light, bounces)
     write_maps(job.outputs["relit"], cameras, masks, radiance)
     write_previews(job.outputs["relit"], cameras, masks, radiance)
@@ -102,11 +105,15 @@ def _picture(job: Job[RelightSettings]) -> np.ndarray:
     return clear_sky_picture(sky, job.settings.environment_map.max_rows).radiance
 
 
-def _brightest(job: Job[RelightSettings]) -> float:
-    """Choose the reflectance of the brightest material: given, estimated with the light, or usual."""
+def _brightest(job: Job[RelightSettings], albedo: np.ndarray) -> float:
+    """Choose the brightest material's reflectance: given, calibrated, estimated with the light, or usual."""
+    import numpy as np
+
     from stages.formats.artefacts.light_npz import read_light
 
     asked: float | None = job.settings.brightest
+    if asked is None and "calibration" in job.inputs and albedo.size:
+        asked = float(np.quantile(albedo, job.settings.reflectance_scale.brightest_quantile))
     if asked is None and "found_light" in job.inputs:
         asked = read_light(job.inputs["found_light"]).brightest
     return asked or job.settings.reflectance_scale.usual_brightest

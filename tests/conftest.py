@@ -23,6 +23,7 @@ WHOLE = {
     "test_albedo_detail",
     "test_cameras_of_others",
     "test_colmap_dense",
+    "test_calibration",
     "test_delit_photos",
     "test_divided_light",
     "test_fast_solver_parts",

@@ -58,6 +58,7 @@ FOLDERS_BELOW = {  # which folders of stages/ each folder may import
     "synthetic": {"synthetic", "geometry", "formats", "scene"},
 }
 ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, itself besides
+    "photometry/calibration": set(),
     "photometry/paper": set(),
     "photometry/transport": {"paper"},
     "photometry/specular": {"transport"},

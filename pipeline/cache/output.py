@@ -44,12 +44,21 @@ class Output:
     def show(self, stage: AnyStage, record: Record) -> None:
         """Copy the stage's artefacts into `output/`, and remove those that it no longer gives.
 
-        Remove also the remaining files of a stage that is not in the dataflow now, where this stage gives the
-        same artefacts.
+        Remove also all that remains of a stage that is not in the dataflow now, where this stage gives the
+        same artefacts, or files in the places of its own.
         """
         shown = self._shown()
         given = {artefact.name: artefact for artefact in stage.gives if artefact.output is not None}
-        replaced = {shown[name]["stage"] for name in given if name in shown} - {UNKNOWN, *self._flow}
+        places = {
+            self._target(artefact, name)
+            for artefact in given.values()
+            for name in record.outputs[artefact.name]
+        }
+        replaced = {
+            one["stage"]
+            for name, one in shown.items()
+            if name in given or not places.isdisjoint(one["files"])
+        } - {UNKNOWN, *self._flow}
         gone = {stage.name, *replaced}
         for name in [name for name, one in shown.items() if one["stage"] in gone and name not in given]:
             self._take_away(shown.pop(name)["files"])

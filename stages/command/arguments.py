@@ -54,6 +54,13 @@ class Given:
     known_light
         Environment map (EXR, HDR), measured where the photos were taken; twice as wide as high, its zenith in
         the first row. Instead of the light, only its rotation about the vertical is estimated.
+    white
+        A grey or white card in a photo, as in `--white 812,440,60,60@IMG_0012.jpg=0.18`: left, top, width and
+        height in pixels of the photo as it is shown, and its reflectance, or three for red, green and blue;
+        repeatable. Albedo, shading and light come on its scale.
+    chart
+        A colour chart of 24 patches in a photo: X1,Y1,X2,Y2,X3,Y3,X4,Y4@NAME, the outer corners of the
+        patches dark skin, bluish green, black and white; repeatable.
     assignments
         A setting, as in `--set decomposition.edges.coarse_lambda=5`; repeatable.
     threads
@@ -84,6 +91,8 @@ class Given:
     object: File = None
     environment: File = None
     known_light: File = None
+    white: Annotated[UseAppendAction[tuple[str, ...]], optional("X,Y,W,H@NAME=VALUE")] = ()
+    chart: Annotated[UseAppendAction[tuple[str, ...]], optional("X1,Y1,…,X4,Y4@NAME")] = ()
     assignments: Annotated[UseAppendAction[tuple[str, ...]], optional("STAGE.SETTING=VALUE", "set")] = ()
     threads: Annotated[int | None, optional("N")] = None
     memory: Annotated[str | None, optional("SIZE")] = None

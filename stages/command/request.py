@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -96,7 +97,12 @@ def _request(
     added: Sequence[Callable[[Flow], Flow]],
     further: Sequence[str] = (),
 ) -> Request:
-    given = override(config.settings, [*command.assignments, *further])
+    references = [
+        f"calibration.{name}={json.dumps(list(places))}"
+        for name, places in (("white", command.white), ("chart", command.chart))
+        if places
+    ]
+    given = override(config.settings, [*command.assignments, *references, *further])
     declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
     settings = check_settings(declared, given, former_names(stages.ALL_STAGES))
     found, remarks = ({}, ()) if "render" in given else dense_results(sources)
@@ -106,6 +112,8 @@ def _request(
     flow = stages.keeping_within_masks(flow, settings)
     for extended in added:
         flow = extended(flow)
+    if stages.asks_for_calibration(settings):
+        flow = stages.with_calibration(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     memory = memory_of(command)

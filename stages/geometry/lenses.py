@@ -88,6 +88,13 @@ def pinhole_from_photo(lens: Lens, camera: Camera) -> np.ndarray:
     return xy
 
 
+def photo_from_pinhole(lens: Lens, camera: Camera) -> np.ndarray:
+    """Compute where a pinhole image's pixels lie in the photo: pixels, (h, w, 2); NaN beyond the lens."""
+    centres = pixel_centres(camera.width, camera.height)
+    xy = _source_from_target(pycolmap.Camera(**lens), camera, centres.reshape(-1, 2))
+    return xy.reshape(centres.shape)
+
+
 def _source_from_target(lens: pycolmap.Camera, camera: Camera, xy: np.ndarray) -> np.ndarray:
     """Pixels (n, 2) of the photo behind pixels of the pinhole image; NaN where the lens sees nothing."""
     K = camera.intrinsics

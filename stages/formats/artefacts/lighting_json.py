@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +30,7 @@ BY_DIRECTIONS = (
 )
 GAUGE = "in each channel the sum of |albedo| equals the sum of |image| over all masked pixels"
 BY_SHADING = "in each channel the mean of shading over all masked pixels is 1"
+BY_REFERENCES = "albedo is reflectance, by cards or charts in photos (calibration.json)"
 ABSOLUTE = "none: the light is in the unit of the images, as it was given"
 
 
@@ -122,3 +124,20 @@ def write_light_around(
         "views": [{"name": name, "light": number, "gain": gain} for name, number, gain in views],
     }
     path.write_text(json_text(content) + "\n", encoding="utf-8")
+
+
+def calibrated_lighting(text: str, factors: np.ndarray) -> str:
+    """Rewrite a `lighting.json` for an albedo that was multiplied by a factor per channel, (3,).
+
+    The light is divided by them.
+    """
+    content = json.loads(text)
+    if "radiance" in content:
+        content["radiance"] = (np.array(content["radiance"]) / factors).tolist()
+        content["gauge"] = BY_REFERENCES
+        return json_text(content) + "\n"
+    for view in content["views"]:
+        for channel, factor in zip(("red", "green", "blue"), factors, strict=True):
+            view[channel] = (np.array(view[channel]) / factor).tolist()
+    content["gauge"] = BY_REFERENCES
+    return json_text(content, indent=1) + "\n"

@@ -70,6 +70,19 @@ def upright(image: np.ndarray, orientation: int) -> np.ndarray:
     return image[:: -1 if flip_rows else 1, :: -1 if flip_columns else 1]
 
 
+def upright_places(xy: np.ndarray, size: tuple[int, int], orientation: int) -> np.ndarray:
+    """Move places, (…, 2), pixels, from an image as stored, of this width and height, to the upright one."""
+    width, height = size
+    x, y = xy[..., 0], xy[..., 1]
+    if 5 <= orientation <= 8:
+        x, y, width, height = y, x, height, width
+    if orientation in (3, 4, 7, 8):
+        y = height - y
+    if orientation in (2, 3, 6, 7):
+        x = width - x
+    return np.stack([x, y], axis=-1)
+
+
 def turned_back(image: np.ndarray, orientation: int) -> np.ndarray:
     """As stored, from upright: quarter turns are undone by each other, all else by itself."""
     return upright(image, {6: 8, 8: 6}.get(orientation, orientation))
