@@ -119,6 +119,7 @@ def _from_all(job: Job[LightingSettings], scene: Scene) -> None:
     from stages.photometry.lighting import lighting_record as record
     from stages.photometry.lighting.estimate_illumination import find_illumination
     from stages.photometry.lighting.illumination_by_known_light import illumination_by
+    from stages.photometry.lighting.opened_views import exposures_of
 
     cameras = scene.cameras
     known = read_environment(job.inputs["known_light"]) if "known_light" in job.inputs else None
@@ -130,14 +131,16 @@ def _from_all(job: Job[LightingSettings], scene: Scene) -> None:
         far = replace(scene.stored, radii=scene.stored.radii[:1], visible=scene.stored.visible[:1])
         scene = replace(scene, stored=far)  # infinitely far away
     scenes = _scenes(job, opened, scene)
-    seen = opened.views.stack, opened.images
+    seen, exposures = (opened.views.stack, opened.images), exposures_of(job.inputs, cameras)
     if known is not None:
         light = _as_known(known, how, cameras, opened.scale)
         with job.progress("steps", light.turns(how.known_light) + 1 + _tries(how)) as step:
-            found = illumination_by(light, *seen, scenes[0], opened.viewing, how, job.threads, step)
+            found = illumination_by(
+                light, *seen, scenes[0], opened.viewing, how, job.threads, step, exposures
+            )
     else:
         with job.progress("steps", _steps(how, len(scenes))) as step:
-            found = find_illumination(*seen, scenes, opened.viewing, how, job.threads, step)
+            found = find_illumination(*seen, scenes, opened.viewing, how, job.threads, step, None, exposures)
     trusted = opened.viewing.trusted & found.observations.trusted
     record.note_light(job, scene.stored, found, int(np.count_nonzero(~trusted)))
     record.report_light(job, scene.stored, found)
@@ -279,11 +282,12 @@ def within(settings: LightingSettings, memory: int) -> LightingSettings:
 
 LIGHTING = Stage(
     name="lighting",
-    version=10,
+    version=11,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=(
         "linear",
+        "exposures",
         "depth",
         "normal",
         "mask",

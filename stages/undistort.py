@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from pipeline import Artefact, Job, Settings, Stage, UserError, counted, group, setting
+from pipeline import Artefact, Job, Settings, Stage, UserError, counted, group, json_text, setting
 from stages.formats.images.photo_settings import MOST_TIMES_BRIGHT, FireflySettings
 from stages.geometry.working_size import (
     MEGA,
@@ -50,6 +51,12 @@ class UndistortSettings(Settings):
     alpha: bool = setting(
         True,
         "Pixels that an alpha channel says are less than half opaque are masked, as by a mask that is given.",
+    )
+    exif_exposure: bool = setting(
+        True,
+        "Exposures in the EXIF data (time, f-number, ISO), where all photos have them and they differ, are "
+        "the gains of views that correspondences say nothing about. Switch off if the photos were brought to "
+        "one brightness afterwards.",
     )
     most_times_bright: float = MOST_TIMES_BRIGHT
     fireflies: FireflySettings = group(FireflySettings, "What `most_times_bright` is a multiple of.")
@@ -104,6 +111,7 @@ def run(job: Job[UndistortSettings]) -> None:
     with job.progress("undistorting", len(views)) as step:
         found = list(counted(job.tasks.small(undistort_view, views), step))
     _tell_what_is_left_out(job, [image.name for image in images], found)
+    _write_exposures(job, {camera.name: one.exposure for camera, one in zip(cameras, found, strict=True)})
     write_model(pinhole_model(cameras, points_from=model), workspace / "sparse")
     write_stereo_settings(workspace, [f"{camera.name}.png" for camera in cameras])
     job.note(
@@ -134,6 +142,8 @@ class Undistorted:
         And without them, there is no other.
     remarks : list of str
         What its header says and was not delivered.
+    exposure : float or None
+        By its EXIF data, in any unit; None where they do not say.
     """
 
     resampled: bool
@@ -143,10 +153,12 @@ class Undistorted:
     unlit: bool
     nothing_left: bool
     remarks: list[str]
+    exposure: float | None
 
 
 def undistort_view(view: View) -> Undistorted:
     """Write one view's linear image, 8-bit image and mask."""
+    from stages.formats.decoders.exif_exposure import exposure_of
     from stages.formats.images.exr import write_exr
     from stages.formats.images.masked_photos import read_masked_photo
     from stages.formats.images.photo_remarks import remarks_on
@@ -173,7 +185,8 @@ def undistort_view(view: View) -> Undistorted:
     black = view.mask is not None and not kept.any()
     nothing_left = bool(impossible) and not kept.any()
     remarks = remarks_on(view.photo, view.as_stored, view.with_alpha)
-    return Undistorted(touched, black, transparent, impossible, unlit, nothing_left, remarks)
+    exposure = exposure_of(view.photo)
+    return Undistorted(touched, black, transparent, impossible, unlit, nothing_left, remarks, exposure)
 
 
 def _pinhole_cameras(model: pycolmap.Reconstruction, blank_pixels: float) -> list[Camera]:
@@ -207,6 +220,22 @@ def _at_working_size(job: Job[UndistortSettings], cameras: list[Camera]) -> list
             f"(undistort.auto.processor_minutes={how.processor_minutes:g})."
         )
     return [camera.scaled(*size) for camera, size in zip(cameras, reduced, strict=True)]
+
+
+def _write_exposures(job: Job[UndistortSettings], exposures: Mapping[str, float | None]) -> None:
+    """Write the views' relative exposures, or that there is nothing to say of them."""
+    from stages.formats.decoders.exif_exposure import range_ev, relative_exposures
+
+    relative = relative_exposures(exposures) if job.settings.exif_exposure else {}
+    lacking = [name for name, exposure in exposures.items() if exposure is None]
+    if job.settings.exif_exposure and 0 < len(lacking) < len(exposures):
+        job.say(
+            f"{len(lacking)} of {len(exposures)} photos have no exposure in their EXIF data "
+            f"({listed(lacking, 3)}): those of the others are not used."
+        )
+    if relative:
+        job.note(exposures_apart_ev=round(range_ev(relative), 2))
+    job.outputs["exposures"].write_text(json_text(relative) + "\n", encoding="utf-8")
 
 
 def _find_masks(job: Job[UndistortSettings], names: list[str]) -> dict[str, Path]:
@@ -310,7 +339,7 @@ def within(settings: UndistortSettings, memory: int) -> UndistortSettings:
 
 UNDISTORT = Stage(
     name="undistort",
-    version=5,
+    version=6,
     about="Pinhole images at working size, in linear light, as a COLMAP workspace.",
     settings=UndistortSettings,
     takes=("images", "model"),
@@ -319,6 +348,7 @@ UNDISTORT = Stage(
         Artefact("workspace", "COLMAP dense workspace: 8-bit images, PINHOLE model"),
         Artefact("linear", "the same images, linear RGB, EXR"),
         Artefact("kept", "masks of the views that have one, white = keep"),
+        Artefact("exposures", "relative exposures by EXIF data, where they differ", file="exposures.json"),
     ),
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),

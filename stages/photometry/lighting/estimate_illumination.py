@@ -38,6 +38,7 @@ def find_illumination(
     threads: int,
     step: Step,
     known_gains: np.ndarray | None = None,
+    exposures: np.ndarray | None = None,
 ) -> Illumination:
     """Estimate light, its distance, view gains, specular reflection, and the pixels' data for the albedo.
 
@@ -58,9 +59,11 @@ def find_illumination(
         Called after every step of the search.
     known_gains : ndarray, shape (n, 3), or None
         Gains of the views, estimated from more views.
+    exposures : ndarray, shape (n,), or None
+        Of the views, by their photos' EXIF data.
     """
     use_threads(threads)
-    photos = ObservationsWithGains.of(views, images, viewing, settings, known_gains)
+    photos = ObservationsWithGains.of(views, images, viewing, settings, known_gains, exposures)
     far = _from_infinitely_far(photos.lit, scenes[0], step)
     now = _at_best_distance(far, scenes, step).without_specular()
     if now.reflectance is not None and now.light is not far.light:

@@ -48,12 +48,13 @@ class ObservationsWithGains:
         viewing: Viewing,
         settings: LightingSettings,
         known_gains: np.ndarray | None = None,
+        exposures: np.ndarray | None = None,
     ) -> ObservationsWithGains:
         """Divide known or estimated gains out of scaled images, 3 of (N,). If no pixel is trusted: all."""
         image = np.stack(images, axis=1)
         if not viewing.trusted.any():
             viewing = replace(viewing, trusted=np.ones_like(viewing.trusted))
-        gains = view_gains(views, image, viewing.trusted, settings.gains, known_gains)
+        gains = view_gains(views, image, viewing.trusted, settings.gains, known_gains, exposures)
         of_pixel = np.repeat(gains.gains, np.diff(views.starts), axis=0).astype(np.float32)
         linked = LinkedPatches.of(views, viewing.trusted, settings.highlights)
         as_seen = Observations.of(linked, viewing, image / of_pixel, gains.spread, settings)

@@ -35,6 +35,7 @@ def illumination_by(
     settings: LightingSettings,
     threads: int,
     step: Callable[[], None],
+    exposures: np.ndarray | None = None,
 ) -> Illumination:
     """Estimate yaw, view gains, specular reflection and the pixels' data under a known light.
 
@@ -42,7 +43,7 @@ def illumination_by(
     """
     use_threads(threads)
     photos = ObservationsWithGains.of(
-        views, images, viewing, settings.model_copy(update={"lights": "shared"})
+        views, images, viewing, settings.model_copy(update={"lights": "shared"}), exposures=exposures
     )
     lit = _with_scale_of(known, photos.lit)
     search = lit.search(scene)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -99,6 +100,16 @@ class ViewFiles:
         return Opened(views, images, scale, normals, viewing, unclipped)
 
 
+def exposures_of(paths: Mapping[str, Path], cameras: Sequence[Camera]) -> np.ndarray | None:
+    """Read the relative exposures of the views, (n,); None where nothing is said of them."""
+    import numpy as np
+
+    if "exposures" not in paths:
+        return None
+    known = json.loads(paths["exposures"].read_text(encoding="utf-8"))
+    return np.array([known[camera.name] for camera in cameras]) if known else None
+
+
 def gains_of_all(job: Job[LightingSettings], views: ViewFiles, scale: float) -> np.ndarray:
     """Estimate the gains of all views, (n, 3), pair by pair; few views are in memory at a time."""
     import numpy as np
@@ -126,4 +137,4 @@ def gains_of_all(job: Job[LightingSettings], views: ViewFiles, scale: float) -> 
             fewest = job.settings.gains.fewest_correspondences
             ratios.append(PairRatio.of(i, j, log_view(i), log_view(j), here, there, fewest))
             step()
-    return np.exp(log_gains(len(views.cameras), ratios))
+    return np.exp(log_gains(len(views.cameras), ratios, exposures_of(job.inputs, views.cameras)))

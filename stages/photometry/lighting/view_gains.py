@@ -72,9 +72,16 @@ class PairRatio:
         return cls(i, j, medians, np.where(counts >= fewest, counts, 0))
 
 
-def log_gains(view_count: int, ratios: Sequence[PairRatio]) -> np.ndarray:
-    """Solve for the log gains of all views, (n, 3): least squares over the pairs, weighted by number."""
-    gains = np.zeros((view_count, 3))
+def log_gains(
+    view_count: int, ratios: Sequence[PairRatio], exposures: np.ndarray | None = None
+) -> np.ndarray:
+    """Solve for the log gains of all views, (n, 3): least squares over the pairs, weighted by number.
+
+    Of all solutions the one nearest to the logarithms of the exposures, (n,): they decide between views that
+    no chain of pairs connects. Without exposures these are alike.
+    """
+    start = np.zeros(view_count) if exposures is None else np.log(exposures)
+    gains = np.repeat(start[:, None], 3, axis=1)
     for c in range(3):
         rows, values = [], []
         for ratio in ratios:
@@ -82,9 +89,9 @@ def log_gains(view_count: int, ratios: Sequence[PairRatio]) -> np.ndarray:
                 row = np.zeros(view_count)
                 row[ratio.i], row[ratio.j] = 1, -1
                 rows.append(np.sqrt(ratio.counts[c]) * row)
-                values.append(np.sqrt(ratio.counts[c]) * ratio.medians[c])
+                values.append(np.sqrt(ratio.counts[c]) * (ratio.medians[c] - start[ratio.i] + start[ratio.j]))
         if rows:
-            gains[:, c] = np.linalg.lstsq(rows, values, rcond=None)[0]
+            gains[:, c] += np.linalg.lstsq(rows, values, rcond=None)[0]
     return gains
 
 
@@ -94,6 +101,7 @@ def view_gains(
     trusted: np.ndarray,
     how: ViewGainSettings,
     known: np.ndarray | None = None,
+    exposures: np.ndarray | None = None,
 ) -> ViewGains:
     """Estimate the gain of every view and channel from corresponding pixels.
 
@@ -107,6 +115,8 @@ def view_gains(
     how : ViewGainSettings
     known : ndarray, shape (n, 3), or None
         Gains that were estimated from more views; the spread alone is measured then.
+    exposures : ndarray, shape (n,), or None
+        Of the views, relative, by their photos' EXIF data: see `log_gains`.
 
     Notes
     -----
@@ -132,7 +142,7 @@ def view_gains(
             )
             for (i, j), (one, other) in zip(sorted(views.correspondences), views.linked_pixels(), strict=True)
         ]
-        gains = log_gains(views.view_count, ratios)
+        gains = log_gains(views.view_count, ratios, exposures)
     else:
         gains = np.log(known)
     logs, bright = np.concatenate([one.logs for one in own]), np.concatenate([one.bright for one in own])
