@@ -8,9 +8,10 @@ from __future__ import annotations
 # Before everything else: pycolmap exports a zlib of its own. Loaded first, it takes half of the calls that
 # OpenCV's PNG writer means for the system's, and the mixture corrupts the heap (pycolmap 4.2 with OpenCV 5).
 import zlib  # noqa: F401
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from pipeline import AnyStage, Flow, Job, Settings, Source, UserError, settings_of
 from stages.adopt_cameras import ADOPT_CAMERAS
@@ -18,6 +19,7 @@ from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
 from stages.adopt_points import ADOPT_POINTS
 from stages.calibration import CALIBRATION
+from stages.colour_space import COLOUR_SPACE, CONVERTED
 from stages.correspondence import CORRESPONDENCE
 from stages.decomposition import DECOMPOSITION, DECOMPOSITION_BY_TRANSFER
 from stages.decomposition_under_light import DECOMPOSITION_UNDER_LIGHT
@@ -85,7 +87,7 @@ DATAFLOW: Flow = (
 )
 ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_POINTS, ADOPT_MESH)
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
-AFTERWARDS: Flow = (CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT)  # on demand
+AFTERWARDS: Flow = (CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT, COLOUR_SPACE)  # on demand
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
 IN_ORDER = (
     *EXPERIMENT,
@@ -246,7 +248,7 @@ def with_calibration(flow: Flow) -> Flow:
             one for one in CALIBRATION.gives if one.name not in {CALIBRATED[name] for name in lacking}
         ),
     )
-    before = [_unshown(stage) for stage in flow[:place]]
+    before = [_unshown(stage, CALIBRATED) for stage in flow[:place]]
     return (*before, calibration, *(_of_calibrated(stage) for stage in flow[place:]))
 
 
@@ -255,21 +257,46 @@ CALIBRATED = {
 }
 
 
-def _unshown(stage: AnyStage) -> AnyStage:
-    """Keep what is calibrated afterwards out of `output/`."""
-    gives = [replace(one, output=None) if one.name in CALIBRATED else one for one in stage.gives]
+def asks_for_colour_space(settings: Mapping[str, Settings]) -> bool:
+    """Tell whether the EXRs are to be in another colour space than that of the cache."""
+    return settings_of(COLOUR_SPACE, settings).exr != "srgb-linear"
+
+
+def with_colour_space(flow: Flow) -> Flow:
+    """Put the conversion of colours at the end of a dataflow, and show what it gives instead of the rest."""
+    given = _given(flow)
+    taken = {name: CALIBRATED[name] if CALIBRATED.get(name) in given else name for name in CONVERTED}
+    taken = {name: own for name, own in taken.items() if own in given}
+    converted = {f"{name}_converted" for name in taken}
+    conversion = replace(
+        COLOUR_SPACE,
+        run=_under_their_names(COLOUR_SPACE, {own: name for name, own in taken.items()}),
+        takes=tuple(taken.values()),
+        gives=tuple(one for one in COLOUR_SPACE.gives if one.name in converted),
+    )
+    return (*(_unshown(stage, taken.values()) for stage in flow), conversion)
+
+
+def _unshown(stage: AnyStage, names: Collection[str]) -> AnyStage:
+    """Keep out of `output/` what a later stage gives in another form."""
+    gives = [replace(one, output=None) if one.name in names else one for one in stage.gives]
     return replace(stage, gives=tuple(gives))
 
 
 def _of_calibrated(stage: AnyStage) -> AnyStage:
     """Let a stage take the calibrated maps under the names that it knows; relighting its scale as well."""
-    own_name = {calibrated: name for name, calibrated in CALIBRATED.items()}
-
-    def run(job: Job[Settings]) -> None:
-        stage.run(replace(job, inputs={own_name.get(name, name): path for name, path in job.inputs.items()}))
-
+    run = _under_their_names(stage, {calibrated: name for name, calibrated in CALIBRATED.items()})
     takes = tuple(CALIBRATED.get(name, name) for name in stage.takes)
     return replace(stage, run=run, takes=(*takes, *(["calibration"] if stage.name == RELIGHT.name else [])))
+
+
+def _under_their_names(stage: AnyStage, names: Mapping[str, str]) -> Callable[[Job[Any]], None]:
+    """Run a stage whose inputs have other names in the dataflow: names map these to its own."""
+
+    def run(job: Job[Any]) -> None:
+        stage.run(replace(job, inputs={names.get(name, name): path for name, path in job.inputs.items()}))
+
+    return run
 
 
 def _given(flow: Flow) -> set[str]:

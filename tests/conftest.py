@@ -24,6 +24,7 @@ WHOLE = {
     "test_cameras_of_others",
     "test_colmap_dense",
     "test_calibration",
+    "test_colour_space",
     "test_delit_photos",
     "test_divided_light",
     "test_fast_solver_parts",

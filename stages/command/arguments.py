@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
@@ -61,6 +61,8 @@ class Given:
     chart
         A colour chart of 24 patches in a photo: X1,Y1,X2,Y2,X3,Y3,X4,Y4@NAME, the outer corners of the
         patches dark skin, bluish green, black and white; repeatable.
+    colour_space
+        Colour space of the EXRs in output/: `srgb-linear`, the default, or `acescg`.
     assignments
         A setting, as in `--set decomposition.edges.coarse_lambda=5`; repeatable.
     threads
@@ -93,6 +95,7 @@ class Given:
     known_light: File = None
     white: Annotated[UseAppendAction[tuple[str, ...]], optional("X,Y,W,H@NAME=VALUE")] = ()
     chart: Annotated[UseAppendAction[tuple[str, ...]], optional("X1,Y1,…,X4,Y4@NAME")] = ()
+    colour_space: Annotated[Literal["srgb-linear", "acescg"] | None, optional("SPACE")] = None
     assignments: Annotated[UseAppendAction[tuple[str, ...]], optional("STAGE.SETTING=VALUE", "set")] = ()
     threads: Annotated[int | None, optional("N")] = None
     memory: Annotated[str | None, optional("SIZE")] = None

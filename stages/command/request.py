@@ -89,6 +89,13 @@ def _sun_of(given: str) -> str:
     return f"[{azimuth:g}, {elevation:g}]"
 
 
+def _settings_by_flags(command: Given) -> list[str]:
+    """Write the flags that stand for settings as assignments."""
+    references = {"white": list(command.white), "chart": list(command.chart)}
+    found = [f"calibration.{name}={json.dumps(given)}" for name, given in references.items() if given]
+    return found + ([f"colour_space.exr={command.colour_space}"] if command.colour_space else [])
+
+
 def _request(
     command: Given,
     config: Config,
@@ -97,12 +104,7 @@ def _request(
     added: Sequence[Callable[[Flow], Flow]],
     further: Sequence[str] = (),
 ) -> Request:
-    references = [
-        f"calibration.{name}={json.dumps(list(places))}"
-        for name, places in (("white", command.white), ("chart", command.chart))
-        if places
-    ]
-    given = override(config.settings, [*command.assignments, *references, *further])
+    given = override(config.settings, [*command.assignments, *_settings_by_flags(command), *further])
     declared = {stage.name: stage.settings for stage in stages.ALL_STAGES}
     settings = check_settings(declared, given, former_names(stages.ALL_STAGES))
     found, remarks = ({}, ()) if "render" in given else dense_results(sources)
@@ -114,6 +116,8 @@ def _request(
         flow = extended(flow)
     if stages.asks_for_calibration(settings):
         flow = stages.with_calibration(flow)
+    if stages.asks_for_colour_space(settings):
+        flow = stages.with_colour_space(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     memory = memory_of(command)

@@ -10,15 +10,22 @@ import numpy as np
 import OpenEXR
 
 from pipeline import UserError
+from stages.formats.colour.rgb_primaries import REC_709, Primaries
 
-REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # primaries and white, x and y: sRGB's
 MOST_VALUES = 1 << 30  # of all parts and channels: four channels of the largest photo
 
 
-def write_exr(path: Path, image: np.ndarray, *, half: bool = False, is_colour: bool = True) -> None:
+def write_exr(
+    path: Path,
+    image: np.ndarray,
+    *,
+    half: bool = False,
+    is_colour: bool = True,
+    primaries: Primaries = REC_709,
+) -> None:
     """Write `image`, (h, w) as Y, (h, w, 3) as RGB or (h, w, 4) as RGBA; ZIP, float32 unless `half`.
 
-    The header says that colours are linear light of sRGB's primaries, unless three channels are no colour.
+    The header says that colours are linear light of these primaries, unless three channels are no colour.
     The folder is made.
 
     Raises
@@ -35,7 +42,7 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = False, is_colour: b
         raise ValueError(f"{np.count_nonzero(~np.isfinite(pixels))} values of {path.name} are not finite")
     header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     if pixels.ndim > 2 and is_colour:
-        header["chromaticities"] = REC_709
+        header["chromaticities"] = primaries
     try:
         with OpenEXR.File(header, {"Y" if pixels.ndim == 2 else "RGBA"[: pixels.shape[2]]: pixels}) as file:
             file.write(str(path))

@@ -11,9 +11,9 @@ import OpenEXR
 from PIL import Image, ImageCms
 
 from stages.formats.colour.icc_profiles import read_profile
+from stages.formats.colour.rgb_primaries import REC_709
 from stages.formats.decoders.pictures import DECODED, DECODING_FAILED
 from stages.formats.decoders.png_chunks import chunks_before_pixels
-from stages.formats.images.exr import REC_709
 from stages.formats.images.photos import orientation_of
 from stages.scene.image_names import CAMERA_RAW, HEIF
 
