@@ -34,6 +34,19 @@ class FitCheckSettings(Settings):
     )
 
 
+class WindingCheckSettings(Settings):
+    """Settings of the check of which side of its faces the mesh shows: of a warning, not of the maps."""
+
+    behind_share: float = setting(
+        0.5,
+        "The mesh seems to be inside out if more than this share of what the views see of it are backs of "
+        "faces: of a closed surface none is, of an open one, as a leaf, half at most where views are around.",
+        ge=0,
+        le=1,
+        changes_result=False,
+    )
+
+
 class RaycastSettings(Settings):
     """Settings of the `raycast` stage."""
 
@@ -51,6 +64,9 @@ class RaycastSettings(Settings):
     )
     fit_check: FitCheckSettings = group(
         FitCheckSettings, "Whether the mesh lies where the sparse points are, else a warning."
+    )
+    winding_check: WindingCheckSettings = group(
+        WindingCheckSettings, "Whether the mesh shows the views the front of its faces, else a warning."
     )
 
 
@@ -92,7 +108,7 @@ def run(job: Job[RaycastSettings]) -> None:
     observed = dict(zip(cameras, sparse.seen, strict=True))
     mesh = read_mesh(job.inputs["mesh"])
     caster = RayCaster(mesh)
-    views, coverage, gaps = [], {}, []
+    views, coverage, gaps, behind = [], {}, [], np.zeros(2, np.int64)
     with job.progress("rays", len(cameras)) as step:
         for name in chosen_views(list(cameras), settings.views):
             camera = cameras[name]
@@ -102,6 +118,7 @@ def run(job: Job[RaycastSettings]) -> None:
             seen = caster.see(camera, job.threads)
             used = seen.mask & kept_at(job.inputs["kept"] / f"{name}.png", camera.shape)
             coverage[name] = round(float(used.mean()), 4)
+            behind += (seen.behind & used).sum(), used.sum()
             gaps.append(gaps_at_points(camera, seen.depth, sparse.x_in_world[observed[name]]))
             step()
             if not used.any():
@@ -121,6 +138,7 @@ def run(job: Job[RaycastSettings]) -> None:
         )
     sightings = sum(int(observed[name].sum()) for name in coverage)
     _tell_fit(job, np.concatenate(gaps), sightings, mesh.diagonal)
+    _tell_winding(job, float(behind[0] / behind[1]))
     write_cameras(job.outputs["cameras"], views)
     job.note(coverage=coverage, mean_coverage=round(float(np.mean(list(coverage.values()))), 4))
 
@@ -141,6 +159,17 @@ def _tell_fit(job: Job[RaycastSettings], gaps: np.ndarray, sightings: int, size:
         f"The mesh seems not to be in the cameras' frame: of {sightings} sightings of sparse points {where}; "
         "expected most on its surface. Check its axes (y up or z up), scale and origin."
     )
+
+
+def _tell_winding(job: Job[RaycastSettings], share: float) -> None:
+    """Warn where the views see the backs of the mesh's faces; `share` of the pixels that see it."""
+    job.note(seen_from_behind=round(share, 4))
+    if share > job.settings.winding_check.behind_share:
+        job.warn(
+            f"The mesh seems to be inside out: {share:.0%} of what the views see of it are backs of faces; "
+            "expected fronts. Light and visibility are those of the front, and the albedo will be wrong. "
+            "Turn its faces over (in Blender: Mesh > Normals > Flip), and give it again."
+        )
 
 
 RAYCAST = Stage(

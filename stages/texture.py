@@ -232,6 +232,11 @@ def _tell(job: Job[TextureSettings], charted: Charted, counts: list[tuple[int, i
         used=round(used / sum(sheet.side**2 for sheet in charted.sheets), 3),
         seen=round(seen / max(places, 1), 4),
     )
+    if not seen:
+        job.warn(
+            "No view shows the front of the surface: the textures are empty. Is the mesh inside out? See "
+            "what `raycast` says of it."
+        )
     if not charted.given:
         return
     flat = int((areas_in_texture(charted.mesh.uv[charted.mesh.faces]) == 0).sum())

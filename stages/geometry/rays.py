@@ -30,6 +30,8 @@ class Seen:
         Face behind each pixel, `NO_TRIANGLE` where none.
     barycentric : ndarray, shape (h, w, 2), float32
         (u, v): the point is (1 − u − v) a + u b + v c.
+    behind : ndarray, shape (h, w), bool
+        Where a face is hit from its back.
     """
 
     depth: np.ndarray
@@ -37,6 +39,7 @@ class Seen:
     mask: np.ndarray
     triangles: np.ndarray
     barycentric: np.ndarray
+    behind: np.ndarray
 
 
 class RayCaster:
@@ -60,20 +63,17 @@ class RayCaster:
         distance = hit["t_hit"].numpy()
         mask = np.isfinite(distance)  # rays have z = 1 in the camera: the distance is z
         triangles, barycentric = hit["primitive_ids"].numpy(), hit["primitive_uvs"].numpy()
+        behind = mask & (np.einsum("hwk,hwk->hw", hit["primitive_normals"].numpy(), rays) > 0)
         normals = np.zeros(rays.shape, np.float32)
-        normals[mask] = self._normals(
-            triangles[mask], barycentric[mask], hit["primitive_normals"].numpy()[mask], rays[mask]
-        )
-        return Seen(np.where(mask, distance, 0), normals, mask, triangles, barycentric * mask[..., None])
+        normals[mask] = self._normals(triangles[mask], barycentric[mask], behind[mask])
+        on_face = barycentric * mask[..., None]
+        return Seen(np.where(mask, distance, 0), normals, mask, triangles, on_face, behind)
 
-    def _normals(
-        self, triangles: np.ndarray, barycentric: np.ndarray, face_normals: np.ndarray, rays: np.ndarray
-    ) -> np.ndarray:
+    def _normals(self, triangles: np.ndarray, barycentric: np.ndarray, behind: np.ndarray) -> np.ndarray:
         """Interpolated vertex normals, turned by the *face's* side: near silhouettes they may lean away."""
         u, v = barycentric[:, :1], barycentric[:, 1:]
         corners = self._vertex_normals[self._faces[triangles]]
         smooth = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
-        behind = np.einsum("nk,nk->n", face_normals, rays) > 0
         smooth[behind] *= -1
         length = np.linalg.norm(smooth, axis=1, keepdims=True)
         return smooth / np.where(length > 0, length, 1)
