@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
 from stages.adopt_mesh import ADOPT_MESH
+from stages.cli import main
 from stages.formats.artefacts.transfer_file import read_transfer
 from stages.formats.colmap.model import pinhole_model
 from stages.formats.images.exr import read_exr
-from stages.formats.meshes.triangle_meshes import Surface, write_mesh
+from stages.formats.meshes.triangle_meshes import Surface, read_mesh, write_mesh
 from stages.raycast import RAYCAST
 from stages.scene.cameras import Camera
 from stages.texture import TEXTURE
@@ -20,6 +23,7 @@ from stages.transfer import TRANSFER, TransferSettings
 from tests.sphere_scene import camera_looking_at_origin
 from tests.test_texture import SURFACE, cameras, write_views
 
+SAMPLE = Path(__file__).parent.parent / "sample_data"
 FACES = SURFACE.faces
 CENTRES = SURFACE.vertices[FACES].mean(axis=1)
 
@@ -111,6 +115,30 @@ def test_a_mesh_inside_out_is_said_to_be(tmp_path, make_job):
     texture = make_job(tmp_path / "texture", TEXTURE, None, **inputs)
     TEXTURE.run(texture)
     assert texture.warnings[0].startswith("No view shows the front of the surface")
+
+
+def test_new_texture_coordinates_leave_all_but_the_texture_as_it_is(tmp_path, capsys):
+    """The surface is the same: `adopt_mesh` reads the file again, and nothing after it runs."""
+    surface = read_mesh(SAMPLE / "truth/mesh.ply")
+    words = ["run", "--colmap", SAMPLE / "linear", "--images", SAMPLE / "linear/images", "--json"]
+    words += ["--mesh", tmp_path / "a.obj", "--workspace", tmp_path / "w", "--to", "raycast"]
+    actions = []
+    for scale in (1.0, 0.5):
+        write_flat_obj(tmp_path / "a.obj", surface, scale)
+        assert main([str(word) for word in words]) == 0
+        rows = json.loads(capsys.readouterr().out)["stages"]
+        actions.append({row["stage"]: row["action"] for row in rows})
+    assert actions[1]["adopt_mesh"] == "run" and actions[1]["raycast"] == "reuse"
+    assert "mesh_file" in TEXTURE.may_take
+
+
+def write_flat_obj(path, surface: Surface, scale: float) -> None:
+    """A surface with the same places along x and y as texture coordinates."""
+    low, size = surface.vertices.min(axis=0), np.ptp(surface.vertices, axis=0)
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in surface.vertices.tolist()]
+    lines += [f"vt {u!r} {v!r}" for u, v, _ in (scale * (surface.vertices - low) / size).tolist()]
+    lines += ["f " + " ".join(f"{k}/{k}" for k in face) for face in (surface.faces + 1).tolist()]
+    path.write_text("\n".join(lines))
 
 
 def test_a_room_that_is_seen_from_inside_is_not_inside_out(tmp_path, make_job):

@@ -11,10 +11,12 @@ import pytest
 import trimesh
 from PIL import Image
 
+from pipeline import UserError
 from stages.formats.artefacts.camera_file import write_cameras
 from stages.formats.colour.srgb import srgb_from_linear
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import write_mask
+from stages.formats.meshes import gltf_binary
 from stages.formats.meshes.textured_models import Texture, TexturedModel, write_glb
 from stages.formats.meshes.triangle_meshes import Surface, write_mesh
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
@@ -267,6 +269,16 @@ def test_the_atlas_is_as_fine_as_the_views_within_bounds():
 
 def test_settings_of_the_stage_are_told_by_name():
     assert TextureSettings().charts.most_px == 4096
+
+
+def test_a_glb_that_no_header_could_tell_the_length_of_is_refused(monkeypatch):
+    monkeypatch.setattr(gltf_binary, "LARGEST_FILE", gltf_binary.ROOM_FOR_TEXT + 10)
+    buffer = gltf_binary.BinaryBuffer()
+    buffer.add(bytes(8))
+    assert len(gltf_binary.packed({}, buffer)) > 8
+    buffer.add(bytes(8))
+    with pytest.raises(UserError, match=r"would be a GLB of .* GB; expected at most 4.2 GB"):
+        gltf_binary.packed({}, buffer)
 
 
 def test_axes_of_a_glb_are_turned_and_nothing_else(tmp_path):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline import UserError
 from pipeline.files.json_text import json_text
 
 MAGIC, VERSION, JSON_CHUNK, BINARY_CHUNK = b"glTF", 2, b"JSON", b"BIN\0"
@@ -14,6 +15,8 @@ FLOAT, UINT32 = 5126, 5125
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 ALIGNMENT = 4
+LARGEST_FILE = 2**32 - 1  # bytes: what the header can say
+ROOM_FOR_TEXT = 1 << 24
 
 
 class BinaryBuffer:
@@ -56,7 +59,18 @@ class BinaryBuffer:
 
 
 def packed(content: dict[str, Any], buffer: BinaryBuffer) -> bytes:
-    """Pack a glTF and its buffer as GLB; buffers, views and accessors are added to the content."""
+    """Pack a glTF and its buffer as GLB; buffers, views and accessors are added to the content.
+
+    Raises
+    ------
+    UserError
+        It is larger than a GLB can be.
+    """
+    if len(buffer.data) > LARGEST_FILE - ROOM_FOR_TEXT:
+        raise UserError(
+            f"The model would be a GLB of {len(buffer.data) / 1e9:.1f} GB; expected at most 4.2 GB, for the "
+            "format has no larger ones. Lower texture.charts.most_px."
+        )
     data = bytes(buffer.data) + bytes(-len(buffer.data) % ALIGNMENT)
     content = content | {
         "buffers": [{"byteLength": len(data)}],
