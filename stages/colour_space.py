@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from pipeline import Artefact, Job, Settings, Stage, setting
-from stages.scene.distributions import PICTURES
 
 if TYPE_CHECKING:
     import numpy as np
@@ -86,5 +85,5 @@ COLOUR_SPACE = Stage(
         for name in CONVERTED
     ),
     run=run,
-    tools=("numpy", *PICTURES),
+    tools=("numpy", "openexr"),
 )

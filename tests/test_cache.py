@@ -443,6 +443,36 @@ def test_a_stage_that_takes_over_from_one_that_is_gone_leaves_nothing_of_it_in_t
     assert (root / "workspace/output/page.txt").exists(), "of a stage whose place nobody takes"
 
 
+def test_what_one_more_stage_shows_in_the_place_of_another_goes_with_it(root):
+    """A stage that gives the numbers in another form: theirs are back, and its own gone, when it is left out."""
+
+    def doubled(job):
+        number = int((job.inputs["numbers"] / "length.txt").read_text())
+        (job.outputs["doubled"] / "length.txt").write_text(str(2 * number))
+        job.outputs["factor"].write_text("2")
+
+    twice = replace(
+        REPORT,
+        name="twice",
+        run=doubled,
+        gives=(
+            Artefact("doubled", "twice the counts", output="numbers"),
+            Artefact("factor", "by which", file="factor.txt", output="factor.txt"),
+        ),
+    )
+    unshown = replace(COUNT, gives=(Artefact("numbers", "counts"),))
+    output = root / "workspace/output"
+    for flow, length, ran in (
+        ((JOIN, COUNT), "11", ["join", "count"]),
+        ((JOIN, unshown, twice), "22", ["twice"]),
+        ((JOIN, COUNT), "11", []),
+        ((JOIN, unshown, twice), "22", []),
+    ):
+        assert run_toy(root, flow=flow).ran == ran
+        assert (output / "numbers/length.txt").read_text() == length
+        assert (output / "factor.txt").exists() == (twice in flow)
+
+
 def test_an_output_of_a_program_that_kept_no_origins_is_brought_up_to_date(root):
     run_toy(root)
     ledger = root / "workspace/cache/output.json"
