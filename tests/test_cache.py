@@ -444,7 +444,7 @@ def test_a_stage_that_takes_over_from_one_that_is_gone_leaves_nothing_of_it_in_t
 
 
 def test_what_one_more_stage_shows_in_the_place_of_another_goes_with_it(root):
-    """A stage that gives the numbers in another form: theirs are back, and its own gone, when it is left out."""
+    """A stage that gives the numbers in another form: without it, they are back, and what it gave is gone."""
 
     def doubled(job):
         number = int((job.inputs["numbers"] / "length.txt").read_text())

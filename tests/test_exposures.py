@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from stages.formats.decoders.exif_copies import copied_exif
 from stages.formats.decoders.exif_exposure import exposure_of, range_ev, relative_exposures
 from stages.photometry.lighting.settings import ViewGainSettings
 from stages.photometry.lighting.view_gains import PairRatio, log_gains, view_gains
@@ -45,6 +46,7 @@ def test_an_exposure_is_time_by_sensitivity_over_the_square_of_the_f_number(suff
         {"time": 0.01, "aperture": 0.0, "iso": 200},
         {"time": 0.0, "aperture": 8.0, "iso": 200},
         {"time": 0.01, "aperture": 8.0, "iso": 0},
+        {"time": 0.01, "aperture": "wide", "iso": 200},
     ],
 )
 def test_an_exposure_that_is_not_all_there_is_none(tags, tmp_path):
@@ -55,6 +57,22 @@ def test_a_file_without_exif_data_or_without_a_picture_has_no_exposure(tmp_path)
     Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "a.jpg")
     (tmp_path / "b.jpg").write_bytes(b"none")
     assert exposure_of(tmp_path / "a.jpg") is None and exposure_of(tmp_path / "b.jpg") is None
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".tif", ".png", ".webp"])
+def test_exif_data_with_changed_bytes_are_read_and_copied_as_far_as_they_can_be(suffix, tmp_path):
+    rng = np.random.default_rng(0)
+    whole = photo(tmp_path / f"a{suffix}", time=0.01, aperture=8.0, iso=200).read_bytes()
+    begin = whole.find(b"Exif") if b"Exif" in whole else len(whole) - 300
+    for _ in range(200):
+        data = bytearray(whole)
+        for place in rng.integers(begin, min(begin + 200, len(data)), 5):
+            data[place] = rng.integers(256)
+        changed = tmp_path / f"b{suffix}"
+        changed.write_bytes(data)
+        exposure = exposure_of(changed)
+        assert exposure is None or exposure > 0
+        copied_exif(changed, 1, (80, 60)).tobytes()
 
 
 def test_exposures_are_compared_only_where_all_are_known_and_differ():

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from stages.formats.decoders.pictures import exif_of
+from stages.formats.decoders.pictures import exif_directory, exif_of
 
 GPS_IFD = 0x8825
 SOUTH, LATITUDE, WEST, LONGITUDE = 1, 2, 3, 4  # tags of the GPS directory
@@ -31,7 +31,7 @@ class Position:
 def position_of(path: Path) -> Position | None:
     """Read the position of a photo; None where its data have none, or none that can be."""
     try:
-        gps = exif_of(path).get_ifd(GPS_IFD)
+        gps = exif_directory(exif_of(path), GPS_IFD)
         latitude = _degrees(gps[LATITUDE], gps.get(SOUTH, "N") == "S")
         longitude = _degrees(gps[LONGITUDE], gps.get(WEST, "E") == "W")
     except (KeyError, TypeError, ValueError, ZeroDivisionError, AttributeError, IndexError):

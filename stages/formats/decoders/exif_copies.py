@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from PIL import Image
 
-from stages.formats.decoders.pictures import DECODING_FAILED, EXIF_DIRECTORIES, EXIF_ORIENTATION, exif_of
+from stages.formats.decoders.pictures import (
+    DECODING_FAILED,
+    EXIF_DIRECTORIES,
+    EXIF_ORIENTATION,
+    exif_directory,
+    exif_of,
+)
 
 # Description, make, model, resolution, program, time, artist, copyright: what describes a photo, and not how
 # its file lays out the pixels, as most tags of TIFF and raw do.
@@ -15,6 +22,7 @@ COLOUR_SPACE, SRGB = 0xA001, 1
 # Makers' notes hold places in the file that they were in; interoperability says which colours were meant.
 NOT_COPIED = (0x927C, 0xA005)
 PIXELS_WIDE, PIXELS_HIGH = 0xA002, 0xA003
+LONGEST = 60_000  # bytes; JPEG has room for 65,533
 HEADER_IN_JPEG = b"Exif\0\0"  # before the byte order
 
 
@@ -33,9 +41,13 @@ def copied_exif(path: Path, orientation: int, size: tuple[int, int]) -> Image.Ex
     """
     found, copied = exif_of(path), Image.Exif()
     for tag in DESCRIBING:
-        if tag in found:
-            _keep_if_writable(copied, tag, found[tag])
-    details, position = (_directory(found, directory) for directory in EXIF_DIRECTORIES)
+        with suppress(*DECODING_FAILED):
+            if (value := found.get(tag)) is not None:
+                _keep_if_writable(copied, tag, value)
+    details, position = (
+        {tag: value for tag, value in exif_directory(found, directory).items() if tag not in NOT_COPIED}
+        for directory in EXIF_DIRECTORIES
+    )
     if details:
         details |= {COLOUR_SPACE: SRGB, PIXELS_WIDE: size[0], PIXELS_HIGH: size[1]}
     for directory, values in zip(EXIF_DIRECTORIES, (details, position), strict=True):
@@ -50,16 +62,11 @@ def exif_block(exif: Image.Exif) -> bytes:
     return exif.tobytes().removeprefix(HEADER_IN_JPEG)
 
 
-def _directory(exif: Image.Exif, directory: int) -> dict[int, object]:
-    try:
-        return {tag: value for tag, value in exif.get_ifd(directory).items() if tag not in NOT_COPIED}
-    except DECODING_FAILED:
-        return {}
-
-
 def _keep_if_writable(exif: Image.Exif, tag: int, value: object) -> None:
     exif[tag] = value
     try:
-        exif.tobytes()
+        fits = len(exif.tobytes()) <= LONGEST
     except (AttributeError, *DECODING_FAILED):  # a value of another type than its tag has
+        fits = False
+    if not fits:
         del exif[tag]

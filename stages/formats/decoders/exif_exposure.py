@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import exp, isfinite, log
 from pathlib import Path
 
-from stages.formats.decoders.pictures import EXIF_DIRECTORIES, exif_of
+from stages.formats.decoders.pictures import EXIF_DIRECTORIES, exif_directory, exif_of
 
 EXPOSURE_TIME, APERTURE, SENSITIVITY = 0x829A, 0x829D, 0x8827  # s, f-number, ISO
 
@@ -16,11 +16,12 @@ def exposure_of(path: Path) -> float | None:
 
     None where one of them is missing, zero, or no number.
     """
-    details = exif_of(path).get_ifd(EXIF_DIRECTORIES[0])
+    details = exif_directory(exif_of(path), EXIF_DIRECTORIES[0])
     time, aperture, sensitivity = (
         _number(details.get(tag)) for tag in (EXPOSURE_TIME, APERTURE, SENSITIVITY)
     )
-    exposure = time * sensitivity / aperture**2 if aperture > 0 else 0.0
+    opening = aperture * aperture  # 0 or infinite for numbers that no lens has
+    exposure = time * sensitivity / opening if opening > 0 else 0.0
     return exposure if isfinite(exposure) and exposure > 0 else None
 
 

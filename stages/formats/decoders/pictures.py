@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -124,11 +125,18 @@ def exif_of(path: Path) -> Image.Exif:
         with Image.open(path) as image:
             exif = Image.Image.getexif(image)
             for directory in EXIF_DIRECTORIES:  # while the file is open: of TIFF they are read on demand
-                with suppress(*DECODING_FAILED):
-                    exif.get_ifd(directory)
+                exif_directory(exif, directory)
             return exif
     except (UserError, Image.DecompressionBombError, *DECODING_FAILED):
         return Image.Exif()
+
+
+def exif_directory(exif: Image.Exif, directory: int) -> dict[int, Any]:
+    """Read one of the directories of EXIF data, `EXIF_DIRECTORIES`; empty where it cannot be read."""
+    try:
+        return dict(exif.get_ifd(directory))
+    except (AttributeError, *DECODING_FAILED):  # of what lies beyond data that were cut off
+        return {}
 
 
 def orientation_in(image: Image.Image, path: Path) -> int:
