@@ -154,7 +154,8 @@ def _refuse(reading: Reading, shown: int, fewest: int) -> None:
         raise UserError(
             f"{reading.reference.given}: it covers {shown} pixels of the undistorted image of {reading.view} "
             f"at working size; expected {fewest}. Check the numbers, which are pixels of the photo as it is "
-            "shown, give a larger part of the card, or work at a larger size (undistort.max_size_px)."
+            "shown, give a larger part of the card, or work at a larger size (undistort.max_size_px, "
+            "raycast.reduce)."
         )
     raise UserError(
         f"{reading.reference.given}: {what} in {reading.view} has {most} pixels with an albedo above 0; "
