@@ -249,6 +249,13 @@ def test_photos_of_another_size_scale_the_camera(make_job, tmp_path, photos):
     np.testing.assert_allclose(model.cameras[1].params[:4], [2 * FX, 2 * FY, 2 * CX, 2 * CY])
 
 
+@pytest.mark.parametrize("length", range(1, 24))
+def test_names_may_have_any_letters(length, tmp_path):
+    path = middlebury(tmp_path)[0]
+    path.write_text(path.read_text().replace("1\na.png", "ü" * length + ".png"), encoding="utf-8")
+    assert read_posed_photos(path, [], None, 0.0)[0].path == "ü" * length + ".png"
+
+
 def test_the_guide_s_example_of_plain_matrices_is_one_camera_twice(tmp_path):
     guide = (Path(__file__).parent.parent / "docs/guide.md").read_text(encoding="utf-8")
     (tmp_path / "m.txt").write_text("2 " + guide.partition("```\n2 ")[2].partition("```")[0])

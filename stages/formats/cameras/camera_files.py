@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from pipeline import UserError
 from pipeline.cache.digest import files_below
 from pipeline.errors import shown
 from stages.formats.cameras.bundler import HEADER, photos_of_list, posed_photos_of_bundle
-from stages.formats.cameras.documents import LARGEST, json_object, read_text, xml_root
+from stages.formats.cameras.documents import begins_with, json_object, read_text, xml_root
 from stages.formats.cameras.meshroom import posed_photos_of_meshroom
 from stages.formats.cameras.metashape import posed_photos_of_metashape
 from stages.formats.cameras.plain_matrices import posed_photos_of_files, posed_photos_of_lines
@@ -42,33 +43,36 @@ def read_posed_photos(
     UserError
         It is in none of the formats, is damaged, or holds no pose.
     """
-    posed = _reader(path, photos, photo_list, first_pixel_px)()
+    posed = _read(path, photos, photo_list, first_pixel_px)
     if not posed:
         raise UserError(f"{path} holds no photo with a pose; expected {FORMATS}. Align the photos first.")
     return posed
 
 
-def _reader(
+def _read(
     path: Path, photos: Sequence[str], photo_list: Path | None, first_pixel_px: float
-) -> Callable[[], list[PosedPhoto]]:
-    """Choose the reader of a file by the beginning of its content."""
+) -> list[PosedPhoto]:
+    """Tell the formats apart by the beginning of their content."""
     if path.is_dir():
         texts = {
             name.rsplit(".", 1)[0]: read_text(file) for name, file in files_below(path, [".txt"]).items()
         }
-        return lambda: posed_photos_of_files(texts, first_pixel_px, path)
-    if read_text(path, len(HEADER)) == HEADER:
-        named = photos if photo_list is None else photos_of_list(read_text(photo_list))
-        return lambda: posed_photos_of_bundle(read_text(path, LARGEST), named, path)
+        return posed_photos_of_files(texts, first_pixel_px, path)
+    if begins_with(path, HEADER):
+        listed = photos if photo_list is None else photos_of_list(read_text(photo_list))
+        return posed_photos_of_bundle(read_text(path, cut=True), listed, path)
     text = read_text(path)
-    begin = text.lstrip()[:1]
-    if begin == "<":
-        return lambda: posed_photos_of_metashape(xml_root(text, path), path)
-    if begin != "{":
-        return lambda: posed_photos_of_lines(text, first_pixel_px, path)
-    document = json_object(text, path)
+    match text.lstrip()[:1]:
+        case "<":
+            return posed_photos_of_metashape(xml_root(text, path), path)
+        case "{":
+            return _read_json(json_object(text, path), path)
+    return posed_photos_of_lines(text, first_pixel_px, path)
+
+
+def _read_json(document: Mapping[str, Any], path: Path) -> list[PosedPhoto]:
     if "frames" in document:
-        return lambda: posed_photos_of_transforms(document, path)
+        return posed_photos_of_transforms(document, path)
     if {"views", "intrinsics"} <= document.keys():
-        return lambda: posed_photos_of_meshroom(document, path)
+        return posed_photos_of_meshroom(document, path)
     raise UserError(f"{path} is JSON of {shown(list(document)[:8])}; expected {FORMATS}.")

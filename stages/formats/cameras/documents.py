@@ -20,14 +20,21 @@ LARGEST = 2**26  # bytes that are read of a file of cameras
 LARGEST_SIDE = 2**20  # px, of an image
 
 
-def read_text(path: Path, at_most: int | None = None) -> str:
+def begins_with(path: Path, header: str) -> bool:
+    """Test whether a file begins with a header."""
+    expected = header.encode()
+    with path.open("rb") as file:
+        return file.read(len(expected)) == expected
+
+
+def read_text(path: Path, cut: bool = False) -> str:
     """Read a file of text.
 
     Parameters
     ----------
     path : Path
-    at_most : int, optional
-        Bytes that are read, so that a longer file may follow; None: files above `LARGEST` are refused.
+    cut : bool
+        Whether to read the first `LARGEST` bytes of a larger file, rather than refuse it: points may follow.
 
     Raises
     ------
@@ -35,7 +42,7 @@ def read_text(path: Path, at_most: int | None = None) -> str:
         The file is too large, or is not text in UTF-8.
     """
     with path.open("rb") as file:
-        data = file.read(LARGEST + 1 if at_most is None else at_most)
+        data = file.read(LARGEST + (not cut))
     if len(data) > LARGEST:
         raise UserError(
             f"{path} has more than {LARGEST >> 20} MiB; expected cameras alone. Export them without points."
