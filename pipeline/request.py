@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pipeline.cache.record import Record
 from pipeline.cluster.on_demand import ClusterRequest
 from pipeline.errors import UserError
 from pipeline.settings import Settings, near
@@ -54,6 +55,17 @@ class Absent:
 
 
 @dataclass(frozen=True)
+class Result:
+    """A result in the cache: its record, and the folder of its artefacts."""
+
+    record: Record
+    folder: Path
+
+
+Summary = Callable[[Mapping[str, Result]], Mapping[str, str]]  # texts by file name, from results by stage
+
+
+@dataclass(frozen=True)
 class Request:
     """A dataflow with all that it needs to be planned and run.
 
@@ -78,6 +90,8 @@ class Request:
         Those of the sources whose files are fetched only if a stage reads them.
     remarks : tuple of str
         Sentences on what was chosen for the user, said before anything is planned or run.
+    summary : callable or None
+        Makes files of `output/` from the results of all stages, by stage: at the end of a whole run.
     """
 
     flow: Flow
@@ -91,6 +105,7 @@ class Request:
     selection: Selection = field(default_factory=Selection)
     absent: Mapping[str, Absent] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    summary: Summary | None = None
 
     def absent_from(self, stage: AnyStage) -> list[str]:
         """List the names of the absent sources that a stage takes."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pipeline.cache.output import Output
@@ -15,8 +16,10 @@ from pipeline.files.workspace_lock import locked
 from pipeline.plan import Decision, decide, read_sources
 from pipeline.request import Request
 from pipeline.run_stage import Listener, run_stage
+from pipeline.stage import AnyStage
+from pipeline.summary import consistent_results, write_summary
 
-__all__ = ["Done", "Listener", "clear_up", "run"]
+__all__ = ["Done", "Listener", "clear_up", "run", "summarise"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class Done:
 
 
 def run(request: Request, listener: Listener) -> list[Done]:
-    """Bring the selected stages of a dataflow up to date.
+    """Bring the selected stages of a dataflow up to date; after the last of all, write the summary.
 
     Parameters
     ----------
@@ -59,6 +62,32 @@ def run(request: Request, listener: Listener) -> list[Done]:
         try:
             with _cluster(request) as cluster:
                 return _run_in_order(request, store, listener, cluster)
+        finally:
+            store.memo.save()
+
+
+def summarise(request: Request, listener: Listener) -> list[Path]:
+    """Run the last stage alone on the current results of the others, and write the summary.
+
+    The others need not be up to date, and no source is read. Returns the files of the summary.
+
+    Raises
+    ------
+    UserError
+        As `run`.
+    """
+    with locked(request.workspace):
+        store = Store(request.workspace)
+        _clear_up(request, store)
+        try:
+            available: dict[str, Any] = {}
+            for record in consistent_results(request.flow[:-1], store).values():
+                available |= record.outputs
+            with _cluster(request) as cluster:
+                one = _bring_up_to_date(request.flow[-1], request, store, listener, cluster, available)
+            _output(request, store).show(request.flow[-1], one.record)
+            listener.finished(one.decision, one.record)
+            return write_summary(request, store)
         finally:
             store.memo.save()
 
@@ -94,17 +123,32 @@ def _run_in_order(request: Request, store: Store, listener: Listener, cluster: C
     output = _output(request, store)
     done = []
     for stage in request.flow[: request.last_index() + 1]:
-        decision = decide(stage, request, store, available)
-        listener.deciding(decision)
-        record = decision.record or run_stage(decision, request, store, listener, cluster)
-        store.set_current(stage.name, record.key)
-        output.show(stage, record)
-        available |= record.outputs
-        listener.finished(decision, record)
-        done.append(Done(decision, record))
+        one = _bring_up_to_date(stage, request, store, listener, cluster, available)
+        output.show(stage, one.record)
+        available |= one.record.outputs
+        listener.finished(one.decision, one.record)
+        done.append(one)
+    if len(done) == len(request.flow):
+        write_summary(request, store)
     for sentence in output.outdated(request.flow[request.last_index() + 1 :], available):
         listener.say(sentence)
     return done
+
+
+def _bring_up_to_date(
+    stage: AnyStage,
+    request: Request,
+    store: Store,
+    listener: Listener,
+    cluster: ClusterOnDemand,
+    available: dict[str, Any],
+) -> Done:
+    """Reuse or run one stage, given the digests of what it may take."""
+    decision = decide(stage, request, store, available)
+    listener.deciding(decision)
+    record = decision.record or run_stage(decision, request, store, listener, cluster)
+    store.set_current(stage.name, record.key)
+    return Done(decision, record)
 
 
 def _read_sources_aloud(request: Request, store: Store, listener: Listener) -> dict[str, Any]:
