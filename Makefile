@@ -23,11 +23,11 @@ $(VENV)/.ready-test: pyproject.toml setup.sh $(LOCKS)
 
 sample: $(VENV)/.ready ## the whole program on the embedded sample, from photos to albedo (minutes)
 	$(UNSHADE) run configs/sample.yaml
-	@echo "Look at workspaces/sample/output/contact_sheet.png"
+	@echo "Look at workspaces/sample/output/report.html"
 
 fountain: $(VENV)/.ready ## the real thing: 11 photos of a fountain (fetched, or from UNSHADE_DATA)
 	$(UNSHADE) run configs/fountain.yaml
-	@echo "Look at workspaces/fountain/output/contact_sheet.png"
+	@echo "Look at workspaces/fountain/output/report.html"
 
 $(VENV)/.ready-synthetic: pyproject.toml setup.sh $(LOCKS)
 	sh setup.sh synthetic

@@ -35,6 +35,7 @@ from stages.photometry.lighting.settings import check_known_light
 from stages.raycast import RAYCAST
 from stages.relight import RELIGHT, RELIGHT_AS_FOUND
 from stages.render import RENDER
+from stages.report import NEEDED, REPORT
 from stages.sfm import SFM
 from stages.solvers.kernels.loop_cache import name_loop_cache
 from stages.texture import FINER, TEXTURE
@@ -88,12 +89,14 @@ DATAFLOW: Flow = (
 ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_POINTS, ADOPT_MESH)
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
 AFTERWARDS: Flow = (CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT, COLOUR_SPACE)  # on demand
-ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS)
+LAST: Flow = (REPORT,)  # of every dataflow, whatever it has
+ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS, *LAST)
 IN_ORDER = (
     *EXPERIMENT,
     *ENTRY_POINTS,
     *DATAFLOW,
     *AFTERWARDS,
+    *LAST,
 )  # each after all stages whose outputs it can take
 
 
@@ -264,9 +267,7 @@ def asks_for_colour_space(settings: Mapping[str, Settings]) -> bool:
 
 def with_colour_space(flow: Flow) -> Flow:
     """Put the conversion of colours at the end of a dataflow, and show what it gives instead of the rest."""
-    given = _given(flow)
-    taken = {name: CALIBRATED[name] if CALIBRATED.get(name) in given else name for name in CONVERTED}
-    taken = {name: own for name, own in taken.items() if own in given}
+    taken = _newest(CONVERTED, _given(flow))
     converted = {f"{name}_converted" for name in taken}
     conversion = replace(
         COLOUR_SPACE,
@@ -302,6 +303,29 @@ def _under_their_names(stage: AnyStage, names: Mapping[str, str]) -> Callable[[J
 def _given(flow: Flow) -> set[str]:
     """List the artefacts that stages give."""
     return {artefact.name for stage in flow for artefact in stage.gives}
+
+
+def with_report(flow: Flow) -> Flow:
+    """Add the report to a dataflow, at its end: it shows what that makes."""
+    return (*flow, _report_on(_given(flow)))
+
+
+def reporting_on(flow: Flow, made: Collection[str]) -> Flow:
+    """Let the report at the end of a dataflow show these artefacts alone."""
+    return (*flow[:-1], _report_on(made))
+
+
+def _report_on(made: Collection[str]) -> AnyStage:
+    """Declare the report that shows these artefacts, calibrated where they are."""
+    taken = _newest(REPORT.takes, made) | {name: name for name in NEEDED}
+    run = _under_their_names(REPORT, {own: name for name, own in taken.items()})
+    return replace(REPORT, run=run, takes=tuple(taken[name] for name in REPORT.takes if name in taken))
+
+
+def _newest(names: Collection[str], made: Collection[str]) -> dict[str, str]:
+    """Look up what artefacts are called in a dataflow that makes some, perhaps calibrated ones."""
+    newest = {name: CALIBRATED[name] if CALIBRATED.get(name) in made else name for name in names}
+    return {name: own for name, own in newest.items() if own in made}
 
 
 def kinds_of_sources(flow: Collection[AnyStage]) -> tuple[Source, ...]:

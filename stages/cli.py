@@ -27,13 +27,15 @@ from stages.command.arguments import (
     Evaluate,
     Plan,
     Relight,
+    Report,
     Run,
     Show,
     Status,
     refuse_empty,
 )
 from stages.command.evaluation import evaluate_verb
-from stages.command.request import relighting_of, request_of
+from stages.command.report import report_verb
+from stages.command.request import relighting_of, reporting_of, request_of
 from stages.command.sources import check_lights
 from stages.command.workspaces import existing_workspace
 
@@ -125,6 +127,9 @@ def obey(command: Command, terminal: Terminal, in_child: bool) -> int:
             return carry_out(request_of(command), terminal, in_child)
         case Relight():
             return carry_out(relighting_of(command), terminal, in_child)
+        case Report():
+            request = reporting_of(command)
+            return in_process(lambda: report_verb(request, terminal), request, terminal, in_child)
         case Status():
             verbs.status_verb(existing_workspace(command), [stage.name for stage in IN_ORDER], terminal)
         case Show():
@@ -145,6 +150,11 @@ def carry_out(request: Request, terminal: Terminal, in_child: bool) -> int:
         check_lights(request.sources)  # reads them with libraries: their threads would not survive a fork
         verbs.run_verb(request, terminal)
 
+    return in_process(work, request, terminal, in_child)
+
+
+def in_process(work: Callable[[], None], request: Request, terminal: Terminal, in_child: bool) -> int:
+    """Do the work of a request, in a child process or in this one; returns the exit code."""
     if in_child:
         return verbs.do_in_child(lambda: exit_code_of(work, terminal), request, terminal)
     work()

@@ -45,7 +45,7 @@ SLOW_TO_IMPORT = {
     "trimesh",
 }
 FOLDERS_BELOW = {  # which folders of stages/ each folder may import
-    "command": {"command", "evaluation", "formats", "scene"},
+    "command": {"command", "evaluation", "reporting", "formats", "scene"},
     "evaluation": {"evaluation", "formats", "scene"},
     "scene": {"scene"},
     "formats": {"formats", "scene"},
@@ -55,6 +55,7 @@ FOLDERS_BELOW = {  # which folders of stages/ each folder may import
     "geometry": {"geometry", "solvers", "formats", "scene"},
     "photometry": {"photometry", "solvers", "formats", "scene"},
     "texturing": {"texturing", "geometry", "solvers", "formats", "scene"},
+    "reporting": {"reporting", "texturing", "geometry", "solvers", "formats", "scene"},
     "synthetic": {"synthetic", "geometry", "formats", "scene"},
 }
 ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, itself besides
@@ -80,12 +81,15 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "formats/cameras": {"colmap", "images"},
     "formats/artefacts": {"images", "decoders"},
     "stereo/depth": set(),
+    "reporting/content": set(),
+    "reporting/document": set(),
     "synthetic/subjects": set(),
     "synthetic/paints": set(),
 }
 GROUND = {  # files beside the rooms that they may import; the others lead them
     "photometry": {"stack", "albedo_data", "chromaticity", "neighbourhoods"},
     "stereo": {"mvs_settings", "view_selection"},
+    "reporting": {"settings", "parts"},
 }
 LENT = {  # who may import a library whose objects are its own world; everyone else takes arrays
     "pycolmap": {
@@ -366,7 +370,8 @@ def test_every_dataflow_is_sound():
     for given in ([], ["object"], ["environment"], ["object", "environment"]):
         for light in ("paper", "harmonics", "directions"):
             flow = stages.with_full_resolution(stages.with_relighting(stages.experiment(given, light)))
+            flow = stages.with_report(flow)
             check_flow(flow, stages.kinds_of_sources(flow))
             for whole in (stages.dataflow(["images"], light), stages.experiment(given, light)):
-                flow = stages.with_delit_photos(stages.with_texture(whole))
+                flow = stages.with_report(stages.with_delit_photos(stages.with_texture(whole)))
                 check_flow(flow, stages.kinds_of_sources(flow))

@@ -15,6 +15,7 @@ import yaml
 import stages
 from pipeline.config import check_settings, override
 from stages.command.arguments import Plan
+from stages.command.report import FILES
 from stages.command.request import request_of
 from tests.test_architecture import all_settings
 
@@ -52,7 +53,7 @@ def promised_outputs(text: str) -> set[str]:
 
 
 def exported_outputs() -> set[str]:
-    return {
+    return {*FILES} | {
         artefact.output.split("/")[0]
         for stage in stages.ALL_STAGES
         for artefact in stage.gives

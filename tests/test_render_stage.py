@@ -271,7 +271,7 @@ def test_what_follows_the_render_renders_nothing_again(config, capsys):
     smoothed = changed(capsys, config, "--set", "known_geometry.smoothing=3")
     assert list(smoothed) == [
         "render", "undistort", "known_geometry", "raycast", "correspondence", "transfer", "lighting",
-        "decomposition", "export",
+        "decomposition", "export", "report",
     ]  # fmt: skip
     assert [stage for stage, action in smoothed.items() if action == "reuse"] == ["render", "undistort"]
     assert smoothed["known_geometry"] == "run"

@@ -28,7 +28,7 @@ from stages.formats.meshes.triangle_meshes import read_points
 ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data"
 QUICK = ["--set", "raycast.reduce=3", "--set", "transfer.max_vertices=30000"]
-STAGES = [stage.name for stage in dataflow(["images"])]
+STAGES = [*(stage.name for stage in dataflow(["images"])), "report"]
 LINEAR = ["--colmap", str(SAMPLE / "linear"), "--images", str(SAMPLE / "linear/images")]
 LINEAR += ["--mesh", str(SAMPLE / "truth/mesh.ply")]
 LINEAR_VIEWS = {"001", "003", "004", "009"}
@@ -114,7 +114,7 @@ def test_a_second_run_reuses_everything_and_says_so(finished, capsys):
     code, _, said = unshade(capsys, "run", ROOT / "configs/sample.yaml", "--workspace", finished, *QUICK)
     assert code == 0
     lines = [line for line in said.splitlines() if line.strip()]
-    assert len(lines) == 10
+    assert len(lines) == 11
     assert all("reuse" in line and "nothing that it depends on has changed" in line for line in lines)
 
 
@@ -125,7 +125,9 @@ def test_a_setting_of_the_decomposition_reruns_it_and_what_follows_only(finished
     )
     assert code == 0
     plan = actions(told)
-    assert {stage for stage, action in plan.items() if action != "reuse"} == {"decomposition", "export"}
+    assert {stage for stage, action in plan.items() if action != "reuse"} == {
+        "decomposition", "export", "report",
+    }  # fmt: skip
     reasons = {row["stage"]: row["reason"] for row in json.loads(told)}
     assert reasons["decomposition"].startswith("setting lambda went from")
     assert reasons["lighting"] == "nothing that it depends on has changed"
@@ -208,7 +210,7 @@ def test_known_cameras_a_mesh_and_linear_images_need_no_sfm_and_no_mvs(tmp_path,
     assert code == 0
     assert list(actions(told)) == [
         "adopt_model", "undistort", "adopt_mesh", "raycast", "correspondence", "transfer", "lighting",
-        "decomposition", "export",
+        "decomposition", "export", "report",
     ]  # fmt: skip
     (linear,) = (tmp_path / "w/cache/undistort").glob("*/linear")
     assert {path.stem for path in linear.iterdir()} == LINEAR_VIEWS

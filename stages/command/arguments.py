@@ -160,6 +160,11 @@ class Relight(Given):
 
 
 @dataclass(frozen=True)
+class Report(Given):
+    """Write output/report.html anew from the results that are there; takes the arguments of `run`."""
+
+
+@dataclass(frozen=True)
 class Status(Given):
     """List the results in the workspace and their cost."""
 
@@ -252,7 +257,7 @@ class Evaluate:
     json: bool = False
 
 
-Command = Run | Plan | Relight | Status | Show | Diff | Clean | Evaluate
+Command = Run | Plan | Relight | Report | Status | Show | Diff | Clean | Evaluate
 
 
 def refuse_empty(words: Sequence[str]) -> None:

@@ -12,9 +12,10 @@ from pipeline.config import Config, check_settings, override
 from pipeline.errors import shown
 from pipeline.request import Request, Selection, check_flow
 from pipeline.stage import Flow, settings_of
-from stages.command.arguments import Given, Relight, Run
+from stages.command.arguments import Given, Relight, Report, Run
 from stages.command.dense_results import dense_results
 from stages.command.machine import cluster_of, memory_of, memory_to_fit, threads_of
+from stages.command.report import write_report
 from stages.command.sources import absent_sources, check_apart, check_text, config_of, existing, sources_of
 from stages.command.workspaces import workspace_of
 
@@ -77,6 +78,18 @@ def relighting_of(command: Relight) -> Request:
     return _request(command, config, sources, Selection(), added, [sun] if sun else [])
 
 
+def reporting_of(command: Report) -> Request:
+    """Build a checked request for `report`: the stages whose results it shows, and the report.
+
+    Raises
+    ------
+    UserError
+        The command or its configuration has an error that the user can correct.
+    """
+    config = config_of(command)
+    return _request(command, config, sources_of(command, config), Selection(), [])
+
+
 def _sun_of(given: str) -> str:
     """Write azimuth and elevation as a list, as settings have it."""
     parts = given.split(",")
@@ -118,6 +131,7 @@ def _request(
         flow = stages.with_calibration(flow)
     if stages.asks_for_colour_space(settings):
         flow = stages.with_colour_space(flow)
+    flow = stages.with_report(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     memory = memory_of(command)
@@ -143,4 +157,5 @@ def _request(
         selection=selection,
         absent=absent_sources(command, config),
         remarks=remarks,
+        summary=lambda results: write_report(results, flow),
     )

@@ -1,0 +1,136 @@
+"""Settings of the `report` stage."""
+
+from __future__ import annotations
+
+from pipeline import Settings, group, setting
+from stages.geometry.settings import ProxySettings
+from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
+from stages.texturing.settings import GatheringSettings
+
+
+class PictureSettings(Settings):
+    """Settings of the pictures in the page: `stages.reporting.content.pictures`, `picture_size`."""
+
+    largest_px: int = setting(
+        1280, "Longest side of a picture, at most: what fills a screen.", unit="px", ge=64, le=8192
+    )
+    megabytes: float = setting(
+        18.0,
+        "All pictures of all views together, at most; of many views, each is smaller. A third more is in the "
+        "page, for it holds them as text.",
+        unit="MB",
+        gt=0,
+        le=500,
+    )
+    quality: int = setting(82, "Quality of the WebP compression.", ge=1, le=100)
+    tried_views: int = setting(
+        5, "Views whose pictures are compressed to learn how many bytes a pixel takes.", unit="views", ge=1
+    )
+    thumbnail_px: int = setting(
+        144, "Longest side of the small pictures that choose a view.", unit="px", ge=16, le=1024
+    )
+    sheet_white: float = setting(
+        3.0,
+        "White of photos that exceed 1, which linear ones may, as a multiple of their mean.",
+        unit="mean values",
+        gt=0,
+    )
+    white_quantile: float = setting(
+        0.99,
+        "Quantile of a view's values that is white in maps for which the export has chosen no white.",
+        gt=0,
+        le=1,
+    )
+    residual_stops: float = setting(
+        0.5,
+        "Ratio of photo to albedo × shading at which the picture of the residual has its full colour: half "
+        "a stop is 40 % too bright.",
+        unit="stops",
+        gt=0,
+        le=10,
+    )
+    depth_quantile: float = setting(
+        0.01,
+        "Share of a view's nearest and farthest pixels outside the range of colours of its depth.",
+        ge=0,
+        lt=0.5,
+    )
+    ball_px: int = setting(192, "Diameter of the white ball that shows a light.", unit="px", ge=16, le=1024)
+    lights: int = setting(
+        12, "Lights that are shown where views have lights of their own, evenly chosen.", ge=1, le=1000
+    )
+    light_quantile: float = setting(
+        0.98,
+        "Quantile of the directions' radiance that is white in pictures of light, all lights together.",
+        gt=0,
+        le=1,
+    )
+
+
+class FigureSettings(Settings):
+    """Settings of the figures: `stages.reporting.content.view_figures`, `link_samples`."""
+
+    pixels: int = setting(100_000, "Pixels of a view that figures are computed of.", unit="pixels", ge=100)
+    pairs: int = setting(
+        24, "Pairs of views whose agreement is measured, evenly chosen.", unit="pairs", ge=1, le=10_000
+    )
+    links: int = setting(20_000, "Corresponding pixels of a pair that are compared.", unit="links", ge=100)
+    log_offset: float = setting(
+        0.001,
+        "Added to photo and albedo before logarithms, so that black pixels do not decide how much was light.",
+        unit="mean values",
+        gt=0,
+    )
+    confident: float = setting(
+        0.5, "Confidence from which a pixel counts as known: its expected error is below 10 %.", ge=0, le=1
+    )
+
+
+class RemarkSettings(Settings):
+    """Settings of the report's own warnings: `stages.reporting.document.remarks`."""
+
+    least_coverage: float = setting(
+        0.25, "Share of a picture with surface below which the view is named.", ge=0, le=1
+    )
+    least_confident: float = setting(
+        0.5, "Share of a view's pixels that are known below which it is named.", ge=0, le=1
+    )
+    most_residual: float = setting(
+        0.1, "Median residual of a view, over its brightness, above which it is named.", gt=0
+    )
+    most_gain_stops: float = setting(
+        0.5,
+        "Gain of a view, from the middle of all, above which its exposure is said to differ.",
+        unit="stops",
+        gt=0,
+    )
+    most_named: int = setting(8, "Views that are named for one reason.", unit="views", ge=1)
+
+
+class SurfaceSettings(Settings):
+    """Settings of the model in the page: `stages.reporting.content.vertex_maps`."""
+
+    most_vertices: int = setting(
+        60_000,
+        "A mesh of more vertices is decimated: so many are 3 MB in the page, and turn smoothly on a phone.",
+        ge=100,
+        le=2_000_000,
+    )
+    view_px: int = setting(
+        960, "Longest side to which views are reduced before vertices take their values.", unit="px", ge=32
+    )
+    bright_quantile: float = setting(
+        0.995, "Quantile of the vertices' photo and shading that is white.", gt=0, le=1
+    )
+    gathering: GatheringSettings = group(GatheringSettings, "What each view tells of a vertex.")
+    proxy: ProxySettings = group(ProxySettings, "The decimation.")
+
+
+class ReportSettings(Settings):
+    """Settings of the `report` stage."""
+
+    upright_within_deg: float = UPRIGHT_WITHIN_DEG
+    pictures: PictureSettings = group(PictureSettings, "The pictures in the page.")
+    figures: FigureSettings = group(FigureSettings, "The figures of each view and of all.")
+    remarks: RemarkSettings = group(RemarkSettings, "What the report warns of by itself.")
+    surface: SurfaceSettings = group(SurfaceSettings, "The model in the page.")
