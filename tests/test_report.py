@@ -94,7 +94,7 @@ def test_what_is_outside_the_mask_does_not_darken_what_is_inside():
     values, mask = np.zeros((4, 4), np.float32), np.zeros((4, 4), bool)
     values[:2, :1], mask[:2, :1] = 7, True
     np.testing.assert_allclose(
-        masked_mean(values, mask, area_mean(mask.astype(np.float32), (2, 2))), [[7, 0], [0, 0]]
+        masked_mean(values, area_mean(mask.astype(np.float32), (2, 2))), [[7, 0], [0, 0]]
     )
 
 

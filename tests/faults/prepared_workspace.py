@@ -10,11 +10,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.cache.digest import digest_file
+from stages.command.report import FILES
 from tests.faults.program import LINEAR, PROGRAM, ROOT
 
 SETTINGS = ("undistort.max_size_px=64", "raycast.reduce=1", "decomposition.mode=paper",
             "decomposition.paper.max_alternations=1", "export.sheet_width_px=32")  # fmt: skip
-STAGES = ("adopt_model", "undistort", "adopt_mesh", "raycast", "correspondence", "decomposition", "export")
+STAGES = ("adopt_model", "undistort", "adopt_mesh", "raycast", "correspondence", "decomposition", "export",
+          "report")  # fmt: skip
 
 
 def words(workspace: Path | str, verb: str = "run", *more: str) -> list[str]:
@@ -69,9 +71,13 @@ def artefacts(entry: Path) -> list[Path]:
 
 
 def shown(workspace: Path) -> dict[str, str]:
-    """Compute the digests of all files in the output."""
+    """Compute the digests of all files in the output, but for the report, in which times are."""
     output = workspace / "output"
-    return {str(path.relative_to(output)): digest_file(path) for path in output.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(output)): digest_file(path)
+        for path in output.rglob("*")
+        if path.is_file() and path.name not in FILES
+    }
 
 
 def entry_of(workspace: Path, stage: str) -> Path:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pipeline.cache.digest import digest_file
 from pipeline.cache.record import Record, read_record
+from stages.command.report import FILES
 from tests.faults.program import PHOTOS, PROGRAM, ROOT
 
 SMALL = {
@@ -19,8 +20,16 @@ SMALL = {
     "decomposition.mode": "paper",
     "decomposition.paper.max_alternations": 1,
 }
-STAGES = ("sfm", "undistort", "mvs", "mesh", "raycast", "correspondence", "decomposition", "export")
-OF_THE_MOMENT = {"record.json", "log.txt", "current.json", "digests.json", "output.json"}  # times are in them
+STAGES = ("sfm", "undistort", "mvs", "mesh", "raycast", "correspondence", "decomposition", "export",
+          "report")  # fmt: skip
+OF_THE_MOMENT = {
+    "record.json",
+    "log.txt",
+    "current.json",
+    "digests.json",
+    "output.json",
+    *FILES,
+}  # have times
 
 
 def link_photos(folder: Path, count: int = 5) -> Path:

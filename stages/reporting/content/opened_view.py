@@ -78,6 +78,8 @@ class OpenedView:
         values = read_exr(self._inputs[kind] / f"{self._camera.name}.exr")
         if kind == "linear":
             values = reduce_by_area(values, self._camera.shape)
+        else:
+            values *= self._mask if values.ndim == 2 else self._mask[..., None]
         flat = values.reshape(self._mask.size, *values.shape[2:])
         self._samples[kind] = flat[self._sampled]
         if kind in LINKED and self._keep_linked is not None:
@@ -87,9 +89,7 @@ class OpenedView:
             nearest, farthest = np.quantile(self._samples[kind], [outside, 1 - outside])
             self.depth_range = (float(nearest), float(farthest))
         self._small[kind] = (
-            area_mean(values, self._size)
-            if kind == "linear"
-            else masked_mean(values, self._mask, self._share)
+            area_mean(values, self._size) if kind == "linear" else masked_mean(values, self._share)
         )
         if kind == "depth" and self._with_surface:
             self._surface_depth = chosen_pixels(values, self._surface_size)

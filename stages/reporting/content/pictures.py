@@ -23,14 +23,13 @@ def area_mean(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return cv2.resize(values, (size[1], size[0]), interpolation=cv2.INTER_AREA)
 
 
-def masked_mean(values: np.ndarray, mask: np.ndarray, share: np.ndarray) -> np.ndarray:
+def masked_mean(values: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Reduce a map by area, over the pixels of a mask alone; 0 where there are none.
 
     Parameters
     ----------
     values : ndarray, shape (h, w) or (h, w, 3), float32
-        Finite.
-    mask : ndarray, shape (h, w), bool
+        0 outside the mask.
     share : ndarray, shape (height, width), float32
         `area_mean` of the mask.
 
@@ -38,9 +37,8 @@ def masked_mean(values: np.ndarray, mask: np.ndarray, share: np.ndarray) -> np.n
     -------
     ndarray, shape (height, width) or (height, width, 3), float32
     """
-    kept = values * (mask if values.ndim == 2 else mask[..., None])
     whole = np.maximum(share, np.float32(1e-6))
-    return area_mean(kept, share.shape) / (whole if values.ndim == 2 else whole[..., None])
+    return area_mean(values, share.shape) / (whole if values.ndim == 2 else whole[..., None])
 
 
 def photo_picture(photo: np.ndarray, settings: PictureSettings) -> np.ndarray:

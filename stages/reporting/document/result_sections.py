@@ -15,6 +15,7 @@ from stages.reporting.document.wording import NOTHING, megabytes, seconds, short
 from stages.reporting.parts import light_file
 from stages.scene.wording import listed
 
+ABSENT = "absent"  # what records say of a library that is not installed
 DECISIONS = {  # facts of the records by which a stage chose, and what they are
     "light_distance": "distance of the light",
     "disagreement": "disagreement of similar pixels, by distance of the light (least wins)",
@@ -209,7 +210,7 @@ def records_section(told: Told) -> Markup:
     """List versions, and every record as it is, but for the digests of files."""
     versions = {"unshade": told.version}
     for record in told.records.values():
-        versions |= {name: version for name, version in record.tools.items() if version}
+        versions |= {name: version for name, version in record.tools.items() if version != ABSENT}
     folded = [
         details(
             f"{name} {record.key[:12]}", tag("pre", json_text(without_digests(record), indent=1), tabindex=0)
