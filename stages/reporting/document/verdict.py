@@ -19,9 +19,10 @@ def _placed(told: Told) -> str:
     error = facts.get("mean_reprojection_error_px")
     near = f"; their points agree within {error:.2f} pixels" if error is not None else ""
     if "sfm" not in told.records:
-        given = "rendered" if "render" in told.records else "given"
+        if "render" in told.records:
+            return f"{counted(views, 'view was', 'views were')} rendered, and the cameras are exact."
         less = f", {counted(left_out, 'photo is', 'photos are')} not among them" if left_out else ""
-        return f"The cameras were {given}: {counted(views, 'view', 'views')}{less}."
+        return f"The cameras were given: {counted(views, 'view', 'views')}{less}."
     if not left_out:
         return f"All {views} photos found their place{near}."
     return f"{views} of {views + left_out} photos found their place, {left_out} did not{near}."
