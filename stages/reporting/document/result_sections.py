@@ -90,21 +90,22 @@ def energy_section(told: Told) -> Markup:
     energy = told.content["energy"]
     if not energy:
         return tag("section", tag("h2", "Energy"), tag("p", "No energy was minimised yet."), id="energy")
-    parts: list[Markup] = []
     clusters = energy.get("clusters") or [{"channels": energy.get("channels", {})}]
-    for number, cluster in enumerate(clusters[:1], start=1):
-        channels: Mapping[str, Any] = cluster["channels"]
-        lines = {name: _over_last(one["alternations"]) for name, one in channels.items()}
-        lines = {name: line for name, line in lines.items() if line}
-        if lines:
-            parts.append(line_chart(lines, "evaluations", "energy over its last value"))
-            legend = "red is a whole line, green is dashed, blue dotted"
-            several = f" Of cluster {number} of {len(clusters)}." if len(clusters) > 1 else ""
-            parts.append(tag("p", f"Energy after every evaluation; {legend}.{several}", class_="note"))
-        parts.append(_terms(channels))
+    channels: Mapping[str, Any] = clusters[0]["channels"]
+    several = f" Of cluster 1 of {len(clusters)}." if len(clusters) > 1 else ""
+    about = f"Energy after every evaluation; red is a whole line, green is dashed, blue dotted.{several}"
+    lines = {name: _over_last(one["alternations"]) for name, one in channels.items()}
+    lines = {name: line for name, line in lines.items() if line}
+    drawn = line_chart(lines, "evaluations", "energy over its last value") if lines else Markup("")
     explained = definitions([(name, text) for name, text in energy.get("legend", {}).items()])
     return tag(
-        "section", tag("h2", "Energy"), *parts, details("Meaning of the terms", explained), id="energy"
+        "section",
+        tag("h2", "Energy"),
+        drawn,
+        tag("p", about, class_="note"),
+        _terms(channels),
+        details("Meaning of the terms", explained),
+        id="energy",
     )
 
 
