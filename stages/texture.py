@@ -91,37 +91,28 @@ def _gathered(
     """Average over the views in two passes, the second robust."""
     import numpy as np
 
-    from stages.scene.cameras import smallest_footprints
-    from stages.texturing.gathering import CONFIDENCE, MAPS, NORMAL, SHADING, Seen, Sums, gather
+    from stages.texturing.gathering import CONFIDENCE, NORMAL, SHADING, Seen, gathered, typical_footprint
 
     how, mesh = job.settings, sheet.part
     origin = mesh.vertices.mean(axis=0)
-    points = texels.interpolated(mesh, mesh.vertices - origin)
-    normals = texels.interpolated(mesh, mesh.normals)
-    footprints = smallest_footprints(mesh.vertices, cameras)
-    typical = float(np.median(footprints[np.isfinite(footprints)]))
-    reference, bright = np.zeros((0, 3), np.float32), 1.0
-    for robust in (False, True):
-        sums = Sums.none(len(texels), MAPS if robust else 0)
-        for view in _views(job.inputs, cameras, how):
-            gather(points, normals, view, reference, (typical, bright), origin, how.gathering, sums)
-            step()
-        albedo, further = sums.means()
-        if robust:
-            albedo = np.where(sums.weight[:, None] > 0, albedo, reference)  # no two views agree
-        else:
-            reference, weight = albedo, sums.weight
-            seen = weight > 0
-            bright = float(np.quantile(albedo[seen], how.gathering.bright_quantile)) if seen.any() else 1.0
+    found = gathered(
+        texels.interpolated(mesh, mesh.vertices - origin),
+        texels.interpolated(mesh, mesh.normals),
+        origin,
+        typical_footprint(mesh.vertices, cameras),
+        lambda: views_of(job.inputs, cameras, how),
+        how.gathering,
+        step,
+    )
     return Seen(
-        weight,
-        np.concatenate([albedo, further[:, SHADING]], axis=1),
-        further[:, NORMAL],
-        further[:, CONFIDENCE, None],
+        found.weight,
+        np.concatenate([found.albedo, found.maps[:, SHADING]], axis=1),
+        found.maps[:, NORMAL],
+        found.maps[:, CONFIDENCE, None],
     )
 
 
-def _views(inputs: Mapping[str, Path], cameras: list[Camera], how: TextureSettings) -> Iterator[ViewMaps]:
+def views_of(inputs: Mapping[str, Path], cameras: list[Camera], how: TextureSettings) -> Iterator[ViewMaps]:
     """Open the views, one after another."""
     import numpy as np
 

@@ -57,7 +57,9 @@ def completed(
     """Fill unseen texels, of values (T, c), with those of the vertices around: see `SurfaceMeans.spread`."""
     if seen.all():
         return values
-    return np.where(seen[:, None], values, texels.interpolated(part, at_vertices))
+    filled, unseen = values.copy(), ~seen
+    filled[unseen] = texels.at(unseen).interpolated(part, at_vertices)
+    return filled
 
 
 class Gutters:
@@ -71,7 +73,9 @@ class Gutters:
     def __init__(self, inside: np.ndarray) -> None:
         row, column = distance_transform_edt(~inside, return_distances=False, return_indices=True)
         self._outside = np.flatnonzero(~inside)
-        self._nearest = (row * inside.shape[1] + column).ravel()[self._outside]
+        row *= inside.shape[1]  # of 32 bits each, as the place of a texel is
+        row += column
+        self._nearest = row.ravel()[self._outside]
 
     def fill(self, image: np.ndarray) -> np.ndarray:
         """Fill them in an image, (s, s, …), in place; returns it."""

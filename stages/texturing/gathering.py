@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -9,7 +10,12 @@ import numpy as np
 from numba import njit, prange
 
 import stages.solvers.kernels.threading_layer  # noqa: F401 -- chooses the threads below
-from stages.scene.cameras import Camera, footprint, intrinsics_for_integer_centres
+from stages.scene.cameras import (
+    Camera,
+    footprint,
+    intrinsics_for_integer_centres,
+    smallest_footprints,
+)
 from stages.texturing.settings import GatheringSettings
 
 SHADING, NORMAL, CONFIDENCE, MAPS = slice(0, 3), slice(3, 6), 6, 7  # besides the albedo
@@ -64,10 +70,77 @@ class Sums:
             np.zeros((texels, maps), np.float32),
         )
 
-    def means(self) -> tuple[np.ndarray, np.ndarray]:
-        """Compute means of albedo and maps; 0 where no view shows a texel."""
+    def into_means(self) -> tuple[np.ndarray, np.ndarray]:
+        """Turn the sums of albedo and maps into means, in place; 0 where no view shows a texel."""
         weight = np.where(self.weight > 0, self.weight, 1)[:, None]
-        return self.albedo / weight, self.maps / weight
+        self.albedo /= weight
+        self.maps /= weight
+        return self.albedo, self.maps
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """What all views show of points of the surface.
+
+    Attributes
+    ----------
+    weight : ndarray, shape (T,), float32
+        0 where no view shows it.
+    albedo : ndarray, shape (T, 3), float32
+    maps : ndarray, shape (T, 7), float32
+        Shading, normal, confidence.
+    """
+
+    weight: np.ndarray
+    albedo: np.ndarray
+    maps: np.ndarray
+
+
+def gathered(
+    points: np.ndarray,
+    normals: np.ndarray,
+    origin: np.ndarray,
+    typical: float,
+    views: Callable[[], Iterator[ViewMaps]],
+    how: GatheringSettings,
+    after_each: Callable[[], None] = lambda: None,
+) -> Gathered:
+    """Average points over the views in two passes, the second robust.
+
+    Parameters
+    ----------
+    points, normals : ndarray, shape (T, 3), float32
+        World axes, points from `origin`.
+    origin : ndarray, shape (3,), float64
+    typical : float
+        A footprint, model units: that of `typical_footprint`.
+    views : callable
+        Opens the views, one after another; called once for each pass.
+    how : GatheringSettings
+    after_each : callable
+        Called after every view.
+    """
+    reference, bright = np.zeros((0, 3), np.float32), 1.0
+    for robust in (False, True):
+        sums = Sums.none(len(points), MAPS if robust else 0)
+        for view in views():
+            gather(points, normals, view, reference, (typical, bright), origin, how, sums)
+            after_each()
+        albedo, maps = sums.into_means()
+        if robust:
+            lost = sums.weight <= 0  # no two views agree
+            albedo[lost] = reference[lost]
+        else:
+            reference, weight = albedo, sums.weight
+            seen = weight > 0
+            bright = float(np.quantile(albedo[seen], how.bright_quantile)) if seen.any() else 1.0
+    return Gathered(weight, albedo, maps)
+
+
+def typical_footprint(vertices: np.ndarray, cameras: list[Camera]) -> float:
+    """Compute the median of the vertices' smallest footprints, model units."""
+    footprints = smallest_footprints(vertices, cameras)
+    return float(np.median(footprints[np.isfinite(footprints)]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from stages.texturing.texels import Texels
 from stages.texturing.unwrapping import ChartedMesh
 
 TINY = 1e-12
+TEXELS_AT_ONCE = 2**18  # of which normals are coded: bounds the memory
 
 
 def tangents_of(mesh: ChartedMesh) -> np.ndarray:
@@ -49,6 +50,16 @@ def tangent_space(texels: Texels, mesh: ChartedMesh, tangents: np.ndarray, norma
     x is along u, y against v (upwards in the image), z outwards. The axes are interpolated from the vertices
     and normalised, as renderers do.
     """
+    found = np.empty(normals.shape, np.float32)
+    for first in range(0, len(texels), TEXELS_AT_ONCE):
+        part = slice(first, first + TEXELS_AT_ONCE)
+        found[part] = _tangent_space(texels.at(part), mesh, tangents, normals[part])
+    return found
+
+
+def _tangent_space(
+    texels: Texels, mesh: ChartedMesh, tangents: np.ndarray, normals: np.ndarray
+) -> np.ndarray:
     normal = _unit(texels.interpolated(mesh, mesh.normals))
     tangent = _unit(texels.interpolated(mesh, tangents[:, :3]))
     sign = tangents[mesh.faces[texels.face, 0], 3:].astype(np.float32)

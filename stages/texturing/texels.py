@@ -40,6 +40,10 @@ class Texels:
     def __len__(self) -> int:
         return len(self.place)
 
+    def at(self, chosen: np.ndarray | slice) -> Texels:
+        """Select some of the texels."""
+        return Texels(self.side, self.place[chosen], self.face[chosen], self.corners[chosen])
+
     def weights(self) -> np.ndarray:
         """Compute barycentric coordinates of all three corners, (T, 3), float32."""
         return np.concatenate([1 - self.corners.sum(axis=1, keepdims=True), self.corners], axis=1)

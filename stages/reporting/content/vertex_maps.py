@@ -87,7 +87,7 @@ def as_bytes(
     dict
         Numbers of vertices and faces, and the box in which positions are.
     """
-    albedo, further = small.sums.means()
+    albedo, further = small.sums.into_means()
     seen = small.sums.weight > 0
     positions = (small.surface.vertices - small.origin) @ scene_from_world.T
     low, size = positions.min(axis=0), float(np.ptp(positions, axis=0).max()) or 1.0
