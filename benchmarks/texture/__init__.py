@@ -1,0 +1,1 @@
+"""How well a textured model shows what its views show; steps at the borders of its charts."""
