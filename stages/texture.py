@@ -158,7 +158,7 @@ def _textured(
     from stages.formats.images.photos import encode_srgb8, write_png8
     from stages.formats.meshes.textured_models import Texture
     from stages.texturing.completion import Gutters, completed
-    from stages.texturing.normal_map import tangent_space, tangents_of
+    from stages.texturing.normal_map import coded, tangent_space, tangents_of
     from stages.texturing.texels import texels_of
 
     texels, folder = texels_of(sheet.part, sheet.side), job.outputs["textured_model"]
@@ -175,7 +175,7 @@ def _textured(
     codes = np.concatenate([encode_srgb8(part / white) for part in np.array_split(colours[:, :3], PARTS)])
     base_colour, normal_map = (folder / sheet.file(kind, "png") for kind in ("albedo", "normal"))
     write_png8(base_colour, gutters.fill(texels.image(codes)))
-    write_png8(normal_map, gutters.fill(texels.image(np.rint(127.5 * (directions + 1)).astype(np.uint8))))
+    write_png8(normal_map, gutters.fill(texels.image(coded(directions))))
     return Texture(sheet.material, sheet.faces, base_colour, normal_map)
 
 

@@ -57,6 +57,11 @@ def tangent_space(texels: Texels, mesh: ChartedMesh, tangents: np.ndarray, norma
     return found
 
 
+def coded(directions: np.ndarray) -> np.ndarray:
+    """Code unit vectors, (T, 3), as a normal map does, uint8: −1 to 1 is 0 to 255."""
+    return np.rint(127.5 * (directions + 1)).astype(np.uint8)
+
+
 def _tangent_space(
     texels: Texels, mesh: ChartedMesh, tangents: np.ndarray, normals: np.ndarray
 ) -> np.ndarray:
