@@ -59,6 +59,7 @@ def run(job: Job[TextureSettings]) -> None:
 
 def _charted(job: Job[TextureSettings], cameras: list[Camera]) -> Charted:
     """Take the charts that the mesh was given with, or unwrap it within its budget of faces."""
+    from pipeline.process.free_memory import give_back_free_memory
     from stages.formats.meshes.mesh_files import read_uv_map
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.texturing.given_charts import given_charts
@@ -80,6 +81,7 @@ def _charted(job: Job[TextureSettings], cameras: list[Camera]) -> Charted:
         sheets = sheets_of_given_charts(given, views, how.charts)
         return Charted(given.mesh, sheets, given.obj, given=True)
     surface = within_budget(surface, how.charts)
+    give_back_free_memory()  # of the decimation: the texture is elsewhere
     side = side_of_atlas(surface, views, how.charts)
     mesh = unwrapped(surface, side, how.charts)
     return Charted(mesh, [sheet_of_own_charts(mesh, side)], obj_of_own_charts(mesh), given=False)
