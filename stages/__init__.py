@@ -40,6 +40,7 @@ from stages.sfm import SFM
 from stages.solvers.kernels.loop_cache import name_loop_cache
 from stages.texture import FINER, TEXTURE
 from stages.transfer import TRANSFER
+from stages.turntable import TURNTABLE
 from stages.undistort import UNDISTORT
 
 name_loop_cache(
@@ -88,7 +89,9 @@ DATAFLOW: Flow = (
 )
 ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_POINTS, ADOPT_MESH)
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
-AFTERWARDS: Flow = (CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT, COLOUR_SPACE)  # on demand
+AFTERWARDS: Flow = (  # on demand
+    *(CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT, TURNTABLE, COLOUR_SPACE),
+)
 LAST: Flow = (REPORT,)  # of every dataflow, whatever it has
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS, *LAST)
 IN_ORDER = (
@@ -213,6 +216,11 @@ def with_texture(flow: Flow) -> Flow:
     whole = flow if RENDER in flow or FULL_RESOLUTION in flow else (*flow, FULL_RESOLUTION)
     made = {artefact.name for stage in whole for artefact in stage.gives}
     return (*whole, replace(TEXTURE, takes=(*TEXTURE.takes, *(name for name in FINER if name in made))))
+
+
+def with_turntable(flow: Flow) -> Flow:
+    """Add pictures of the textured model from all around to a dataflow with relighting."""
+    return (*with_texture(flow), TURNTABLE)
 
 
 def with_delit_photos(flow: Flow) -> Flow:

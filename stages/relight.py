@@ -56,6 +56,7 @@ def run(job: Job[RelightSettings]) -> None:
     import numpy as np
 
     from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.artefacts.surface_light_npz import StoredSurfaceLight, write_surface_light
     from stages.formats.artefacts.transfer_file import read_transfer
     from stages.formats.artefacts.view_files import read_maps, read_surface_points, write_maps, write_previews
     from stages.formats.images.photos import read_mask
@@ -64,7 +65,7 @@ def run(job: Job[RelightSettings]) -> None:
     from stages.photometry.transport.environment import turned_light
     from stages.photometry.transport.lit_scenes import scenes_by_distance
     from stages.photometry.transport.pixel_transfer import Bounces
-    from stages.photometry.transport.relighting import relit
+    from stages.photometry.transport.relighting import light_at, relit_points
     from stages.scene.upright import upright_from_world
     from stages.solvers.kernels.threading_layer import use_threads
 
@@ -87,9 +88,14 @@ def run(job: Job[RelightSettings]) -> None:
     bounces = Bounces(
         settings.bounces, _brightest(job, albedo), settings.reflectance_scale.brightest_quantile
     )
-    radiance, shading = relit(scene, albedo, light, bounces)
+    lit_by = light_at(scene, albedo, light, bounces)
+    radiance, shading = relit_points(scene.pixels, albedo, lit_by)
     write_maps(job.outputs["relit"], cameras, masks, radiance)
-    write_previews(job.outputs["relit"], cameras, masks, radiance)
+    white = write_previews(job.outputs["relit"], cameras, masks, radiance)
+    write_surface_light(
+        job.outputs["surface_light"],
+        StoredSurfaceLight(lit_by.sky, lit_by.indirect, lit_by.to_absolute, white),
+    )
     job.note(opposed_pixels=opposed, mean_shading=np.round(shading.mean(axis=0, dtype=float), 6).tolist())
 
 
@@ -121,12 +127,15 @@ def _brightest(job: Job[RelightSettings], albedo: np.ndarray) -> float:
 
 RELIGHT = Stage(
     name="relight",
-    version=8,
+    version=9,
     about="The views under another light, from their albedo.",
     settings=RelightSettings,
     takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer"),
     may_take=("light",),
-    gives=(Artefact("relit", "the views under another light, EXR (linear) and PNG", output="relit"),),
+    gives=(
+        Artefact("relit", "the views under another light, EXR (linear) and PNG", output="relit"),
+        Artefact("surface_light", "what lights the surface then", file="surface_light.npz"),
+    ),
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
     saves_memory=FEWER_PIXELS,

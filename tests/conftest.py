@@ -50,6 +50,7 @@ WHOLE = {
     "test_specular",
     "test_stories",
     "test_transfer_stage",
+    "test_turntable",
     "test_values",
 }
 

@@ -118,7 +118,7 @@ def test_a_browser_shows_the_texture_where_our_own_rays_see_it(output, tools, fr
     surface, uv, camera = front
     shown = seen_in_the_browser(tools, output / "model/model.glb", camera, lit=False)
     texture = read_photo(output / "model/albedo.png")
-    seen = TexturedSurface(surface, uv, texture).seen_by(camera)
+    seen = TexturedSurface.of_atlas(surface, uv, texture).seen_by(camera)
     hit = shown.max(axis=2) > 0
     assert (hit & seen.mask).sum() > 0.95 * (hit | seen.mask).sum() and 0.1 < hit.mean() < 0.9
     flat = np.zeros_like(shown)

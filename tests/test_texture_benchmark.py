@@ -47,7 +47,7 @@ def camera(width: int = 80) -> Camera:
 
 
 def textured(mesh: ChartedMesh, atlas: np.ndarray) -> TexturedSurface:
-    return TexturedSurface(Surface(mesh.vertices, mesh.faces), mesh.uv, atlas)
+    return TexturedSurface.of_atlas(Surface(mesh.vertices, mesh.faces), mesh.uv, atlas)
 
 
 def half_dark(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -114,7 +114,7 @@ def relit(paths: Mapping[str, Path], albedo: Path, light: Path, names: Sequence[
         job = Job(
             settings=RelightSettings(),
             inputs={**paths, "albedo": albedo, "light": light},
-            outputs={"relit": Path(folder)},
+            outputs={"relit": Path(folder), "surface_light": Path(folder) / "surface_light.npz"},
             scratch=Path(folder),
             threads=len(os.sched_getaffinity(0)),
             executor=executor,

@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> list[ViewError]:
 def errors_of(scene: TexturedScene, maps: Path | None = None) -> list[ViewError]:
     """Render the views one after another and compare them."""
     surface = Surface(scene.mesh.vertices, scene.mesh.faces)
-    textured, errors = TexturedSurface(surface, scene.mesh.uv, scene.albedo), []
+    textured, errors = TexturedSurface.of_atlas(surface, scene.mesh.uv, scene.albedo), []
     for view in scene.views():
         shown = rendered(textured, view.camera)
         compared = shown, view.albedo, view.mask

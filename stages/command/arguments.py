@@ -153,10 +153,13 @@ class Relight(Given):
     sun
         Azimuth and elevation, in degrees, of the sun in a clear sky, instead of an environment map; azimuth 0
         is the middle of such a map, and grows counter-clockwise seen from above.
+    turntable
+        Also show the textured model under that light from so many sides, all around, into output/turntable.
     """
 
     light: File = None
     sun: Annotated[str | None, optional("AZIMUTH,ELEVATION")] = None
+    turntable: Annotated[int | None, optional("N")] = None
 
 
 @dataclass(frozen=True)

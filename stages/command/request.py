@@ -73,9 +73,13 @@ def relighting_of(command: Relight) -> Request:
     sources = sources_of(command, config)
     if command.light is not None:
         sources |= {"light": existing("light", command.light)}
-    sun = None if command.sun is None else f"relight.sun={_sun_of(command.sun)}"
-    added = [stages.with_relighting]
-    return _request(command, config, sources, Selection(), added, [sun] if sun else [])
+    added, further = [stages.with_relighting], []
+    if command.sun is not None:
+        further.append(f"relight.sun={_sun_of(command.sun)}")
+    if command.turntable is not None:
+        added.append(stages.with_turntable)
+        further.append(f"turntable.frames={command.turntable}")
+    return _request(command, config, sources, Selection(), added, further)
 
 
 def reporting_of(command: Report) -> Request:

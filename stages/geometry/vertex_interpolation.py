@@ -51,17 +51,20 @@ def blend_of_pixels(
     -------
     csr_array, shape (N, P), float32
     """
-    to_proxy = _rows_of_three(corners, weights, vertex_count)
+    to_proxy = blend_matrix(corners, weights, vertex_count)
     views = []
     for seen, uv in zip(triangles, barycentric, strict=True):
         shares = np.column_stack([1 - uv.sum(axis=1), uv]).astype(np.float32)
-        views.append(_rows_of_three(faces[seen], shares, len(corners)) @ to_proxy)
+        views.append(blend_matrix(faces[seen], shares, len(corners)) @ to_proxy)
     return sp.csr_array(sp.vstack(views, format="csr"))
 
 
-def _rows_of_three(columns: np.ndarray, values: np.ndarray, width: int) -> sp.csr_array:
-    """A matrix with three entries in every row; those that are 0 are left out."""
-    kept = values.ravel() != 0
+def blend_matrix(corners: np.ndarray, weights: np.ndarray, vertex_count: int) -> sp.csr_array:
+    """Arrange three vertices, (N, 3), and their weights for every point as a matrix, (N, vertices).
+
+    Weights of 0 are left out.
+    """
+    kept = weights.ravel() != 0
     ends = np.concatenate([[0], np.cumsum(kept)])[::3]
-    parts = values.ravel()[kept], columns.ravel()[kept].astype(np.int32), ends.astype(np.int32)
-    return sp.csr_array(parts, shape=(len(columns), width))
+    parts = weights.ravel()[kept], corners.ravel()[kept].astype(np.int32), ends.astype(np.int32)
+    return sp.csr_array(parts, shape=(len(corners), vertex_count))

@@ -74,3 +74,55 @@ def look_at(centre: np.ndarray, target: np.ndarray) -> np.ndarray:
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
     return np.concatenate([rotation, -rotation @ centre[:, None]], axis=1)
+
+
+def ring_of_views(
+    count: int,
+    first_from: np.ndarray,
+    elevation_deg: float,
+    distance: float,
+    points: np.ndarray,
+    size: tuple[int, int],
+    upright_from_world: np.ndarray,
+) -> list[Camera]:
+    """Cameras evenly around points, counter-clockwise seen from above, all points in every picture.
+
+    Parameters
+    ----------
+    count : int
+    first_from : ndarray, shape (3,)
+        A place, world axes, on whose side of the vertical axis the first camera is.
+    elevation_deg : float
+        Of the cameras above the horizon.
+    distance : float
+        From the middle of the points' upright box, in radii of the points about it.
+    points : ndarray, shape (n, 3)
+        World axes.
+    size : tuple of int
+        Width and height, pixels.
+    upright_from_world : ndarray, shape (3, 3)
+        Rotation to axes whose z is up.
+    """
+    upright = points @ upright_from_world.T
+    middle = (upright.min(axis=0) + upright.max(axis=0)) / 2
+    radius = float(np.linalg.norm(upright - middle, axis=1).max())
+    x, y, _ = upright_from_world @ first_from - middle
+    azimuths_deg = np.rad2deg(np.arctan2(x, -y)) + 360 * np.arange(count) / count
+    around = arc_of_views(
+        azimuths_deg.tolist(), [elevation_deg] * count, distance * radius, middle, size, focal_px=1.0
+    )
+    return [_turned(camera, upright_from_world) for camera in framed(around, upright)]
+
+
+def elevations_of(
+    cameras: Sequence[Camera], target: np.ndarray, upright_from_world: np.ndarray
+) -> np.ndarray:
+    """Compute the elevations, degrees, (n,), at which cameras stand as seen from a place, world axes."""
+    away = np.stack([camera.centre_in_world - target for camera in cameras]) @ upright_from_world.T
+    return np.rad2deg(np.arctan2(away[:, 2], np.linalg.norm(away[:, :2], axis=1)))
+
+
+def _turned(camera: Camera, camera_axes_from_world: np.ndarray) -> Camera:
+    """Express a camera's pose in world axes, from axes that are rotated against them."""
+    rotation = camera.rotation @ camera_axes_from_world
+    return replace(camera, cam_from_world=np.column_stack([rotation, camera.cam_from_world[:, 3]]))

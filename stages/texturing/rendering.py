@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,35 +38,48 @@ class TexturedView:
 
 
 class TexturedSurface:
-    """A mesh with an atlas, made ready for rays.
+    """A mesh with textures, made ready for rays.
 
     Parameters
     ----------
     surface : Surface
-        V vertices.
-    uv : ndarray, shape (V, 2)
-        In [0, 1]; v downwards, as rows of the atlas.
-    atlas : ndarray, shape (s, s, c), float32
+        F faces.
+    uv : ndarray, shape (F, 3, 2)
+        Of the faces' corners; v downwards, as rows of a texture. Beyond [0, 1] textures are repeated.
+    textures : sequence of ndarray, shape (s, s, c), float32
+    texture_of : ndarray, shape (F,), int
+        Which of them each face has.
     """
 
-    def __init__(self, surface: Surface, uv: np.ndarray, atlas: np.ndarray) -> None:
-        self._caster = RayCaster(surface)
-        self._faces, self._uv, self._atlas = surface.faces, uv, atlas
+    def __init__(
+        self, surface: Surface, uv: np.ndarray, textures: Sequence[np.ndarray], texture_of: np.ndarray
+    ) -> None:
+        self._caster, self._uv, self._textures, self._texture_of = (
+            RayCaster(surface),
+            uv,
+            textures,
+            texture_of,
+        )
+
+    @classmethod
+    def of_atlas(cls, surface: Surface, uv: np.ndarray, atlas: np.ndarray) -> TexturedSurface:
+        """Make one of a single texture whose coordinates, (V, 2), are those of vertices."""
+        return cls(surface, uv[surface.faces], [atlas], np.zeros(len(surface.faces), np.int64))
 
     def seen_by(self, camera: Camera, threads: int = 0) -> TexturedView:
-        """Look up the texture at the centres of a camera's pixels, bilinearly between texels."""
+        """Look up the textures at the centres of a camera's pixels, bilinearly between texels."""
         seen = self._caster.see(camera, threads)
         mask = seen.mask
-        corners = self._uv[self._faces[seen.triangles[mask]]]
+        faces = seen.triangles[mask]
+        corners = self._uv[faces]
         u, v = seen.barycentric[mask, :1], seen.barycentric[mask, 1:]
         uv = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
-        return TexturedView(
-            mask,
-            seen.depth,
-            texture_at(self._atlas, uv),
-            back_project(camera, seen.depth)[mask],
-            seen.normals[mask],
-        )
+        values = np.zeros((len(uv), self._textures[0].shape[2]), np.float32)
+        for number, texture in enumerate(self._textures):
+            own = self._texture_of[faces] == number
+            values[own] = texture_at(texture, uv[own] - np.floor(uv[own]))
+        points = back_project(camera, seen.depth)[mask]
+        return TexturedView(mask, seen.depth, values, points, seen.normals[mask])
 
 
 def texture_at(atlas: np.ndarray, uv: np.ndarray) -> np.ndarray:

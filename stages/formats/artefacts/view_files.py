@@ -208,11 +208,12 @@ def read_arrays(
 
 def write_previews(
     folder: Path, cameras: Sequence[Camera], masks: Sequence[np.ndarray], stacked: np.ndarray
-) -> None:
-    """Write stacked values, (N, 3), linear, as 8-bit PNGs: a high quantile of all is white."""
+) -> float:
+    """Write stacked values, (N, 3), linear, as 8-bit PNGs; returns what is white: a high quantile of all."""
     white = max(float(np.quantile(stacked, PREVIEW_WHITE)), 1e-12) if stacked.size else 1.0
     for camera, image in zip(cameras, images_of(masks, stacked), strict=True):
         write_png_srgb8(folder / f"{camera.name}.png", image / white)
+    return white
 
 
 def write_pictures_of_light(folder: Path, pictures: Mapping[str, np.ndarray]) -> None:

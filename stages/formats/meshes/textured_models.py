@@ -10,7 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from pipeline import UserError
 from stages.formats.meshes.gltf_binary import BinaryBuffer, packed
+from stages.formats.meshes.mesh_files import read_uv_map
+from stages.formats.meshes.polygons import Polygons, triangulate
+from stages.formats.meshes.triangle_meshes import Surface
 
 LINEAR_FILTER, TRILINEAR_FILTER = 9729, 9987  # of glTF: enlarged, reduced
 NO_PART_OF_NAMES = re.compile(r"[\x00-\x1f\x7f#]+")  # of materials in text
@@ -183,3 +187,60 @@ def _faces(model: ObjCorners, names: list[str]) -> Iterator[str]:
             yield f"usemtl {names[texture]}\n"
             before = texture
         yield "f " + " ".join("{}/{}/{}".format(*next(corners)) for _ in range(size)) + "\n"
+
+
+@dataclass(frozen=True, eq=False)
+class ReadModel:
+    """What `write_obj` wrote, as triangles.
+
+    Attributes
+    ----------
+    surface : Surface
+        F faces.
+    uv : ndarray, shape (F, 3, 2), float64
+        Of the corners; v downwards.
+    base_colours : tuple of Path
+        PNGs, of the materials.
+    texture : ndarray, shape (F,), int64
+        Of each face: which of them.
+    """
+
+    surface: Surface
+    uv: np.ndarray
+    base_colours: tuple[Path, ...]
+    texture: np.ndarray
+
+
+def read_model(path: Path) -> ReadModel:
+    """Read a textured OBJ that `write_obj` wrote, and its MTL.
+
+    Raises
+    ------
+    UserError
+        It is damaged, or has no texture coordinates.
+    """
+    found = read_uv_map(path)
+    if found is None:
+        raise UserError(f"{path} has no texture coordinates; expected the OBJ of a textured model.")
+    polygons, uv_map = found
+    count = len(polygons.corners)
+    corners = triangulate(Polygons(polygons.vertices[polygons.corners], polygons.sizes, np.arange(count)))
+    files = _base_colours(path.with_suffix(".mtl"))
+    return ReadModel(
+        Surface(polygons.vertices, polygons.corners[corners].astype(np.int32)),
+        uv_map.with_v(upwards=False)[uv_map.corners[corners]],
+        tuple(path.parent / files[name] for name in uv_map.materials),
+        np.repeat(uv_map.material, polygons.sizes - 2),
+    )
+
+
+def _base_colours(path: Path) -> dict[str, str]:
+    """Read which picture each material of an MTL has."""
+    found, name = {}, ""
+    for line in path.read_text(encoding="utf-8").splitlines():
+        word, _, rest = line.partition(" ")
+        if word == "newmtl":
+            name = rest
+        elif word == "map_Kd":
+            found[name] = rest
+    return found

@@ -161,5 +161,10 @@ def on_absolute_scale(albedo: np.ndarray, brightest: float, quantile: float) -> 
 
     The brightest material is a quantile of all values.
     """
+    return np.maximum(albedo * to_absolute_scale(albedo, brightest, quantile), 0.0)
+
+
+def to_absolute_scale(albedo: np.ndarray, brightest: float, quantile: float) -> float:
+    """Compute that factor; 0 where all is black."""
     bright = float(np.quantile(albedo, quantile)) if albedo.size else 0.0
-    return np.maximum(albedo * (brightest / bright if bright > 0 else 0.0), 0.0)
+    return brightest / bright if bright > 0 else 0.0
