@@ -70,7 +70,7 @@ class PictureSettings(Settings):
 class FigureSettings(Settings):
     """Settings of the figures: `stages.reporting.content.view_figures`, `link_samples`."""
 
-    pixels: int = setting(100_000, "Pixels of a view that figures are computed of.", unit="pixels", ge=100)
+    pixels: int = setting(20_000, "Pixels of a view that figures are computed of.", unit="pixels", ge=100)
     pairs: int = setting(
         24, "Pairs of views whose agreement is measured, evenly chosen.", unit="pairs", ge=1, le=10_000
     )
@@ -112,7 +112,8 @@ class SurfaceSettings(Settings):
 
     most_vertices: int = setting(
         60_000,
-        "A mesh of more vertices is decimated: so many are 3 MB in the page, and turn smoothly on a phone.",
+        "A mesh of more vertices is decimated, and one of fewer is cut into as many: colours are of "
+        "vertices. So many are 3 MB in the page, and turn smoothly on a phone.",
         ge=100,
         le=2_000_000,
     )

@@ -11,6 +11,8 @@ from stages.formats.images.photos import encode_srgb8
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.proxy import faces_of_fewer_vertices, roughly_decimated, welded
 from stages.geometry.rays import face_normals, vertex_normals
+from stages.geometry.short_edges import with_short_edges
+from stages.geometry.surface import mean_edge
 from stages.reporting.settings import SurfaceSettings
 from stages.scene.cameras import Camera, smallest_footprints
 from stages.texturing.gathering import Sums, ViewMaps, gather
@@ -44,18 +46,22 @@ class SmallSurface:
 
     @classmethod
     def of(cls, mesh: Surface, cameras: list[Camera], how: SurfaceSettings) -> SmallSurface:
-        """Decimate a mesh where it has too many vertices."""
+        """Decimate a mesh where it has too many vertices, then cut its long edges: colours are of vertices.
+
+        Where all is flat, decimation leaves large faces, whatever is painted on them.
+        """
         whole = welded(mesh)
+        seen = smallest_footprints(whole.vertices, cameras)
+        seen = seen[np.isfinite(seen)]
+        typical = float(np.median(seen)) if len(seen) else mean_edge(whole)
+        fewer = int(how.most_vertices / (1 + how.proxy.extra_vertices))
         if len(whole.vertices) > how.most_vertices:
-            faces = faces_of_fewer_vertices(whole, how.most_vertices)
-            whole = roughly_decimated(whole, faces, how.proxy)
+            whole = roughly_decimated(whole, faces_of_fewer_vertices(whole, fewer), how.proxy)
         solid = np.linalg.norm(face_normals(whole.vertices, whole.faces), axis=1) > 0
         small = Surface(whole.vertices, whole.faces[solid])
+        small = with_short_edges(small, typical, how.most_vertices).surface
         origin = small.vertices.mean(axis=0)
         normals = vertex_normals(small.vertices - origin, small.faces).astype(np.float32)
-        footprints = smallest_footprints(small.vertices, cameras)
-        seen = footprints[np.isfinite(footprints)]
-        typical = float(np.median(seen)) if len(seen) else 1.0
         return cls(small, normals, origin, Sums.none(len(small.vertices), MAPS), typical)
 
     def add(self, view: ViewMaps, how: SurfaceSettings) -> None:

@@ -42,8 +42,10 @@ function product(a, b) {
   return c;
 }
 
+const slope = Math.tan(0.35); // of half the angle of view, along the shorter side
+
 function perspective(ratio) {
-  const f = 1 / Math.tan(0.35), near = 0.01, far = 60;
+  const f = 1 / slope, near = 0.01, far = 60;
   const [x, y] = ratio > 1 ? [f / ratio, f] : [f, f * ratio]; // the shorter side has the angle of view
   return new Float32Array([x, 0, 0, 0, 0, y, 0, 0,
     0, 0, (far + near) / (near - far), -1, 0, 0, 2 * far * near / (near - far), 0]);
@@ -115,13 +117,20 @@ function frustum(camera, depth) {
   return corners.flatMap((corner, k) => [...camera.centre, ...corner, ...corner, ...corners[(k + 1) % 4]]);
 }
 
+function distanceFor(about, ratio) { // at which the surface fills the canvas
+  const width = Math.hypot(about.middle[0], about.middle[2]), height = about.middle[1]; // halves
+  const across = slope * Math.max(ratio, 1), upwards = slope / Math.min(ratio, 1);
+  return 1.05 * Math.max(width / across, height / upwards) + width / 2;
+}
+
 class Orbit {
-  constructor(about, middle) {
+  constructor(about, ratio) {
+    const middle = about.middle;
     const centres = about.cameras.map((camera) => camera.centre);
     const mean = [0, 1, 2].map((i) => centres.reduce((sum, centre) => sum + centre[i], 0) / centres.length);
     const away = mean.map((value, i) => value - middle[i]);
     this.first = { azimuth: Math.atan2(away[0], away[2]),
-      elevation: Math.atan2(away[1], Math.hypot(away[0], away[2])), distance: 1.7, target: middle };
+      elevation: Math.atan2(away[1], Math.hypot(away[0], away[2])), distance: distanceFor(about, ratio), target: middle };
     this.reset();
   }
   include(centres) { // go back until all cameras are in sight
@@ -152,7 +161,7 @@ class SurfaceView {
     if (!gl) throw new Error("no WebGL 2");
     this.program = compiled(gl);
     this.buffers = loaded(gl, about, bytes);
-    this.orbit = new Orbit(about, about.middle);
+    this.orbit = new Orbit(about, canvas.clientWidth / canvas.clientHeight);
     this.view = 0;
     this.queued = false;
     gl.enable(gl.DEPTH_TEST);
