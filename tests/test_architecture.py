@@ -45,7 +45,7 @@ SLOW_TO_IMPORT = {
     "trimesh",
 }
 FOLDERS_BELOW = {  # which folders of stages/ each folder may import
-    "command": {"command", "evaluation", "reporting", "formats", "scene"},
+    "command": {"additions", "command", "evaluation", "reporting", "formats", "scene"},
     "evaluation": {"evaluation", "formats", "scene"},
     "scene": {"scene"},
     "formats": {"formats", "scene"},
@@ -140,7 +140,8 @@ DISTRIBUTIONS = {  # of what is imported by another name than it is installed by
 }
 CHANGES_NO_RESULT = {"pydantic"}  # it checks settings; what they say is in the key
 VAGUE = {"utils", "util", "common", "helpers", "helper", "base", "misc"}
-STEPS = {path.stem for path in (ROOT / "stages").glob("*.py")} - {"__init__", "cli"}
+NO_STEPS = {"__init__", "additions", "cli"}
+STEPS = {path.stem for path in (ROOT / "stages").glob("*.py")} - NO_STEPS
 
 
 def sources(*folders: str) -> list[Path]:
@@ -277,7 +278,7 @@ def test_a_step_leans_on_neither_the_command_line_nor_what_judges_it(step):
 
 @pytest.mark.parametrize("path", sources("stages"), ids=lambda path: str(path.relative_to(ROOT)))
 def test_nobody_imports_a_step_but_the_dataflow_and_the_command_line(path):
-    if path.parent == ROOT / "stages" and path.stem in ("__init__", "cli"):
+    if path.parent == ROOT / "stages" and path.stem in NO_STEPS:
         return
     steps = {name.split(".")[1] for name in imported(parsed(path)) if name.startswith("stages.")} & STEPS
     assert not steps
@@ -356,6 +357,7 @@ def test_no_stage_takes_what_one_after_it_in_order_gives():
 def test_every_dataflow_is_sound():
     import stages
     from pipeline.request import check_flow
+    from stages import additions
 
     for given in (
         ["images"],
@@ -369,9 +371,9 @@ def test_every_dataflow_is_sound():
             check_flow(stages.dataflow(given, light), stages.SOURCES)
     for given in ([], ["object"], ["environment"], ["object", "environment"]):
         for light in ("paper", "harmonics", "directions"):
-            flow = stages.with_full_resolution(stages.with_relighting(stages.experiment(given, light)))
-            flow = stages.with_report(flow)
+            flow = additions.with_full_resolution(additions.with_relighting(stages.experiment(given, light)))
+            flow = additions.with_report(flow)
             check_flow(flow, stages.kinds_of_sources(flow))
             for whole in (stages.dataflow(["images"], light), stages.experiment(given, light)):
-                flow = stages.with_report(stages.with_delit_photos(stages.with_texture(whole)))
+                flow = additions.with_report(additions.with_delit_photos(additions.with_texture(whole)))
                 check_flow(flow, stages.kinds_of_sources(flow))

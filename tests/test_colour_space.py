@@ -10,6 +10,7 @@ import pytest
 
 import stages
 from pipeline.request import check_flow
+from stages import additions
 from stages.formats.colour.icc_profiles import SRGB_IN_D50
 from stages.formats.colour.rgb_primaries import ACESCG, REC_709, conversion
 from stages.formats.images.exr import read_exr
@@ -42,15 +43,15 @@ def test_every_dataflow_is_sound_with_a_card_and_in_another_colour_space():
         plain = stages.dataflow(["images"], light)
         for extended in (
             plain,
-            stages.with_texture(plain),
-            stages.with_delit_photos(stages.with_texture(plain)),
-            stages.with_relighting(plain),
+            additions.with_texture(plain),
+            additions.with_delit_photos(additions.with_texture(plain)),
+            additions.with_relighting(plain),
         ):
-            calibrated = stages.with_calibration(extended)
+            calibrated = additions.with_calibration(extended)
             for flow in (
                 calibrated,
-                stages.with_colour_space(extended),
-                stages.with_colour_space(calibrated),
+                additions.with_colour_space(extended),
+                additions.with_colour_space(calibrated),
             ):
                 check_flow(flow, stages.kinds_of_sources(flow))
                 places = [one.output for stage in flow for one in stage.gives if one.output]

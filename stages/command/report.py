@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import stages
 from pipeline import Flow, UserError, settings_that_matter
 from pipeline.cache.key import tool_version
 from pipeline.cache.store import Store
@@ -14,6 +13,7 @@ from pipeline.command.terminal import Terminal, table_of
 from pipeline.request import Request, Result
 from pipeline.run import summarise
 from pipeline.summary import consistent_results
+from stages import additions
 from stages.reporting.document.page import HTML, JSON, summary
 
 FILES = (HTML, JSON)  # in output/, besides the artefacts of stages
@@ -40,7 +40,7 @@ def on_what_is_there(request: Request) -> Request:
             f"{request.workspace} holds no views that belong together yet ({' and '.join(missing)} missing); "
             "expected results of the stages up to raycast. `unshade run` makes them, and the report."
         )
-    return replace(request, flow=stages.reporting_on(request.flow, made))
+    return replace(request, flow=additions.reporting_on(request.flow, made))
 
 
 def report_verb(request: Request, terminal: Terminal) -> None:

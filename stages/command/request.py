@@ -12,6 +12,7 @@ from pipeline.config import Config, check_settings, override
 from pipeline.errors import shown
 from pipeline.request import Request, Selection, check_flow
 from pipeline.stage import Flow, settings_of
+from stages import additions
 from stages.command.arguments import Given, Relight, Report, Run
 from stages.command.dense_results import dense_results
 from stages.command.machine import cluster_of, memory_of, memory_to_fit, threads_of
@@ -20,9 +21,9 @@ from stages.command.sources import absent_sources, check_apart, check_text, conf
 from stages.command.workspaces import workspace_of
 
 FURTHER: dict[str, Callable[[Flow], Flow]] = {  # flags, called like the stage that they add, in order
-    "full_resolution": stages.with_full_resolution,
-    "texture": stages.with_texture,
-    "delit_photos": stages.with_delit_photos,
+    "full_resolution": additions.with_full_resolution,
+    "texture": additions.with_texture,
+    "delit_photos": additions.with_delit_photos,
 }
 
 
@@ -73,11 +74,11 @@ def relighting_of(command: Relight) -> Request:
     sources = sources_of(command, config)
     if command.light is not None:
         sources |= {"light": existing("light", command.light)}
-    added, further = [stages.with_relighting], []
+    added, further = [additions.with_relighting], []
     if command.sun is not None:
         further.append(f"relight.sun={_sun_of(command.sun)}")
     if command.turntable is not None:
-        added.append(stages.with_turntable)
+        added.append(additions.with_turntable)
         further.append(f"turntable.frames={command.turntable}")
     return _request(command, config, sources, Selection(), added, further)
 
@@ -131,11 +132,11 @@ def _request(
     flow = stages.keeping_within_masks(flow, settings)
     for extended in added:
         flow = extended(flow)
-    if stages.asks_for_calibration(settings):
-        flow = stages.with_calibration(flow)
-    if stages.asks_for_colour_space(settings):
-        flow = stages.with_colour_space(flow)
-    flow = stages.with_report(flow)
+    if additions.asks_for_calibration(settings):
+        flow = additions.with_calibration(flow)
+    if additions.asks_for_colour_space(settings):
+        flow = additions.with_colour_space(flow)
+    flow = additions.with_report(flow)
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     memory = memory_of(command)

@@ -1,0 +1,155 @@
+"""What may be added to a dataflow: stages on demand, a calibration, another colour space, the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from typing import Any
+
+from pipeline import AnyStage, Flow, Job, Settings, settings_of
+from stages.calibration import CALIBRATION
+from stages.colour_space import COLOUR_SPACE, CONVERTED
+from stages.delit_photos import DELIT_PHOTOS
+from stages.full_resolution import FULL_RESOLUTION
+from stages.lighting import LIGHTING
+from stages.relight import RELIGHT, RELIGHT_AS_FOUND
+from stages.render import RENDER
+from stages.report import NEEDED, REPORT
+from stages.texture import FINER, TEXTURE
+from stages.transfer import TRANSFER
+from stages.turntable import TURNTABLE
+
+CALIBRATED = {
+    name: f"{name}_calibrated" for name in ("albedo", "shading", "lighting", "albedo_tv", "light_pictures")
+}
+
+
+def with_relighting(flow: Flow) -> Flow:
+    """Add relighting to a dataflow, and the transfer that it needs, which `mode: paper` lacks."""
+    transfer = () if TRANSFER in flow else (TRANSFER,)
+    return (*flow, *transfer, RELIGHT_AS_FOUND if LIGHTING in flow else RELIGHT)
+
+
+def with_full_resolution(flow: Flow) -> Flow:
+    """Add the albedo at the photos' own resolution to a dataflow."""
+    return (*flow, FULL_RESOLUTION)
+
+
+def with_texture(flow: Flow) -> Flow:
+    """Add the textured model, from the photos' own resolution where there are photos."""
+    whole = flow if RENDER in flow or FULL_RESOLUTION in flow else (*flow, FULL_RESOLUTION)
+    made = {artefact.name for stage in whole for artefact in stage.gives}
+    return (*whole, replace(TEXTURE, takes=(*TEXTURE.takes, *(name for name in FINER if name in made))))
+
+
+def with_turntable(flow: Flow) -> Flow:
+    """Add pictures of the textured model from all around to a dataflow with relighting."""
+    return (*with_texture(flow), TURNTABLE)
+
+
+def with_delit_photos(flow: Flow) -> Flow:
+    """Add the photos without their light to a dataflow."""
+    return (*flow, DELIT_PHOTOS)
+
+
+def asks_for_calibration(settings: Mapping[str, Settings]) -> bool:
+    """Tell whether a card or chart is given, and check how it is written.
+
+    Raises
+    ------
+    UserError
+        As `references_of`.
+    """
+    how = settings_of(CALIBRATION, settings)
+    if not how.white and not how.chart:
+        return False
+    from stages.photometry.calibration.references import references_of  # numpy: only where it is needed
+
+    return bool(references_of(how))
+
+
+def with_calibration(flow: Flow) -> Flow:
+    """Put the calibration behind the stage that gives the albedo; all after it take what it gives.
+
+    What is before stays what it was, and in the cache: it is only no longer shown.
+    """
+    place = 1 + next(k for k, stage in enumerate(flow) if "albedo" in _given((stage,)))
+    made = _given(flow[:place])
+    lacking = {name for name in CALIBRATED if name not in made}
+    calibration = replace(
+        CALIBRATION,
+        takes=tuple(name for name in CALIBRATION.takes if name not in lacking),
+        gives=tuple(
+            one for one in CALIBRATION.gives if one.name not in {CALIBRATED[name] for name in lacking}
+        ),
+    )
+    before = [_unshown(stage, CALIBRATED) for stage in flow[:place]]
+    return (*before, calibration, *(_of_calibrated(stage) for stage in flow[place:]))
+
+
+def asks_for_colour_space(settings: Mapping[str, Settings]) -> bool:
+    """Tell whether the EXRs are to be in another colour space than that of the cache."""
+    return settings_of(COLOUR_SPACE, settings).exr != "srgb-linear"
+
+
+def with_colour_space(flow: Flow) -> Flow:
+    """Put the conversion of colours at the end of a dataflow, and show what it gives instead of the rest."""
+    taken = _newest(CONVERTED, _given(flow))
+    converted = {f"{name}_converted" for name in taken}
+    conversion = replace(
+        COLOUR_SPACE,
+        run=_under_their_names(COLOUR_SPACE, {own: name for name, own in taken.items()}),
+        takes=tuple(taken.values()),
+        gives=tuple(one for one in COLOUR_SPACE.gives if one.name in converted),
+    )
+    return (*(_unshown(stage, taken.values()) for stage in flow), conversion)
+
+
+def _unshown(stage: AnyStage, names: Collection[str]) -> AnyStage:
+    """Keep out of `output/` what a later stage gives in another form."""
+    gives = [replace(one, output=None) if one.name in names else one for one in stage.gives]
+    return replace(stage, gives=tuple(gives))
+
+
+def _of_calibrated(stage: AnyStage) -> AnyStage:
+    """Let a stage take the calibrated maps under the names that it knows; relighting its scale as well."""
+    run = _under_their_names(stage, {calibrated: name for name, calibrated in CALIBRATED.items()})
+    takes = tuple(CALIBRATED.get(name, name) for name in stage.takes)
+    return replace(stage, run=run, takes=(*takes, *(["calibration"] if stage.name == RELIGHT.name else [])))
+
+
+def _under_their_names(stage: AnyStage, names: Mapping[str, str]) -> Callable[[Job[Any]], None]:
+    """Run a stage whose inputs have other names in the dataflow: names map these to its own."""
+
+    def run(job: Job[Any]) -> None:
+        stage.run(replace(job, inputs={names.get(name, name): path for name, path in job.inputs.items()}))
+
+    return run
+
+
+def _given(flow: Flow) -> set[str]:
+    """List the artefacts that stages give."""
+    return {artefact.name for stage in flow for artefact in stage.gives}
+
+
+def with_report(flow: Flow) -> Flow:
+    """Add the report to a dataflow, at its end: it shows what that makes."""
+    return (*flow, _report_on(_given(flow)))
+
+
+def reporting_on(flow: Flow, made: Collection[str]) -> Flow:
+    """Let the report at the end of a dataflow show these artefacts alone."""
+    return (*flow[:-1], _report_on(made))
+
+
+def _report_on(made: Collection[str]) -> AnyStage:
+    """Declare the report that shows these artefacts, calibrated where they are."""
+    taken = _newest(REPORT.takes, made) | {name: name for name in NEEDED}
+    run = _under_their_names(REPORT, {own: name for name, own in taken.items()})
+    return replace(REPORT, run=run, takes=tuple(taken[name] for name in REPORT.takes if name in taken))
+
+
+def _newest(names: Collection[str], made: Collection[str]) -> dict[str, str]:
+    """Look up what artefacts are called in a dataflow that makes some, perhaps calibrated ones."""
+    newest = {name: CALIBRATED[name] if CALIBRATED.get(name) in made else name for name in names}
+    return {name: own for name, own in newest.items() if own in made}
