@@ -120,7 +120,7 @@ function frustum(camera, depth) {
 function distanceFor(about, ratio) { // at which the surface fills the canvas
   const width = Math.hypot(about.middle[0], about.middle[2]), height = about.middle[1]; // halves
   const across = slope * Math.max(ratio, 1), upwards = slope / Math.min(ratio, 1);
-  return 1.05 * Math.max(width / across, height / upwards) + width / 2;
+  return 1.05 * Math.max(width / across, height / upwards) + 0.8 * width;
 }
 
 class Orbit {
