@@ -17,7 +17,7 @@ from stages.formats.artefacts.lighting_json import LightAround
 from stages.formats.images.exr import write_exr
 from stages.formats.images.photos import write_mask
 from stages.formats.meshes.triangle_meshes import write_mesh
-from stages.report import report_of
+from stages.report import REPORT
 from stages.reporting.document.page import summary
 from stages.scene.cameras import Camera
 from tests.rendered_scene import ball
@@ -102,7 +102,7 @@ def overhead_light(views: int) -> StoredLight:
 
 def reported(make_job, folder: Path, places: dict[str, Path], **settings) -> Path:
     """Run the stage on what was written; returns the folder of its result."""
-    stage = report_of(places.keys())
+    stage = replace(REPORT, takes=tuple(name for name in REPORT.takes if name in places))
     inputs = {name: places[name] for name in stage.takes}
     result = folder / "my <workspace>/cache/report" / KEY
     stage.run(make_job(result, stage, stage.settings(**settings), **inputs))
