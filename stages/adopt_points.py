@@ -27,7 +27,10 @@ def run(job: Job[AdoptPointsSettings]) -> None:
             "Fuse the points again."
         )
     if unusable := int((~usable).sum()):
-        job.warn(f"{unusable} of the {len(usable)} points have no place or no normal and are left out.")
+        job.warn(
+            f"{unusable} of the {len(usable)} points have no place or no normal and are left out. "
+            "Where that leaves holes, export them again, with normals."
+        )
     write_points(
         job.outputs["fused"], x_in_world[usable], normals[usable] / lengths[usable, None], colours[usable]
     )

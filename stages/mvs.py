@@ -41,7 +41,8 @@ def run(job: Job[MvsSettings]) -> None:
     if settings.engine == "auto" and len(cloud.x_in_world) < settings.fewest_points:
         job.warn(
             f"Dense stereo agreed on {len(cloud.x_in_world)} points only, fewer than mvs.fewest_points = "
-            f"{settings.fewest_points}: falling back to the sparse points."
+            f"{settings.fewest_points}: falling back to the sparse points. Add photos with more "
+            "overlap, or give a mesh (--mesh)."
         )
         engine, cloud = "sparse", sparse_points.compute(job, workspace)
     write_points(job.outputs["fused"], cloud.x_in_world, cloud.normals, cloud.colours)

@@ -122,7 +122,10 @@ def run(job: Job[RaycastSettings]) -> None:
             gaps.append(gaps_at_points(camera, seen.depth, sparse.x_in_world[observed[name]]))
             step()
             if not used.any():
-                job.warn(f"View {name} sees nothing of the mesh inside its mask; it is left out.")
+                job.warn(
+                    f"View {name} sees nothing of the mesh inside its mask; it is left out. Check its mask, "
+                    "and whether the surface is complete there."
+                )
                 continue
             views.append(camera)
             write_exr(job.outputs["depth"] / f"{name}.exr", seen.depth)

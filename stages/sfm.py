@@ -147,7 +147,8 @@ def _write_masks(job: Job[SfmSettings], photos: Sequence[Photo]) -> Path:
         )
     if whole:
         job.warn(
-            f"{len(whole)} of {len(photos)} photos have no mask, and features everywhere: {listed(whole)}."
+            f"{len(whole)} of {len(photos)} photos have no mask, and features everywhere: {listed(whole)}. "
+            "Give theirs as well, if their background moved."
         )
     job.note(kept_by_masks=round(sum(shares) / len(shares), 4))
     return folder
@@ -312,7 +313,10 @@ def _adjust(job: Job[SfmSettings], model: pycolmap.Reconstruction) -> pycolmap.R
     if outcome.refused:
         job.note(principal_point=f"left at the image's centre: {outcome.refused}")
         if outcome.suspicious:
-            job.warn(f"The principal point was left at the image's centre: {outcome.refused}.")
+            job.warn(
+                f"The principal point was left at the image's centre: {outcome.refused}. That is right, "
+                "as a rule, for whole photos; where they were cropped, give them whole, or sfm.camera_params."
+            )
     job.note(principal_point_shift_px=round(outcome.shift_px, 3))
     return outcome.model
 
