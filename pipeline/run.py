@@ -17,7 +17,7 @@ from pipeline.plan import Decision, decide, read_sources
 from pipeline.request import Request
 from pipeline.run_stage import Listener, run_stage
 from pipeline.stage import AnyStage
-from pipeline.summary import consistent_results, write_summary
+from pipeline.summary import consistent_results, outputs_of, write_summary
 
 __all__ = ["Done", "Listener", "clear_up", "run", "summarise"]
 
@@ -80,9 +80,7 @@ def summarise(request: Request, listener: Listener) -> list[Path]:
         store = Store(request.workspace)
         _clear_up(request, store)
         try:
-            available: dict[str, Any] = {}
-            for record in consistent_results(request.flow[:-1], store).values():
-                available |= record.outputs
+            available = outputs_of(request.flow, consistent_results(request.flow[:-1], store))
             with _cluster(request) as cluster:
                 one = _bring_up_to_date(request.flow[-1], request, store, listener, cluster, available)
             _output(request, store).show(request.flow[-1], one.record)

@@ -5,35 +5,54 @@ They may hold what no key knows, such as times and memory: so they are made anew
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from pipeline.cache.key import FileDigests
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store
 from pipeline.errors import UserError
 from pipeline.files.boundary import check_own_folder
 from pipeline.files.replacing import replace_text
 from pipeline.request import Request, Result
-from pipeline.stage import Flow
+from pipeline.stage import AnyStage, Flow
 
 
 def consistent_results(flow: Flow, store: Store) -> dict[str, Record]:
     """Read the current results of a dataflow that were made from one another, by stage.
 
     One that was made from another result than the current one of an earlier stage is left out, and so is
-    what follows from it. Sources are not looked at.
+    what follows from it. Neither sources nor versions are looked at: a result of an earlier version is one.
     """
     made = {artefact.name for stage in flow for artefact in stage.gives}
     found: dict[str, Record] = {}
-    available: dict[str, object] = {}
     for stage in flow:
         record = store.current(stage.name)
-        if record is None or {artefact.name for artefact in stage.gives} != record.outputs.keys():
+        if record is None or _is_of_another_variant(record, stage, made):
             continue
+        available = outputs_of(flow, found)
         inputs = {name: files for name, files in record.inputs.items() if name in made}
         if all(available.get(name) == files for name, files in inputs.items()):
             found[stage.name] = record
-            available |= record.outputs
     return found
+
+
+def _is_of_another_variant(record: Record, stage: AnyStage, made: Collection[str]) -> bool:
+    """Check whether a result took what the stage does not take, or gave what another stage gives here."""
+    own = {artefact.name for artefact in stage.gives}
+    takes = {*stage.takes, *stage.may_take}
+    return bool(record.inputs.keys() - takes or record.outputs.keys() & (set(made) - own))
+
+
+def outputs_of(flow: Flow, records: Mapping[str, Record]) -> dict[str, FileDigests]:
+    """List the digests of what results of a dataflow hold of the artefacts that their stages declare now."""
+    return {
+        artefact.name: records[stage.name].outputs[artefact.name]
+        for stage in flow
+        if stage.name in records
+        for artefact in stage.gives
+        if artefact.name in records[stage.name].outputs
+    }
 
 
 def write_summary(request: Request, store: Store) -> list[Path]:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from pipeline import UserError
+from pipeline import Artefact, UserError
 from pipeline.cache.store import Store
 from pipeline.run import run, summarise
-from pipeline.summary import consistent_results
+from pipeline.summary import consistent_results, outputs_of
 from tests.toy_flow import FLOW, Witness, request, write_words
 
 
@@ -76,6 +76,27 @@ def test_results_that_do_not_belong_together_are_left_out(root):
     assert list(consistent_results(FLOW, store)) == ["join"]  # the others were made from another text
     run_with_summary(root)
     assert list(consistent_results(FLOW, store)) == ["join", "count", "report"]
+
+
+def test_a_result_of_a_version_that_gave_less_or_more_is_shown_as_far_as_it_goes(root):
+    run_with_summary(root)
+    store, more = Store(root / "workspace"), Artefact("more", "given since", file="more.txt")
+    flow = (FLOW[0], replace(FLOW[1], version=2, gives=(*FLOW[1].gives, more)), FLOW[2])
+    results = consistent_results(flow, store)
+    assert list(results) == ["join", "count", "report"]
+    assert outputs_of(flow, results).keys() == {"text", "numbers", "page"}
+    fewer = (replace(FLOW[0], gives=()), *FLOW[1:])
+    assert outputs_of(fewer, {"join": results["join"]}) == {}
+
+
+def test_a_result_of_another_variant_of_its_stage_is_left_out(root):
+    run_with_summary(root)
+    store = Store(root / "workspace")
+    takes_other_things = (FLOW[0], FLOW[1], replace(FLOW[2], takes=("text",)))
+    assert list(consistent_results(takes_other_things, store)) == ["join", "count"]
+    gives_what_the_record_has = (FLOW[0], replace(FLOW[1], gives=(*FLOW[1].gives, *FLOW[2].gives)))
+    gives_less = (*gives_what_the_record_has, replace(FLOW[2], gives=()))
+    assert list(consistent_results(gives_less, store)) == ["join", "count"]
 
 
 def test_what_is_in_the_way_of_the_summary_is_named_and_results_stay(root):

@@ -12,7 +12,7 @@ from pipeline.cache.store import Store
 from pipeline.command.terminal import Terminal, table_of
 from pipeline.request import Request, Result
 from pipeline.run import summarise
-from pipeline.summary import consistent_results
+from pipeline.summary import consistent_results, outputs_of
 from stages import additions
 from stages.reporting.document.page import HTML, JSON, summary
 
@@ -33,8 +33,8 @@ def on_what_is_there(request: Request) -> Request:
     UserError
         There is no view yet.
     """
-    results = consistent_results(request.flow[:-1], Store(request.workspace))
-    made = {name for record in results.values() for name in record.outputs}
+    flow = request.flow[:-1]
+    made = outputs_of(flow, consistent_results(flow, Store(request.workspace))).keys()
     if missing := sorted({"linear", "cameras"} - made):
         raise UserError(
             f"{request.workspace} holds no views that belong together yet ({' and '.join(missing)} missing); "
