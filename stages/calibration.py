@@ -191,4 +191,5 @@ CALIBRATION = Stage(
     ),
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
+    saves_memory="give --threads 1: one picture at a time",
 )

@@ -86,4 +86,5 @@ COLOUR_SPACE = Stage(
     ),
     run=run,
     tools=("numpy", "openexr"),
+    saves_memory="give --threads 1: one picture at a time",
 )

@@ -204,6 +204,7 @@ def test_the_command_calibrates_all_that_follows_and_forgets_it_without_a_card(m
         "calibration",
         "export",
         "full_resolution",
+        "report",
     ]
     after, record = maps(output), json.loads((output / "calibration.json").read_text())
     factors = np.array(record["factors"])

@@ -368,14 +368,15 @@ def test_a_textured_model_is_made_on_demand_and_then_reused(own_copy, capsys):
     assert 1000 < len(model.faces) <= 3000 and model.visual.material.baseColorTexture.size[0] >= 256
     code, told, _ = unshade(capsys, "plan", *words, "--set", "texture.charts.most_faces=3000", "--json")
     assert code == 0 and set(actions(told).values()) == {"reuse"}
-    assert list(actions(told))[-2:] == ["full_resolution", "texture"]
+    assert list(actions(told))[-3:] == ["full_resolution", "texture", "report"]
 
 
 def test_the_full_resolution_alone_may_be_asked_for(tmp_path, capsys):
     words = ["--workspace", tmp_path / "w", "--full-resolution", "--only", "full_resolution"]
     code, told, _ = unshade(capsys, "plan", *LINEAR, *words, "--json")
     assert code == 0
-    assert list(actions(told))[-1] == "full_resolution"
+    assert list(actions(told))[-2:] == ["full_resolution", "report"]
+    assert actions(told)["report"] == "leave"
 
 
 def test_the_fountain_without_data_or_network_names_the_folder_to_fill(tmp_path, monkeypatch, capsys):

@@ -113,7 +113,7 @@ def step(one: np.ndarray, other: np.ndarray, white: float) -> float:
 
 def chart_image(mesh: ChartedMesh, side: int) -> np.ndarray:
     """Number the charts of all texels, (side, side), int32; `OUTSIDE` between them."""
-    texels = texels_of(mesh, side, 0)
+    texels = texels_of(mesh, side)
     count = len(mesh.vertices)
     one, other = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]]]).T
     joined = sp.coo_array((np.ones(len(one), bool), (one, other)), shape=(count, count))

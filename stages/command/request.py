@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import stages
-from pipeline import UserError, former_names
+from pipeline import UserError, former_names, json_text
 from pipeline.config import Config, check_settings, override
 from pipeline.errors import shown
 from pipeline.request import Request, Selection, check_flow
@@ -110,7 +109,7 @@ def _sun_of(given: str) -> str:
 def _settings_by_flags(command: Given) -> list[str]:
     """Write the flags that stand for settings as assignments."""
     references = {"white": list(command.white), "chart": list(command.chart)}
-    found = [f"calibration.{name}={json.dumps(given)}" for name, given in references.items() if given]
+    found = [f"calibration.{name}={json_text(given)}" for name, given in references.items() if given]
     return found + ([f"colour_space.exr={command.colour_space}"] if command.colour_space else [])
 
 
