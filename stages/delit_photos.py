@@ -15,8 +15,7 @@ from stages.scene.wording import listed
 if TYPE_CHECKING:
     import numpy as np
 
-    from stages.geometry.lenses import Lens
-    from stages.scene.cameras import Camera
+    from stages.geometry.lenses import PhotoAndAlbedo
 
 IMAGES, SPARSE = "images", "sparse"  # as in COLMAP's workspaces
 
@@ -42,14 +41,9 @@ class DelitPhotosSettings(Settings):
 
 @dataclass(frozen=True)
 class View:
-    """Work on one view: the photo, its lens, camera and maps at working size, and the picture to write."""
+    """Work on one view: its photo and albedo, and the picture to write."""
 
-    photo: Path
-    as_stored: bool
-    lens: Lens
-    camera: Camera
-    albedo: Path
-    mask: Path
+    of: PhotoAndAlbedo
     picture: Path
     white: float
     settings: DelitPhotosSettings
@@ -58,43 +52,32 @@ class View:
 def run(job: Job[DelitPhotosSettings]) -> None:
     """Write all views in parallel. Memory per worker: some 100 B per pixel of a photo."""
     from stages.formats.artefacts.camera_file import read_cameras
-    from stages.formats.colmap.model import read_model, registered
     from stages.formats.images.photo_copies import name_of_copy
-    from stages.formats.images.photo_turns import read_as_stored
-    from stages.geometry.lenses import lens_of
-    from stages.scene.cameras import view_name
+    from stages.geometry.lenses import photos_and_albedos
 
-    model = read_model(job.inputs["model"])
-    images = {view_name(image.name): image for image in registered(model)}
-    as_stored = read_as_stored(job.inputs["model"])
     white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
-    cameras = read_cameras(job.inputs["cameras"])
-    photos = {camera.name: images[camera.name].name for camera in cameras}
+    found = photos_and_albedos(job.inputs, read_cameras(job.inputs["cameras"]))
+    photos = {one.camera.name: one.name for one in found}
     written = {
         view: name_of_copy(name, job.settings.without_albedo == "alpha") for view, name in photos.items()
     }
     views = [
         View(
-            photo=job.inputs["images"] / photos[camera.name],
-            as_stored=photos[camera.name] in as_stored,
-            lens=lens_of(model.cameras[images[camera.name].camera_id]),
-            camera=camera,
-            albedo=job.inputs["albedo"] / f"{camera.name}.exr",
-            mask=job.inputs["mask"] / f"{camera.name}.png",
-            picture=job.outputs["delit"] / IMAGES / written[camera.name],
+            of=one,
+            picture=job.outputs["delit"] / IMAGES / written[one.camera.name],
             white=white,
             settings=job.settings,
         )
-        for camera in cameras
+        for one in found
     ]
     with job.progress("views", len(views)) as step:
         shares = list(counted(job.tasks.small(write_view, views), step))
     if job.settings.geometry == "undistorted":
-        _write_model(job, views, written)
+        _write_model(job, found, written)
     _tell_other_kinds(job, photos, written)
     job.note(
         views=len(views),
-        with_albedo={view.camera.name: round(share, 4) for view, share in zip(views, shares, strict=True)},
+        with_albedo={one.camera.name: round(share, 4) for one, share in zip(found, shares, strict=True)},
     )
 
 
@@ -102,28 +85,20 @@ def write_view(view: View) -> float:
     """Write one view's picture; returns the share of its pixels that have an albedo."""
     import numpy as np
 
-    from stages.formats.images.exr import read_exr
-    from stages.formats.images.masked_photos import read_masked_photo
     from stages.formats.images.photo_copies import as_stored, is_linear, write_like
-    from stages.formats.images.photos import read_mask
 
-    size, how = (view.lens["width"], view.lens["height"]), view.settings
-    linear, kept, _ = read_masked_photo(
-        view.photo, None, size, view.as_stored, False, how.detail.most_times_bright, how.detail.fireflies
-    )
-    maps = read_exr(view.albedo), read_mask(view.mask)
+    how, photo = view.settings, view.of.photo
+    opened = view.of.read(how.detail.most_times_bright, how.detail.fireflies)
     undistorted = how.geometry == "undistorted"
-    fine, known, linear = (
-        _pinhole(view, linear, kept, *maps) if undistorted else _own(view, linear, kept, *maps)
-    )
+    fine, known, linear = (_pinhole if undistorted else _own)(view, *opened)
     picture = np.where(known[..., None], fine, linear if how.without_albedo == "photo" else np.float32(0))
     if not is_linear(view.picture.name):
         picture /= np.float32(view.white)
     alpha = known if how.without_albedo == "alpha" else None
-    if not undistorted and not view.as_stored:
-        picture = as_stored(picture, view.photo)
-        alpha = alpha if alpha is None else as_stored(alpha, view.photo)
-    write_like(view.photo, view.picture, picture, alpha, how.quality, undistorted)
+    if not undistorted and not view.of.as_stored:
+        picture = as_stored(picture, photo)
+        alpha = alpha if alpha is None else as_stored(alpha, photo)
+    write_like(photo, view.picture, picture, alpha, how.quality, undistorted)
     return float(known.mean())
 
 
@@ -139,8 +114,8 @@ def _own(
 
     if not mask.any():
         return np.zeros_like(linear), np.zeros(kept.shape, bool), linear
-    coarse, _, _ = through_pinhole(linear, kept, view.lens, view.camera)
-    place = pinhole_from_photo(view.lens, view.camera)
+    coarse, _, _ = through_pinhole(linear, kept, view.of.lens, view.of.camera)
+    place = pinhole_from_photo(view.of.lens, view.of.camera)
     fine, known = with_detail_of(
         linear, kept, albedo, mask, coarse, lambda image: bilinear(image, place), view.settings.detail
     )
@@ -154,11 +129,13 @@ def _pinhole(
     from stages.geometry.lenses import at_photos_size, through_pinhole
     from stages.photometry.full_resolution import at_full_resolution
 
-    linear, kept, _ = through_pinhole(linear, kept, view.lens, at_photos_size(view.camera, view.lens))
+    linear, kept, _ = through_pinhole(
+        linear, kept, view.of.lens, at_photos_size(view.of.camera, view.of.lens)
+    )
     return *at_full_resolution(albedo, mask, linear, kept, view.settings.detail), linear
 
 
-def _write_model(job: Job[DelitPhotosSettings], views: list[View], written: dict[str, str]) -> None:
+def _write_model(job: Job[DelitPhotosSettings], views: list[PhotoAndAlbedo], written: dict[str, str]) -> None:
     """Write the pinhole model of the pictures."""
     from stages.formats.colmap.model import pinhole_model, read_model, write_model
     from stages.geometry.lenses import at_photos_size

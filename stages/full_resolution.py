@@ -12,20 +12,14 @@ from stages.photometry.full_resolution_settings import FullResolutionSettings
 from stages.scene.distributions import PICTURES, PYCOLMAP
 
 if TYPE_CHECKING:
-    from stages.geometry.lenses import Lens
-    from stages.scene.cameras import Camera
+    from stages.geometry.lenses import PhotoAndAlbedo
 
 
 @dataclass(frozen=True)
 class View:
-    """Work on one view: the photo, its camera and maps at working size, and the paths of the results."""
+    """Work on one view: its photo and albedo, and the paths of the results."""
 
-    photo: Path
-    as_stored: bool
-    lens: Lens
-    camera: Camera
-    albedo: Path
-    mask: Path
+    of: PhotoAndAlbedo
     maps: Path
     pictures: Path
     white: float
@@ -35,29 +29,18 @@ class View:
 def run(job: Job[FullResolutionSettings]) -> None:
     """Upsample the albedo of all views, in parallel. Memory per worker: some 70 B per pixel of a photo."""
     from stages.formats.artefacts.camera_file import read_cameras
-    from stages.formats.colmap.model import read_model, registered
-    from stages.formats.images.photo_turns import read_as_stored
-    from stages.geometry.lenses import lens_of
-    from stages.scene.cameras import view_name
+    from stages.geometry.lenses import photos_and_albedos
 
-    model = read_model(job.inputs["model"])
-    images = {view_name(image.name): image for image in registered(model)}
-    as_stored = read_as_stored(job.inputs["model"])
     white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
     views = [
         View(
-            photo=job.inputs["images"] / images[camera.name].name,
-            as_stored=images[camera.name].name in as_stored,
-            lens=lens_of(model.cameras[images[camera.name].camera_id]),
-            camera=camera,
-            albedo=job.inputs["albedo"] / f"{camera.name}.exr",
-            mask=job.inputs["mask"] / f"{camera.name}.png",
-            maps=job.outputs["albedo_full"] / f"{camera.name}.exr",
-            pictures=job.outputs["albedo_full"] / f"{camera.name}.png",
+            of=one,
+            maps=job.outputs["albedo_full"] / f"{one.camera.name}.exr",
+            pictures=job.outputs["albedo_full"] / f"{one.camera.name}.png",
             white=white,
             settings=job.settings,
         )
-        for camera in read_cameras(job.inputs["cameras"])
+        for one in photos_and_albedos(job.inputs, read_cameras(job.inputs["cameras"]))
     ]
     with job.progress("views", len(views)) as step:
         sizes = set(counted(job.tasks.small(write_view, views), step))
@@ -66,22 +49,18 @@ def run(job: Job[FullResolutionSettings]) -> None:
 
 def write_view(view: View) -> str:
     """Write one view's albedo as EXR and PNG; returns its size, as in 3072x2048."""
-    from stages.formats.images.exr import read_exr, write_exr
-    from stages.formats.images.masked_photos import read_masked_photo
-    from stages.formats.images.photos import read_mask, write_png_srgb16
+    from stages.formats.images.exr import write_exr
+    from stages.formats.images.photos import write_png_srgb16
     from stages.geometry.lenses import at_photos_size, through_pinhole
     from stages.photometry.full_resolution import at_full_resolution
 
-    camera = at_photos_size(view.camera, view.lens)
-    size, how = (view.lens["width"], view.lens["height"]), view.settings
-    linear, kept, _ = read_masked_photo(
-        view.photo, None, size, view.as_stored, False, how.most_times_bright, how.fireflies
-    )
-    linear, kept, _ = through_pinhole(linear, kept, view.lens, camera)
-    known = read_exr(view.albedo), read_mask(view.mask)
-    albedo, _ = at_full_resolution(*known, linear, kept, view.settings)
-    write_exr(view.maps, albedo)
-    write_png_srgb16(view.pictures, albedo / view.white)
+    lens, how = view.of.lens, view.settings
+    camera = at_photos_size(view.of.camera, lens)
+    linear, kept, albedo, mask = view.of.read(how.most_times_bright, how.fireflies)
+    linear, kept, _ = through_pinhole(linear, kept, lens, camera)
+    fine, _ = at_full_resolution(albedo, mask, linear, kept, how)
+    write_exr(view.maps, fine)
+    write_png_srgb16(view.pictures, fine / view.white)
     return f"{camera.width}x{camera.height}"
 
 

@@ -21,7 +21,7 @@ from stages.formats.images.photo_copies import name_of_copy, write_like
 from stages.formats.images.photo_remarks import remarks_on
 from stages.formats.images.photos import encode_srgb8, orientation_of, read_photo, write_mask
 from stages.formats.images.resize import reduce_by_area
-from stages.geometry.lenses import lens_of, pinhole_from_photo, through_pinhole
+from stages.geometry.lenses import PhotoAndAlbedo, lens_of, pinhole_from_photo, through_pinhole
 from stages.geometry.undistortion import bilinear
 from stages.scene.cameras import Camera, project
 from tests.rendered_scene import TINY, unshade, write_config
@@ -126,13 +126,9 @@ def scene(folder: Path, lens: pycolmap.Camera, suffix: str, orientation: int = 1
         write_like(name, name, stored, None, 95, True)
     else:
         Image.fromarray(encode_srgb8(stored)).save(name, quality=98, exif=exif.tobytes())
+    maps = folder / "albedo.exr", folder / "mask.png"
     view = View(
-        photo=name,
-        as_stored=False,
-        lens=lens_of(lens),
-        camera=half,
-        albedo=folder / "albedo.exr",
-        mask=folder / "mask.png",
+        of=PhotoAndAlbedo(name, name.name, False, lens_of(lens), half, *maps),
         picture=folder / "delit/images" / name_of_copy(name.name, False),
         white=2.0,
         settings=DelitPhotosSettings(),
@@ -143,7 +139,7 @@ def scene(folder: Path, lens: pycolmap.Camera, suffix: str, orientation: int = 1
 def changed(view: View, **changes) -> View:
     """The view with other settings, and its picture with the suffix that they want."""
     settings = DelitPhotosSettings(**changes)
-    name = name_of_copy(view.photo.name, settings.without_albedo == "alpha")
+    name = name_of_copy(view.of.photo.name, settings.without_albedo == "alpha")
     return View(**{**vars(view), "settings": settings, "picture": view.picture.with_name(name)})
 
 
@@ -151,7 +147,7 @@ def changed(view: View, **changes) -> View:
 def test_the_albedo_takes_the_photos_place_in_its_own_pixels_and_kind(suffix, tmp_path):
     view, truth = scene(tmp_path, lens_called("OPENCV"), suffix)
     assert write_view(view) > 0.8
-    assert view.picture.name == view.photo.name
+    assert view.picture.name == view.of.photo.name
     picture = read_photo(view.picture) * (1 if suffix in (".exr", ".hdr") else view.white)
     assert picture.shape == truth.shape
     inner = np.s_[30:-30, 40:-40]
@@ -214,10 +210,10 @@ def test_undistorted_pictures_are_upright_and_of_the_pinhole_camera(tmp_path):
 
 def test_where_there_is_no_albedo_stands_the_photo_or_black_or_nothing(tmp_path):
     view, truth = scene(tmp_path, lens_called("SIMPLE_RADIAL"), ".jpg")
-    mask = np.ones(view.camera.shape, bool)
+    mask = np.ones(view.of.camera.shape, bool)
     mask[:, mask.shape[1] // 2 :] = False
-    write_mask(view.mask, mask)
-    photo = read_photo(view.photo)
+    write_mask(view.of.mask, mask)
+    photo = read_photo(view.of.photo)
     unknown = np.s_[:, SIZE[0] // 2 + 12 :]
     assert 0.3 < write_view(view) < 0.5
     assert np.abs(read_photo(view.picture) * view.white - photo)[unknown].mean() < 0.01
@@ -229,7 +225,7 @@ def test_where_there_is_no_albedo_stands_the_photo_or_black_or_nothing(tmp_path)
     assert clear.picture.name == "a.png"
     pixels = cv2.imread(str(clear.picture), cv2.IMREAD_UNCHANGED)
     assert (pixels[unknown][..., 3] == 0).all() and (pixels[60:160, 40:120, 3] == 65535).all()
-    write_mask(view.mask, np.zeros_like(mask))
+    write_mask(view.of.mask, np.zeros_like(mask))
     assert write_view(view) == 0
     assert np.abs(read_photo(view.picture) * view.white - photo).mean() < 0.01
 

@@ -11,6 +11,7 @@ from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import encode_srgb8, write_mask
 from stages.formats.images.resize import reduce_by_area
 from stages.full_resolution import View, write_view
+from stages.geometry.lenses import PhotoAndAlbedo
 from stages.photometry.full_resolution import at_full_resolution
 from stages.photometry.full_resolution_settings import FullResolutionSettings
 from stages.scene.cameras import Camera
@@ -132,13 +133,9 @@ def test_turned_photos_and_values_that_are_no_light_are_taken_as_undistort_takes
     write_exr(tmp_path / "albedo.exr", np.full((20, 30, 3), 0.5, np.float32))
     write_mask(tmp_path / "mask.png", np.ones((20, 30), bool))
     for name in ("a.exr", "a.png"):
+        maps = tmp_path / "albedo.exr", tmp_path / "mask.png"
         view = View(
-            photo=tmp_path / name,
-            as_stored=as_stored,
-            lens=lens,
-            camera=camera,
-            albedo=tmp_path / "albedo.exr",
-            mask=tmp_path / "mask.png",
+            of=PhotoAndAlbedo(tmp_path / name, name, as_stored, lens, camera, *maps),
             maps=tmp_path / f"{name}.fine.exr",
             pictures=tmp_path / f"{name}.fine.png",
             white=1.0,

@@ -16,6 +16,7 @@ import pycolmap
 import pytest
 import trimesh
 
+from benchmarks.texture.__main__ import main as rerendered
 from pipeline.cache.store import Store
 from stages import dataflow
 from stages.cli import main
@@ -369,6 +370,7 @@ def test_a_textured_model_is_made_on_demand_and_then_reused(own_copy, capsys):
     code, told, _ = unshade(capsys, "plan", *words, "--set", "texture.charts.most_faces=3000", "--json")
     assert code == 0 and set(actions(told).values()) == {"reuse"}
     assert list(actions(told))[-3:] == ["full_resolution", "texture", "report"]
+    assert min(view.encoded.psnr for view in rerendered([str(own_copy)])) > 20
 
 
 def test_the_full_resolution_alone_may_be_asked_for(tmp_path, capsys):

@@ -113,7 +113,7 @@ class TexturedScene:
             lambda: views_of(self.made_from, self.cameras, self.settings),
             self.settings.gathering,
         )
-        return found.albedo, found.seen
+        return found.albedo, found.weight > 0
 
 
 def read_textured_scene(workspace: Path) -> TexturedScene:

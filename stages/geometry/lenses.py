@@ -2,16 +2,79 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pycolmap
 
-from stages.formats.colmap.model import PINHOLES
+from stages.formats.colmap.model import PINHOLES, read_model, registered
+from stages.formats.images.exr import read_exr
+from stages.formats.images.masked_photos import read_masked_photo
+from stages.formats.images.photo_settings import FireflySettings
+from stages.formats.images.photo_turns import read_as_stored
+from stages.formats.images.photos import read_mask
 from stages.geometry.undistortion import BAND_ROWS, oversampling, resample
-from stages.scene.cameras import Camera, pixel_centres
+from stages.scene.cameras import Camera, pixel_centres, view_name
 
 Lens = dict[str, Any]  # a COLMAP camera as keywords, which a worker can be sent
+
+
+@dataclass(frozen=True)
+class PhotoAndAlbedo:
+    """A view's photo and lens, its pinhole camera at working size, and its albedo there.
+
+    Attributes
+    ----------
+    photo : Path
+    name : str
+        Of the photo, in its folder.
+    as_stored : bool
+        Whether the lens is that of the pixels as stored, before the EXIF tag turns them.
+    lens : dict
+    camera : Camera
+    albedo, mask : Path
+    """
+
+    photo: Path
+    name: str
+    as_stored: bool
+    lens: Lens
+    camera: Camera
+    albedo: Path
+    mask: Path
+
+    def read(
+        self, most_times_bright: float, fireflies: FireflySettings
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Read photo, linear, (H, W, 3), where it can be light, (H, W), albedo, (h, w, 3), and its mask."""
+        size = self.lens["width"], self.lens["height"]
+        linear, kept, _ = read_masked_photo(
+            self.photo, None, size, self.as_stored, False, most_times_bright, fireflies
+        )
+        return linear, kept, read_exr(self.albedo), read_mask(self.mask)
+
+
+def photos_and_albedos(inputs: Mapping[str, Path], cameras: Sequence[Camera]) -> list[PhotoAndAlbedo]:
+    """Find the photo, lens and maps of every view among a stage's `images`, `model`, `albedo` and `mask`."""
+    model = read_model(inputs["model"])
+    images = {view_name(image.name): image for image in registered(model)}
+    as_stored = read_as_stored(inputs["model"])
+    return [
+        PhotoAndAlbedo(
+            photo=inputs["images"] / image.name,
+            name=image.name,
+            as_stored=image.name in as_stored,
+            lens=lens_of(model.cameras[image.camera_id]),
+            camera=camera,
+            albedo=inputs["albedo"] / f"{camera.name}.exr",
+            mask=inputs["mask"] / f"{camera.name}.png",
+        )
+        for camera in cameras
+        for image in [images[camera.name]]
+    ]
 
 
 def lens_of(camera: pycolmap.Camera) -> Lens:
