@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -52,10 +51,11 @@ class View:
 def run(job: Job[DelitPhotosSettings]) -> None:
     """Write all views in parallel. Memory per worker: some 100 B per pixel of a photo."""
     from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.artefacts.png_scale import png_whites
     from stages.formats.images.photo_copies import name_of_copy
     from stages.geometry.lenses import photos_and_albedos
 
-    white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
+    white = png_whites(job.inputs["scales"])["albedo"]
     found = photos_and_albedos(job.inputs, read_cameras(job.inputs["cameras"]))
     photos = {one.camera.name: one.name for one in found}
     written = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,9 +28,10 @@ class View:
 def run(job: Job[FullResolutionSettings]) -> None:
     """Upsample the albedo of all views, in parallel. Memory per worker: some 70 B per pixel of a photo."""
     from stages.formats.artefacts.camera_file import read_cameras
+    from stages.formats.artefacts.png_scale import png_whites
     from stages.geometry.lenses import photos_and_albedos
 
-    white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
+    white = png_whites(job.inputs["scales"])["albedo"]
     views = [
         View(
             of=one,

@@ -238,9 +238,11 @@ def _write_surface(
 
 def _white(job: Job[ReportSettings]) -> float:
     """Read which albedo is white."""
+    from stages.formats.artefacts.png_scale import png_whites
+
     if "scales" not in job.inputs:
         return 1.0
-    return json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
+    return png_whites(job.inputs["scales"])["albedo"]
 
 
 def _energy(job: Job[ReportSettings]) -> dict[str, Any] | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
 
     from stages.formats.meshes.textured_models import Texture
     from stages.scene.cameras import Camera
-    from stages.texturing.gathering import Seen, ViewMaps
+    from stages.texturing.gathering import Gathered, ViewMaps
     from stages.texturing.sheets import Charted, Sheet
     from stages.texturing.texels import Texels
     from stages.texturing.unwrapping import ChartedMesh
@@ -31,14 +30,14 @@ def run(job: Job[TextureSettings]) -> None:
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.solvers.kernels.threading_layer import use_threads
     from stages.texturing.completion import SurfaceMeans
-    from stages.texturing.gathering import Seen
+    from stages.texturing.gathering import Gathered
     from stages.texturing.texels import texels_of
 
     use_threads(job.threads)
     cameras = read_cameras(job.inputs["cameras"])
     charted = _charted(job, cameras)
     sheets = charted.sheets
-    held = {field.name: ArrayStore(job.scratch / field.name) for field in fields(Seen)}
+    held = {field.name: ArrayStore(job.scratch / field.name) for field in fields(Gathered)}
     means, counts = SurfaceMeans(charted.mesh), []
     with job.progress("texture", len(sheets) * (2 * len(cameras) + 1)) as step:
         for number, sheet in enumerate(sheets):
@@ -50,7 +49,7 @@ def run(job: Job[TextureSettings]) -> None:
                 store[number] = getattr(seen, name)
         at_vertices, textures = means.spread(job.settings.completion), []
         for number, sheet in enumerate(sheets):
-            seen = Seen(**{name: store.pop(number) for name, store in held.items()})
+            seen = Gathered(**{name: store.pop(number) for name, store in held.items()})
             textures.append(_textured(job, charted.mesh, sheet, seen, at_vertices))
             step()
     _write_models(job, charted, tuple(textures), cameras)
@@ -89,15 +88,13 @@ def _charted(job: Job[TextureSettings], cameras: list[Camera]) -> Charted:
 
 def _gathered(
     job: Job[TextureSettings], sheet: Sheet, texels: Texels, cameras: list[Camera], step: Callable[[], None]
-) -> Seen:
+) -> Gathered:
     """Average over the views in two passes, the second robust."""
-    import numpy as np
-
-    from stages.texturing.gathering import CONFIDENCE, NORMAL, SHADING, Seen, gathered, typical_footprint
+    from stages.texturing.gathering import gathered, typical_footprint
 
     how, mesh = job.settings, sheet.part
     origin = mesh.vertices.mean(axis=0)
-    found = gathered(
+    return gathered(
         texels.interpolated(mesh, mesh.vertices - origin),
         texels.interpolated(mesh, mesh.normals),
         origin,
@@ -105,12 +102,6 @@ def _gathered(
         lambda: views_of(job.inputs, cameras, how),
         how.gathering,
         step,
-    )
-    return Seen(
-        found.weight,
-        np.concatenate([found.albedo, found.maps[:, SHADING]], axis=1),
-        found.maps[:, NORMAL],
-        found.maps[:, CONFIDENCE, None],
     )
 
 
@@ -151,11 +142,12 @@ def _as_large_as_its_albedo(inputs: Mapping[str, Path], camera: Camera) -> Camer
 
 
 def _textured(
-    job: Job[TextureSettings], mesh: ChartedMesh, sheet: Sheet, seen: Seen, at_vertices: np.ndarray
+    job: Job[TextureSettings], mesh: ChartedMesh, sheet: Sheet, seen: Gathered, at_vertices: np.ndarray
 ) -> Texture:
     """Complete a sheet, and write its images."""
     import numpy as np
 
+    from stages.formats.artefacts.png_scale import png_whites
     from stages.formats.images.exr import write_exr
     from stages.formats.images.photos import encode_srgb8, write_png8
     from stages.formats.meshes.textured_models import Texture
@@ -173,7 +165,7 @@ def _textured(
     write_exr(folder / sheet.file("albedo", "exr"), gutters.fill(texels.image(colours[:, :3])))
     write_exr(folder / sheet.file("shading", "exr"), gutters.fill(texels.image(colours[:, 3:])))
     write_exr(folder / sheet.file("confidence", "exr"), texels.image(confidence[:, 0]))
-    white = json.loads(job.inputs["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"]
+    white = png_whites(job.inputs["scales"])["albedo"]
     codes = np.concatenate([encode_srgb8(part / white) for part in np.array_split(colours[:, :3], PARTS)])
     base_colour, normal_map = (folder / sheet.file(kind, "png") for kind in ("albedo", "normal"))
     write_png8(base_colour, gutters.fill(texels.image(codes)))

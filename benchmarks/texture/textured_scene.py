@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from pipeline.cache.record import Record
 from pipeline.cache.store import Store
 from stages import ALL_STAGES
 from stages.formats.artefacts.camera_file import read_cameras
+from stages.formats.artefacts.png_scale import png_whites
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
 from stages.scene.cameras import Camera
@@ -139,7 +139,7 @@ def read_textured_scene(workspace: Path) -> TexturedScene:
         charted_mesh_of(folder / "model.glb", turned),
         read_exr(folder / "albedo.exr"),
         read_exr(folder / "confidence.exr") > 0,
-        json.loads(made_from["scales"].read_text(encoding="utf-8"))["png_white"]["albedo"],
+        png_whites(made_from["scales"])["albedo"],
         cameras,
         made_from,
         settings,

@@ -95,6 +95,21 @@ class Gathered:
     albedo: np.ndarray
     maps: np.ndarray
 
+    @property
+    def colours(self) -> np.ndarray:
+        """Albedo and shading, (T, 6), float32, linear."""
+        return np.concatenate([self.albedo, self.maps[:, SHADING]], axis=1)
+
+    @property
+    def normals(self) -> np.ndarray:
+        """In world axes, (T, 3), float32; zeros where unseen."""
+        return self.maps[:, NORMAL]
+
+    @property
+    def confidence(self) -> np.ndarray:
+        """Of the albedo, (T, 1), float32; 0 where unseen."""
+        return self.maps[:, CONFIDENCE, None]
+
 
 def gathered(
     points: np.ndarray,
@@ -141,28 +156,6 @@ def typical_footprint(vertices: np.ndarray, cameras: list[Camera]) -> float:
     """Compute the median of the vertices' smallest footprints, model units."""
     footprints = smallest_footprints(vertices, cameras)
     return float(np.median(footprints[np.isfinite(footprints)]))
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """What views show of the texels of a sheet.
-
-    Attributes
-    ----------
-    weight : ndarray, shape (T,), float32
-        0 where no view shows it.
-    colours : ndarray, shape (T, 6), float32
-        Albedo and shading, linear.
-    normals : ndarray, shape (T, 3), float32
-        World axes; zeros where unseen.
-    confidence : ndarray, shape (T, 1), float32
-        0 where unseen.
-    """
-
-    weight: np.ndarray
-    colours: np.ndarray
-    normals: np.ndarray
-    confidence: np.ndarray
 
 
 def weight_of(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
+from stages.formats.artefacts.png_scale import png_whites
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import encode_srgb8, read_mask
 from stages.formats.images.resize import reduce_by_area
@@ -174,7 +174,7 @@ def _whites(inputs: Mapping[str, Path]) -> dict[str, float]:
     """Read which linear values are white in all views; empty where the export has not chosen them."""
     if "scales" not in inputs:
         return {}
-    return json.loads(inputs["scales"].read_text(encoding="utf-8"))["png_white"]
+    return png_whites(inputs["scales"])
 
 
 def _white_of(values: np.ndarray, quantile: float) -> float:
