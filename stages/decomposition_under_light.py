@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from stages.photometry.clusters.cluster_views import ClusterViews
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.clusters.surface_clusters import Cluster
+    from stages.photometry.clusters.typical_views import ViewGraph
     from stages.photometry.decomposition_record import Solution
     from stages.photometry.detail.albedo_detail import Detail
+    from stages.photometry.detail.part_of_scene import PartOfScene, TypicalPixel
     from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
     from stages.photometry.joint.fast_alternation import FastSolver
     from stages.scene.cameras import Camera
@@ -46,12 +48,10 @@ class ClusterTask:
         Where maps of the pixels are kept, until they are put together view by view.
     cameras : list of Camera
         Of all views.
-    side : float
-        Mean side of all views, taken as squares, px.
-    pixels : int
-        Masked, of all views.
-    typical_light : float or None
-        Median brightness of the shading in all views; None: of the cluster, which has all.
+    graph : ViewGraph
+        Of all views.
+    typical : TypicalPixel or None
+        Of all views; None: of the cluster, which has all.
     solver : FastSolver
     settings : DecompositionSettings
     """
@@ -59,9 +59,8 @@ class ClusterTask:
     inputs: Mapping[str, Path]
     parts: Parts
     cameras: list[Camera]
-    side: float
-    pixels: int
-    typical_light: float | None
+    graph: ViewGraph
+    typical: TypicalPixel | None
     solver: FastSolver
     settings: DecompositionSettings
 
@@ -74,6 +73,7 @@ class OpenedCluster:
     light: StoredLight
     shading: np.ndarray
     observed: AlbedoData
+    part: PartOfScene
     threads: int
 
 
@@ -89,7 +89,6 @@ def run(job: Job[DecompositionSettings]) -> None:
 
     cameras, settings, inputs = read_cameras(job.inputs["cameras"]), job.settings, dict(job.inputs)
     graph = view_graph(inputs, cameras)
-    pixels = int(graph.pixels.sum())
     clusters = divided_surface(inputs, cameras, graph, settings.clusters, job.executor.map)
     tell_too_large(job, clusters, settings.clusters)
     weights = weights_at(settings, graph.side, graph.links_per_pixel)
@@ -97,9 +96,8 @@ def run(job: Job[DecompositionSettings]) -> None:
         inputs,
         Parts(job.scratch, inputs, cameras, clusters),
         cameras,
-        graph.side,
-        pixels,
-        _typical_light(job, cameras, pixels) if len(clusters) > 1 else None,
+        graph,
+        _typical(job, cameras, graph) if len(clusters) > 1 else None,
         FastSolver(weights, settings.stopping, settings.fast),
         settings,
     )
@@ -172,23 +170,29 @@ def _smooth_file(task: ClusterTask, cluster: Cluster) -> Path:
     return task.parts.folder / f"{cluster.number}_smooth_albedo_with_margin.npy"
 
 
-def _typical_light(job: Job[DecompositionSettings], cameras: list[Camera], pixels: int) -> float:
-    """Compute the median brightness of the shading, of pixels evenly chosen from all views."""
+def _typical(job: Job[DecompositionSettings], cameras: list[Camera], graph: ViewGraph) -> TypicalPixel:
+    """Find what is typical of all views, from the pixels that one cluster of all of them would sample."""
     import numpy as np
 
     from stages.formats.artefacts.light_npz import read_light
-    from stages.formats.images.exr import read_exr
+    from stages.formats.artefacts.view_files import read_arrays, read_maps
     from stages.formats.images.photos import read_mask
-    from stages.photometry.albedo.appearance import typical_light_of
+    from stages.photometry.detail.part_of_scene import TypicalPixel, stride
 
     mean = read_light(job.inputs["found_light"]).mean_shading.astype(np.float32)
-    step = max(1, -(-pixels // job.settings.clusters.sample_pixels))
+    every = stride(int(graph.pixels.sum()), job.settings.detail.sample_pixels)
+    before = np.cumsum(graph.pixels) - graph.pixels
 
-    def some(camera: Camera) -> np.ndarray:
-        mask = read_mask(job.inputs["mask"] / f"{camera.name}.png")
-        return read_exr(job.inputs["shading"] / f"{camera.name}.exr")[mask][::step] / mean
+    def some(view: int) -> tuple[np.ndarray, np.ndarray]:
+        mask = read_mask(job.inputs["mask"] / f"{cameras[view].name}.png")
+        kept = (before[view] + np.arange(graph.pixels[view])) % every == 0
+        shading = read_maps(job.inputs["shading"], [cameras[view]], [mask])[kept] / mean
+        return shading, read_arrays(job.inputs["observations"], [cameras[view]], ["diffuse"], map, [kept])[
+            "diffuse"
+        ]
 
-    return typical_light_of(np.concatenate(list(job.executor.map(some, cameras))))
+    shading, image = zip(*job.executor.map(some, range(len(cameras))), strict=True)
+    return TypicalPixel.of(np.concatenate(shading), np.concatenate(image), job.settings.detail.log_offset)
 
 
 def _opened(cluster: Cluster, task: ClusterTask, threads: int) -> OpenedCluster:
@@ -203,11 +207,22 @@ def _opened(cluster: Cluster, task: ClusterTask, threads: int) -> OpenedCluster:
 
     use_threads(threads)
     light = read_light(task.inputs["found_light"])
-    views = open_cluster(task.inputs, task.cameras, cluster, task.side, on_threads)
+    views = open_cluster(task.inputs, task.cameras, cluster, task.graph.side, on_threads)
     shading = views.maps(task.inputs["shading"], on_threads) / light.mean_shading.astype(np.float32)
     kept = views.arrays(task.inputs["observations"], BY_PIXEL, on_threads)
     observed = AlbedoData(**kept, glossy=light.glossy)
-    return OpenedCluster(views, light, shading, observed, threads)
+    return OpenedCluster(views, light, shading, observed, _part(views, shading, observed, task), threads)
+
+
+def _part(views: ClusterViews, shading: np.ndarray, observed: AlbedoData, task: ClusterTask) -> PartOfScene:
+    """Tell which pixels of all these are, and what is typical of all."""
+    from stages.photometry.detail.part_of_scene import PartOfScene, whole_scene
+
+    how = task.settings.detail
+    if task.typical is None:
+        return whole_scene(shading, observed.diffuse, how.log_offset, how.sample_pixels)
+    pixels = int(task.graph.pixels.sum())
+    return PartOfScene(views.places(task.graph), views.own, pixels, task.typical)
 
 
 def _smooth(
@@ -217,16 +232,14 @@ def _smooth(
     import numpy as np
 
     from stages.photometry.albedo.albedo_given_light import smooth_albedos_under_light
-    from stages.photometry.albedo.appearance import typical_light_of
 
-    typical = task.typical_light
     smooth = smooth_albedos_under_light(
         opened.views.stack,
         opened.shading,
         opened.observed,
         task.settings.edges,
         task.solver,
-        typical_light_of(opened.shading) if typical is None else typical,
+        opened.part.typical.light,
         opened.threads,
         step,
     )
@@ -251,9 +264,8 @@ def _with_detail(
         opened.shading,
         observed.trusted,
         task.settings.detail,
-        views.own,
+        opened.part,
         common,
-        task.pixels if task.typical_light is not None else None,
     )
 
 
@@ -318,7 +330,7 @@ def within(settings: DecompositionSettings, memory: int) -> DecompositionSetting
 
 DECOMPOSITION_UNDER_LIGHT = Stage(
     name="decomposition",
-    version=46,  # ahead of the other variants
+    version=47,  # ahead of the other variants
     about="Albedo of each view under the light that was found, from all views together.",
     settings=DecompositionSettings,
     takes=("mask", "depth", "cameras", "correspondences", "found_light", "shading", "observations"),

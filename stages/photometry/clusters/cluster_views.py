@@ -57,6 +57,13 @@ class ClusterViews:
         """Read some kinds of what `write_arrays` wrote of all masked pixels, for those that take part."""
         return read_arrays(folder, self.cameras, kinds, each, self.kept)
 
+    def places(self, graph: ViewGraph) -> np.ndarray:
+        """Number its pixels, (N,), int64, among all masked pixels of all views: view by view, row by row."""
+        first = np.cumsum(graph.pixels) - graph.pixels
+        return np.concatenate(
+            [first[view] + np.flatnonzero(kept) for view, kept in zip(self.numbers, self.kept, strict=True)]
+        )
+
     @property
     def own_counts(self) -> np.ndarray:
         """Number of its own pixels in each of its views, (n,), int64."""

@@ -30,8 +30,7 @@ class ClusterSettings(Settings):
     )
     sample_pixels: int = setting(
         1_000_000,
-        "Pixels, at most, evenly from all views, by which the surface is divided, and whose median "
-        "brightness of the shading is what all clusters call typical.",
+        "Pixels, at most, evenly from all views, by which the surface is divided.",
         unit="pixels",
         ge=LEAST_PIXELS,
     )

@@ -22,6 +22,7 @@ from stages.photometry.detail.detail_octaves import (
     octaves_of_views,
 )
 from stages.photometry.detail.octaves import response_to_noise
+from stages.photometry.detail.part_of_scene import PartOfScene, whole_scene
 from stages.photometry.detail.scene_statistics import (
     DetailStatistics,
     OctaveNoise,
@@ -60,9 +61,8 @@ def with_detail(
     shading: np.ndarray,
     trusted: np.ndarray,
     how: DetailSettings,
-    counted: np.ndarray | None = None,
+    part: PartOfScene | None = None,
     known: DetailStatistics | None = None,
-    of_scene: int | None = None,
 ) -> Detail:
     """Add the photo's detail to a smooth albedo, except what noise and shading error explain.
 
@@ -77,13 +77,10 @@ def with_detail(
         Pixels with valid data. The others take the kept detail of corresponding pixels; those without
         correspondences keep the smooth albedo.
     how : DetailSettings
-    counted : ndarray, shape (N,), bool, or None
-        Pixels that statistics are measured on; None: all.
+    part : PartOfScene or None
+        What part of a scene these pixels are; None: they are all of it.
     known : DetailStatistics or None
-        Of the scene that these views are part of; None: they are measured.
-    of_scene : int or None
-        Pixels of the scene that these are part of, about, of which they have their share of samples; None:
-        they are all.
+        Of the scene; None: they are measured.
 
     Notes
     -----
@@ -103,19 +100,18 @@ def with_detail(
     The variance is the sum over the octaves of ``g² U + (1 − g)² E`` and of a share of L², plus a share of
     the local mean square of r, plus the variance between views.
     """
-    counted = np.ones(len(trusted), bool) if counted is None else counted
-    typical_light = float(np.median(shading[counted])) if known is None else known.typical_light
-    least = UNLIT * max(typical_light, 1e-6)
+    part = part or whole_scene(shading, image, how.log_offset, how.sample_pixels)
+    least = UNLIT * max(part.typical.light, 1e-6)
     light, smooth, explained = pixelwise(partial(_model, least), albedo, shading)
-    scene = DetailScene(views, image, light, explained, trusted, how, counted, known, of_scene)
+    scene = DetailScene(views, image, light, explained, trusted, how, part, known)
     kept, variance, octaves, alone = _kept(scene)
     filled, has_value = scene.others.filled_in(np.column_stack([kept, variance]))
     add_kept = partial(_with_kept, how.log_offset)
     detailed = pixelwise(add_kept, smooth, explained, light, filled[:, :3], has_value)
     variance = filled[:, 3] / np.maximum(scene.response, how.variance.least_response) ** 2
     between, typical = _variance_between_views(scene, detailed)
-    of_all = typical_light, scene.typical_noise, typical, *scene.measured_and_linked
-    return Detail(detailed, (variance + between).astype(np.float32), SampledDetail(octaves, alone, *of_all))
+    sample = SampledDetail(octaves, alone, typical, *scene.measured_and_linked)
+    return Detail(detailed, (variance + between).astype(np.float32), sample)
 
 
 def _model(
@@ -152,7 +148,7 @@ def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> tuple[np.
         return np.full(len(albedo), typical, np.float32), typical
     difference = np.where(seen, (logs - scene.others.mean(logs))[:, 0], 0)
     square = scene.seen_by_others.mean(difference, scene.how.variance.window_px, np.square)
-    if scene.known is None and (measured := seen & scene.counted).any():
+    if scene.known is None and (measured := seen & scene.part.own).any():
         typical = float(square[measured].mean())
     return np.where(seen, square, np.float32(typical)), typical
 

@@ -10,6 +10,7 @@ import numpy as np
 from stages.photometry.detail.noise_estimation import relative_noise, relative_noise_variance
 from stages.photometry.detail.octaves import KnownPixels
 from stages.photometry.detail.other_views import OtherViews
+from stages.photometry.detail.part_of_scene import PartOfScene
 from stages.photometry.detail.scene_statistics import DetailStatistics, SampledOctave, SampledViews
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.detail.shading_uncertainty import ShownChange, log_quotient, log_shading
@@ -23,11 +24,7 @@ AXES, QUOTIENT, LIT = slice(0, 3), 3, 4  # columns of `DetailScene.maps`
 
 @dataclass(frozen=True, eq=False)
 class DetailScene:
-    """Photos with their model; fields as the arguments of `with_detail`; `light`: S, `explained`: ρ S.
-
-    `counted`: the pixels of which the scene consists; the others are neighbours that help. `of_scene`: pixels
-    of the scene that these are part of, about; None: they are all.
-    """
+    """Photos with their model; fields as the arguments of `with_detail`; `light`: S, `explained`: ρ S."""
 
     views: StackedViews
     image: np.ndarray
@@ -35,9 +32,8 @@ class DetailScene:
     explained: np.ndarray
     trusted: np.ndarray
     how: DetailSettings
-    counted: np.ndarray
+    part: PartOfScene
     known: DetailStatistics | None = None
-    of_scene: int | None = None
 
     @cached_property
     def pixels(self) -> KnownPixels:
@@ -55,17 +51,9 @@ class DetailScene:
         return KnownPixels.of(self.views, self.others.count > 0)
 
     @cached_property
-    def typical_noise(self) -> np.ndarray:
-        """Median of the noise's relative variance, (3,)."""
-        if self.known is not None:
-            return self.known.typical_noise
-        variance = relative_noise_variance(self.explained[self.counted], self.how.log_offset)
-        return np.median(variance, axis=0) if len(variance) else np.ones(3)
-
-    @cached_property
     def noise_scale(self) -> np.ndarray:
         """Noise relative to that at median brightness, (N, 3)."""
-        offset, typical, how = self.how.log_offset, self.typical_noise, self.how.noise
+        offset, typical, how = self.how.log_offset, self.part.typical.noise, self.how.noise
 
         def relative(explained: np.ndarray) -> np.ndarray:
             return relative_noise(relative_noise_variance(explained, offset), typical, how)
@@ -81,14 +69,12 @@ class DetailScene:
     @cached_property
     def sample(self) -> np.ndarray:
         """Indices of the pixels that uncertainty and noise are estimated from."""
-        measured = np.flatnonzero(self.trusted & self.counted)
-        of_all = len(measured) if self.of_scene is None else self.of_scene
-        return measured[:: max(1, -(-of_all // self.how.sample_pixels))]
+        return np.flatnonzero(self.trusted & self.part.sampled(self.how.sample_pixels))
 
     @property
     def measured_and_linked(self) -> tuple[int, int]:
         """Number of trusted pixels that are measured, and of those of them with correspondences."""
-        measured = self.trusted & self.counted
+        measured = self.trusted & self.part.own
         return int(np.count_nonzero(measured)), int(np.count_nonzero(self.others.count[measured]))
 
     @cached_property

@@ -126,10 +126,6 @@ class SampledDetail:
         Finest first.
     alone : SampledViews or None
         Where correspondences are few.
-    typical_light : float
-        Median shading.
-    typical_noise : ndarray, shape (3,)
-        Median of `relative_noise_variance`, in three axes.
     between_views : float
         Mean square difference of log albedo between views.
     measured, linked : int
@@ -138,29 +134,23 @@ class SampledDetail:
 
     octaves: tuple[SampledOctave, ...]
     alone: SampledViews | None
-    typical_light: float
-    typical_noise: np.ndarray
     between_views: float
     measured: int
     linked: int
 
     @classmethod
     def joined(cls, several: Sequence[SampledDetail]) -> SampledDetail:
-        """Join those of parts of a scene: samples of all, means of what is typical."""
-        measured = np.array([one.measured for one in several], float)
+        """Join those of parts of a scene: samples of all, the mean of differences between views."""
         linked = np.array([one.linked for one in several], float)
-        weights = measured if measured.any() else None
         alone = [one.alone for one in several if one.alone is not None]
         by_octave = zip(*(one.octaves for one in several), strict=True)
         return cls(
             tuple(SampledOctave.joined(octave) for octave in by_octave),
             SampledViews.joined(alone) if alone else None,
-            float(np.average([one.typical_light for one in several], weights=weights)),
-            np.average([one.typical_noise for one in several], axis=0, weights=weights),
             float(
                 np.average([one.between_views for one in several], weights=linked if linked.any() else None)
             ),
-            int(measured.sum()),
+            sum(one.measured for one in several),
             int(linked.sum()),
         )
 
@@ -196,8 +186,6 @@ class DetailStatistics:
     """Statistics of all octaves, finest first, and of the pixels; see `SampledDetail`."""
 
     octaves: tuple[OctaveStatistics, ...]
-    typical_light: float
-    typical_noise: np.ndarray
     between_views: float
 
     @classmethod
@@ -212,7 +200,7 @@ class DetailStatistics:
             found.append(
                 OctaveStatistics(shown, octave.error_of_change(shown, how), deviation, octave.limit(how))
             )
-        return cls(tuple(found), sample.typical_light, sample.typical_noise, sample.between_views)
+        return cls(tuple(found), sample.between_views)
 
     @property
     def uncertainty(self) -> ShadingUncertainty:
