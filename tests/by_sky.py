@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from stages.photometry.albedo.albedo_given_light import SmoothAlbedos, smooth_albedos_under_light
-from stages.photometry.albedo.appearance import typical_light_of
 from stages.photometry.albedo.settings import EdgeSettings
+from stages.photometry.albedo_data import typical_light_of
 from stages.photometry.detail.albedo_detail import Detail, with_detail
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.fast_alternation import FastSolver

@@ -34,3 +34,8 @@ class AlbedoData:
     def by_pixel(self) -> dict[str, np.ndarray]:
         """List what every pixel has, by name: `BY_PIXEL`."""
         return {kind: getattr(self, kind) for kind in BY_PIXEL}
+
+
+def typical_light_of(shading: np.ndarray) -> float:
+    """Compute the median of the channels' mean, of shading (N, 3)."""
+    return float(np.median(np.maximum(shading.mean(axis=1), 0)))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.photometry.albedo.settings import AppearanceSettings, EdgeSettings
+from stages.photometry.albedo_data import typical_light_of
 from stages.photometry.chromaticity import DARK, NO_SHADING, colour_change
 from stages.photometry.neighbourhoods import add_at, patch_means
 from stages.photometry.specular.highlights import LinkedPatches
@@ -91,11 +92,6 @@ def appearance_of(
     alike = agreed if glossy == 0 else _agreement(patch_means(views, np.abs(excess)), own)
     mixed = agreed + np.float32(glossy) * (alike - agreed)
     return Appearance(textured=grained * mixed, inconsistent=(1 - grained) * (1 - agreed))
-
-
-def typical_light_of(shading: np.ndarray) -> float:
-    """Compute the median of the channels' mean, of shading (N, 3)."""
-    return float(np.median(np.maximum(shading.mean(axis=1), 0)))
 
 
 def rise(share: np.ndarray, ends: tuple[float, float]) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.albedo.appearance import typical_light_of
+from stages.photometry.albedo_data import typical_light_of
 from stages.photometry.detail.noise_estimation import relative_noise_variance
 
 
