@@ -77,9 +77,9 @@ def main(argv: Sequence[str] | None = None) -> str:
 
 def decomposed(arguments: Sequence[str], pixels: int, margin: float | None) -> Decomposed:
     """Decompose in clusters of so many pixels."""
-    how = [f"decomposition.clusters.pixels={pixels}"]
-    how += [] if margin is None else [f"decomposition.clusters.margin={margin}"]
-    records = run_program(["--to", "decomposition", *arguments, "--set", *how])
+    how = ["--set", f"decomposition.clusters.pixels={pixels}"]
+    how += [] if margin is None else ["--set", f"decomposition.clusters.margin={margin}"]
+    records = run_program(["--to", "decomposition", *arguments, *how])
     cache = Path(arguments[list(arguments).index("--workspace") + 1]).resolve() / "cache"
     paths = {
         file.stem: file
