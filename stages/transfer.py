@@ -113,8 +113,8 @@ def run(job: Job[TransferSettings]) -> None:
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.formats.artefacts.transfer_file import StoredTransfer, write_transfer
     from stages.formats.meshes.triangle_meshes import read_mesh
+    from stages.geometry.decimation.proxy import blend_of, roughness_of, short_edged_with_proxy
     from stages.geometry.occluders import Occluders
-    from stages.geometry.proxy import blend_of, roughness_of, short_edged_with_proxy
     from stages.geometry.rays import vertex_normals
     from stages.photometry.transport.sky_visibility import VisibilityProbes
 

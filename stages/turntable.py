@@ -134,7 +134,7 @@ def transport_to(
     import numpy as np
 
     from stages.formats.meshes.triangle_meshes import Surface
-    from stages.geometry.proxy import blend_of
+    from stages.geometry.decimation.proxy import blend_of
     from stages.geometry.settings import ProxySettings
     from stages.geometry.vertex_interpolation import blend_matrix
     from stages.photometry.transport.directional_transport import DirectionalTransport, offsets_in

@@ -73,6 +73,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "solvers/least_squares": set(),
     "solvers/primal_dual": {"kernels"},
     "geometry/covisibility": set(),
+    "geometry/decimation": set(),
     "formats/colour": set(),
     "formats/decoders": set(),
     "formats/images": {"colour", "decoders"},
@@ -88,6 +89,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
 }
 GROUND = {  # files beside the rooms that they may import; the others lead them
     "photometry": {"stack", "albedo_data", "chromaticity", "neighbourhoods"},
+    "geometry": {"occluders", "settings", "short_edges", "surface"},
     "stereo": {"mvs_settings", "view_selection"},
     "reporting": {"settings", "parts"},
 }

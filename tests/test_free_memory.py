@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from pipeline.process.meter import kilobytes
+from pipeline.process.own_process import in_own_process
+from stages.formats.meshes.triangle_meshes import Surface
+from stages.geometry.decimation.proxy import roughly_decimated
+from stages.geometry.decimation.simplification import FEW_FACES
+from stages.geometry.settings import ProxySettings
+
+STATUS = Path("/proc/self/status")
 ROOT = Path(__file__).resolve().parent.parent
 
 # A block of 30 MiB that is let go raises glibc's limit; one of 16 MiB then comes from its heap, and stays
@@ -63,3 +73,31 @@ def test_afterwards_blocks_are_kept_as_before():
     if left_behind_mib() < 15:
         pytest.skip("this C library keeps nothing")
     assert left_behind_mib("after") > 15
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
+def test_a_mesh_that_was_decimated_leaves_no_memory_behind():
+    """`fast_simplification` keeps its vectors until its process ends: 130 MB of this one."""
+    surface = wavy_grid(490)
+    assert len(surface.faces) > FEW_FACES
+    roughly_decimated(wavy_grid(20), 500, ProxySettings())  # loads what stays
+    before = kilobytes(STATUS, "VmRSS")
+    small = roughly_decimated(surface, 20_000, ProxySettings())
+    assert len(small.faces) == pytest.approx(20_000, rel=0.01)
+    assert kilobytes(STATUS, "VmRSS") - before < 40_000
+
+
+def test_a_process_of_its_own_gives_back_the_result_or_the_error():
+    assert in_own_process(divmod, 17, 5) == (3, 2)
+    with pytest.raises(ZeroDivisionError):
+        in_own_process(divmod, 17, 0)
+    assert in_own_process(os.getpid) != os.getpid()
+
+
+def wavy_grid(side: int) -> Surface:
+    """A height field of side × side vertices."""
+    x, y = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 1, side))
+    vertices = np.stack([x, y, 0.01 * np.sin(40 * x) * np.cos(30 * y)], axis=-1).reshape(-1, 3)
+    place = np.arange(side * side, dtype=np.int32).reshape(side, side)
+    a, b, c, d = (part.ravel() for part in (place[:-1, :-1], place[1:, :-1], place[:-1, 1:], place[1:, 1:]))
+    return Surface(vertices, np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)]))

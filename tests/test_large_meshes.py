@@ -10,7 +10,7 @@ import pytest
 
 from stages.formats.artefacts.camera_file import write_cameras
 from stages.formats.meshes.triangle_meshes import Surface, from_open3d
-from stages.geometry.proxy import faces_of_fewer_vertices, short_edged_with_proxy
+from stages.geometry.decimation.proxy import faces_of_fewer_vertices, short_edged_with_proxy
 from stages.geometry.settings import ProxySettings
 from stages.transfer import TRANSFER, TransferSettings, estimated_memory
 from tests.sphere_scene import camera_looking_at_origin

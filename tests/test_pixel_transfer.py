@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 from stages.formats.meshes.triangle_meshes import Surface
-from stages.geometry.proxy import blend_of, short_edged_with_proxy
+from stages.geometry.decimation.proxy import blend_of, short_edged_with_proxy
 from stages.geometry.rays import vertex_normals
 from stages.geometry.settings import ProxySettings
 from stages.geometry.vertex_interpolation import blend_of_pixels

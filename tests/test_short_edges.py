@@ -12,7 +12,7 @@ from stages import transfer
 from stages.formats.artefacts.camera_file import write_cameras
 from stages.formats.artefacts.transfer_file import read_transfer
 from stages.formats.meshes.triangle_meshes import Surface, read_mesh, write_mesh
-from stages.geometry.proxy import roughly_decimated, roughness_of, short_edged_with_proxy
+from stages.geometry.decimation.proxy import roughly_decimated, roughness_of, short_edged_with_proxy
 from stages.geometry.settings import ProxySettings
 from stages.geometry.short_edges import with_short_edges
 from stages.geometry.vertex_interpolation import pixels_on_proxy

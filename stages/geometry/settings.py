@@ -6,7 +6,7 @@ from pipeline import Settings, setting
 
 
 class ProxySettings(Settings):
-    """Settings of the smaller mesh in place of a large one: `stages.geometry.proxy`."""
+    """Settings of the smaller mesh in place of a large one: `stages.geometry.decimation.proxy`."""
 
     aggressiveness: float = setting(
         3.0,

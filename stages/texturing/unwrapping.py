@@ -8,7 +8,7 @@ import numpy as np
 import xatlas
 
 from stages.formats.meshes.triangle_meshes import Surface
-from stages.geometry.proxy import roughly_decimated, welded
+from stages.geometry.decimation.proxy import roughly_decimated, welded
 from stages.geometry.rays import face_normals, vertex_normals
 from stages.texturing.settings import ChartSettings
 

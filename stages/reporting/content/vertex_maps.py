@@ -9,7 +9,7 @@ import numpy as np
 
 from stages.formats.images.photos import encode_srgb8
 from stages.formats.meshes.triangle_meshes import Surface
-from stages.geometry.proxy import faces_of_fewer_vertices, roughly_decimated, welded
+from stages.geometry.decimation.proxy import faces_of_fewer_vertices, roughly_decimated, welded
 from stages.geometry.rays import face_normals, vertex_normals
 from stages.geometry.short_edges import with_short_edges
 from stages.geometry.surface import mean_edge

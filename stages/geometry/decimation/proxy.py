@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import fast_simplification
 import numpy as np
 
 from stages.formats.meshes.triangle_meshes import Surface, joined
+from stages.geometry.decimation.simplification import simplified
 from stages.geometry.occluders import nearest_faces, scene_of
 from stages.geometry.settings import ProxySettings
 from stages.geometry.short_edges import ShortEdged, with_short_edges
@@ -56,8 +56,8 @@ def roughly_decimated(surface: Surface, faces: int, settings: ProxySettings) -> 
     are left below the highest bound, the other goes on.
     """
     middle, unit = surface.vertices.mean(axis=0), settings.unit_edges * mean_edge(surface)
-    vertices, corners = fast_simplification.simplify(
-        (surface.vertices - middle) / unit, surface.faces, target_count=faces, agg=settings.aggressiveness
+    vertices, corners = simplified(
+        (surface.vertices - middle) / unit, surface.faces, faces, settings.aggressiveness
     )
     small = decimated(Surface(vertices, corners.astype(np.int32)), faces)
     return Surface(small.vertices * unit + middle, small.faces)

@@ -1,0 +1,20 @@
+"""Run a function in a process of its own, for libraries that keep memory until the process ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Any, TypeVar
+
+Made = TypeVar("Made")
+
+
+def in_own_process(work: Callable[..., Made], *arguments: Any) -> Made:
+    """Run ``work(*arguments)`` in a new process that ends after it; returns its result, or raises its error.
+
+    Function, arguments and result are pickled. The process is spawned, not forked: threads of this one may
+    hold locks.
+    """
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+        return executor.submit(work, *arguments).result()

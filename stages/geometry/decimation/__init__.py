@@ -1,0 +1,1 @@
+"""Smaller meshes in place of large ones."""
