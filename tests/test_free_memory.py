@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline import UserError
 from pipeline.process.meter import kilobytes
 from pipeline.process.own_process import in_own_process
 from stages.formats.meshes.triangle_meshes import Surface
@@ -92,6 +93,11 @@ def test_a_process_of_its_own_gives_back_the_result_or_the_error():
     with pytest.raises(ZeroDivisionError):
         in_own_process(divmod, 17, 0)
     assert in_own_process(os.getpid) != os.getpid()
+
+
+def test_a_process_that_the_system_ends_is_a_sentence():
+    with pytest.raises(UserError, match="ran exit ended before its time.*memory"):
+        in_own_process(os._exit, 9)
 
 
 def wavy_grid(side: int) -> Surface:

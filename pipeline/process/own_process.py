@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from typing import Any, TypeVar
+
+from pipeline.errors import UserError
 
 Made = TypeVar("Made")
 
@@ -15,6 +18,17 @@ def in_own_process(work: Callable[..., Made], *arguments: Any) -> Made:
 
     Function, arguments and result are pickled. The process is spawned, not forked: threads of this one may
     hold locks.
+
+    Raises
+    ------
+    UserError
+        The system ended the process.
     """
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
-        return executor.submit(work, *arguments).result()
+        try:
+            return executor.submit(work, *arguments).result()
+        except BrokenProcessPool as error:
+            raise UserError(
+                f"A process that ran {work.__name__.strip('_')} ended before its time, most likely because "
+                "the system had no more memory. Close other programs, or give less to do at once."
+            ) from error
