@@ -14,7 +14,7 @@ from pipeline import Artefact, Job, Stage, counted
 from stages.photometry.clusters.settings import LEAST_PIXELS
 from stages.photometry.lighting.settings import LightingSettings
 from stages.scene.distributions import OPEN3D, PICTURES
-from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, FEWER_OR_SMALLER_VIEWS
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, FEWER_OR_SMALLER_VIEWS, PART_FOR_MESH
 
 if TYPE_CHECKING:
     import numpy as np
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 BYTES_AT_ANY_SIZE = 400_000_000  # of specular reflection and of the picture of the light
 BYTES_PER_PIXEL = 400  # masked
-PART_FOR_MESH = 10  # of the memory, one part in so many: a street of a hundred bays takes as much of 4 GB
 BYTES_PER_BYTE_OF_MESH = 15  # of its file, with short edges and for casting rays
 
 

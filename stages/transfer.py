@@ -10,7 +10,7 @@ from pipeline import Artefact, Job, Settings, Stage, group, setting
 from stages.geometry.settings import ProxySettings
 from stages.photometry.transport.settings import VisibilitySettings
 from stages.scene.distributions import OPEN3D
-from stages.scene.memory_of_views import BYTES_OF_LIBRARIES
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, PART_FOR_MESH
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 BYTES_PER_THREAD = 100_000_000
 BYTES_PER_VERTEX = 2_000
+BYTES_PER_VERTEX_LATER = 800  # visibility, form factors and corners, as `lighting` opens them
+LEAST_VERTICES = 10_000
 BYTES_OF_VERTEX_IN_FILE = 38  # of a mesh: its coordinates, and two faces
 Distance = Annotated[float, Field(ge=1.5)]  # nearer, the light would be inside the scene
 
@@ -77,6 +79,13 @@ class TransferSettings(Settings):
         "proportion: else a street that is three times as long has shadows three times as coarse.",
         unit="views",
         ge=1,
+    )
+    most_vertices: int = setting(
+        5_000_000,
+        "Vertices, at most, however many views there are. Later stages need about 0.8 kB for each, so it is "
+        "lowered to what a fifth of the memory has room for.",
+        unit="vertices",
+        ge=100,
     )
     longest_edge: float = setting(
         0.02,
@@ -164,8 +173,9 @@ def run(job: Job[TransferSettings]) -> None:
 
 
 def _most_vertices(settings: TransferSettings, cameras: Sequence[Camera]) -> int:
-    """Bound the vertices of the proxy, by the views that show its surface."""
-    return round(settings.max_vertices * max(1.0, len(cameras) / settings.usual_views))
+    """Bound the vertices of the proxy, by the views that show its surface, and by memory."""
+    of_views = round(settings.max_vertices * max(1.0, len(cameras) / settings.usual_views))
+    return min(of_views, settings.most_vertices)
 
 
 def estimated_memory(settings: TransferSettings, inputs: Mapping[str, Path], threads: int) -> int:
@@ -175,6 +185,12 @@ def estimated_memory(settings: TransferSettings, inputs: Mapping[str, Path], thr
     most = _most_vertices(settings, read_cameras(inputs["cameras"]))
     vertices = min(most, inputs["mesh"].stat().st_size // BYTES_OF_VERTEX_IN_FILE)
     return BYTES_OF_LIBRARIES + threads * BYTES_PER_THREAD + BYTES_PER_VERTEX * vertices
+
+
+def within(settings: TransferSettings, memory: int) -> TransferSettings:
+    """Take as many vertices as later stages have room for in the memory, bytes."""
+    room = max(memory // PART_FOR_MESH // BYTES_PER_VERTEX_LATER, LEAST_VERTICES)
+    return settings.model_copy(update={"most_vertices": min(settings.most_vertices, room)})
 
 
 def _occlusion(probes: VisibilityProbes, occluders: Occluders, job: Job[TransferSettings]) -> Occlusion:
@@ -219,5 +235,6 @@ TRANSFER = Stage(
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", "fast-simplification", *OPEN3D),
     memory=estimated_memory,
+    within=within,
     saves_memory="lower transfer.max_vertices and transfer.sky_directions",
 )

@@ -12,7 +12,7 @@ from stages.formats.artefacts.camera_file import write_cameras
 from stages.formats.meshes.triangle_meshes import Surface, from_open3d
 from stages.geometry.decimation.proxy import faces_of_fewer_vertices, short_edged_with_proxy
 from stages.geometry.settings import ProxySettings
-from stages.transfer import TRANSFER, TransferSettings, estimated_memory
+from stages.transfer import TRANSFER, TransferSettings, estimated_memory, within
 from tests.sphere_scene import camera_looking_at_origin
 
 
@@ -93,3 +93,14 @@ def test_more_views_have_more_vertices_in_proportion_and_take_more_memory(tmp_pa
     assert taken[0] == taken[1]
     assert taken[2] - taken[1] == pytest.approx(how.max_vertices * 2000, rel=0.01)
     assert taken[3] > 2 * taken[2]
+
+
+def test_however_many_the_views_later_stages_have_room_for_the_vertices(tmp_path):
+    """A fifth of the memory is theirs; a thousand views would have five million."""
+    (tmp_path / "mesh.ply").write_bytes(bytes(10**9))
+    camera = camera_looking_at_origin("0", np.array([3.0, 0, 0]), 40, 30, 40.0)
+    write_cameras(tmp_path / "cameras.json", [replace(camera, name=str(view)) for view in range(1000)])
+    paths = {"mesh": tmp_path / "mesh.ply", "cameras": tmp_path / "cameras.json"}
+    free, bound = TransferSettings(), within(TransferSettings(), 4 * 10**9)
+    assert bound.most_vertices == 10**6 and within(free, 10**12) == free
+    assert estimated_memory(free, paths, 2) - estimated_memory(bound, paths, 2) == 4 * 10**6 * 2000

@@ -2,6 +2,7 @@
 
 BYTES_OF_LIBRARIES = 250_000_000
 BYTES_PER_PIXEL_OF_CLUSTER = 650  # that takes part, its correspondences included
+PART_FOR_MESH = 5  # of the memory, one part in so many: the mesh, visibility and form factors of its vertices
 FEWER_PIXELS = "set raycast.reduce=2, or choose fewer views (raycast.views)"
 FEWER_OR_SMALLER_VIEWS = (
     "set raycast.reduce=2, choose fewer views (raycast.views), or lower undistort.max_size_px"
