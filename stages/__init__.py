@@ -28,7 +28,7 @@ from stages.export import EXPORT
 from stages.full_resolution import FULL_RESOLUTION
 from stages.known_geometry import KNOWN_GEOMETRY
 from stages.lighting import LIGHTING
-from stages.mesh import MESH
+from stages.mesh import MESH, MESH_OF_GIVEN_POINTS
 from stages.mvs import MVS
 from stages.photometry.decomposition_settings import check_mode
 from stages.photometry.lighting.settings import check_known_light
@@ -134,7 +134,10 @@ def cameras_and_surface(given: Collection[str]) -> tuple[AnyStage, Flow]:
         There are two kinds of cameras or of geometry, or geometry without the cameras in whose frame it is.
     """
     cameras: dict[str, AnyStage] = {"colmap": ADOPT_MODEL, "camera_file": ADOPT_CAMERAS}
-    surfaces: dict[str, Flow] = {"mesh_file": (ADOPT_MESH,), "points_file": (ADOPT_POINTS, MESH)}
+    surfaces: dict[str, Flow] = {
+        "mesh_file": (ADOPT_MESH,),
+        "points_file": (ADOPT_POINTS, MESH_OF_GIVEN_POINTS),
+    }
     for kinds, flags in ((cameras, "--colmap and --cameras"), (surfaces, "--mesh and --points")):
         if kinds.keys() <= set(given):
             raise UserError(f"{flags} were given; expected one of the two. Leave out the other.")

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
-from stages.scene.distributions import OPEN3D, PYCOLMAP
+from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
 from stages.scene.memory_of_views import BYTES_OF_LIBRARIES
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from stages.scene.cameras import Camera
 
 BYTES_PER_BYTE_OF_POINTS = 6  # of their file
 BYTES_PER_CELL = 1200  # of the octree, occupied
@@ -46,6 +54,13 @@ class MeshSettings(Settings):
     trim_footprints: float = setting(
         6.0,
         "Surface farther from every fused point is dropped. Six closes gaps between depth maps and no more.",
+        unit="pixel footprints",
+        gt=0,
+    )
+    rim_footprints: float = setting(
+        2.5,
+        "So is surface farther than this where a view shows even background, from the border inwards: "
+        "Poisson goes on beyond outlines.",
         unit="pixel footprints",
         gt=0,
     )
@@ -96,7 +111,14 @@ def run(job: Job[MeshSettings]) -> None:
     with job.progress("mesh", 4) as step:
         surface = s.poisson(points, depth)
         step()
-        surface = s.trim_to_points(surface, points, settings.trim_footprints, job.threads)
+        surface = s.trim_to_points(
+            surface,
+            points,
+            settings.trim_footprints,
+            settings.rim_footprints,
+            lambda positions: s.before_background(positions, cameras, partial(_background, job)),
+            job.threads,
+        )
         if not len(surface.faces):
             raise UserError(
                 f"No surface lies within {settings.trim_footprints} footprints of a fused point; "
@@ -109,6 +131,14 @@ def run(job: Job[MeshSettings]) -> None:
         step()
     write_mesh(job.outputs["mesh"], surface)
     job.note(points=len(points), octree_depth=depth, vertices=len(surface.vertices), faces=len(surface.faces))
+
+
+def _background(job: Job[MeshSettings], camera: Camera) -> np.ndarray | None:
+    """Read where a view shows even background; None where nobody said."""
+    from stages.formats.images.photos import read_mask
+
+    path = job.inputs["background"] / f"{camera.name}.png" if "background" in job.inputs else None
+    return read_mask(path) if path is not None and path.is_file() else None
 
 
 def estimated_memory(settings: MeshSettings, inputs: Mapping[str, Path], threads: int) -> int:
@@ -126,14 +156,16 @@ def within(settings: MeshSettings, memory: int) -> MeshSettings:
 
 MESH = Stage(
     name="mesh",
-    version=2,
+    version=3,
     about="Poisson surface of the fused points, trimmed to what was seen.",
     settings=MeshSettings,
-    takes=("fused", "workspace"),
+    takes=("fused", "workspace", "background"),
     gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
     run=run,
-    tools=("numpy", "scipy", *PYCOLMAP, *OPEN3D),
+    tools=("numpy", "scipy", *PYCOLMAP, *OPEN3D, *PICTURES),
     memory=estimated_memory,
     within=within,
     saves_memory="set mesh.depth: each step less takes a quarter of it",
 )
+
+MESH_OF_GIVEN_POINTS = replace(MESH, takes=("fused", "workspace"))  # nobody says where background is

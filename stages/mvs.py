@@ -79,12 +79,13 @@ def compute_with(engine: str) -> Callable[[Job[MvsSettings], Workspace], FusedPo
 
 MVS = Stage(
     name="mvs",
-    version=3,
+    version=4,
     about="Depth and normals per view by multi-view stereo, fused into one oriented cloud.",
     settings=MvsSettings,
     takes=("workspace",),
     gives=(
         Artefact("depth_maps", "depth and normal maps in COLMAP's stereo layout"),
+        Artefact("background", "pixels of even background, which has no depth; the CPU's stereo tells"),
         Artefact("fused", "fused points with normals and colours, world axes", file="fused.ply"),
     ),
     run=run,

@@ -68,7 +68,7 @@ def _charted(job: Job[TextureSettings], cameras: list[Camera]) -> Charted:
         sheet_of_own_charts,
         sheets_of_given_charts,
     )
-    from stages.texturing.texels import side_of_atlas
+    from stages.texturing.texels import side_of_atlas, side_of_charts
     from stages.texturing.unwrapping import unwrapped, within_budget
 
     how, surface = job.settings, read_mesh(job.inputs["mesh"])
@@ -83,6 +83,8 @@ def _charted(job: Job[TextureSettings], cameras: list[Camera]) -> Charted:
     give_back_free_memory()  # of the decimation: the texture is elsewhere
     side = side_of_atlas(surface, views, how.charts)
     mesh = unwrapped(surface, side, how.charts)
+    if (finer := side_of_charts(mesh, views, how.charts)) > side:  # small charts waste much of a small atlas
+        side, mesh = finer, unwrapped(surface, finer, how.charts)
     return Charted(mesh, [sheet_of_own_charts(mesh, side)], obj_of_own_charts(mesh), given=False)
 
 
@@ -241,7 +243,7 @@ def _tell(job: Job[TextureSettings], charted: Charted, counts: list[tuple[int, i
 
 TEXTURE = Stage(
     name="texture",
-    version=2,
+    version=3,
     about="A textured model, GLB and OBJ; on the texture coordinates of a given mesh where it has them.",
     settings=TextureSettings,
     takes=("mesh", "cameras", "mask", "depth", "normal", "albedo", "shading", "scales"),

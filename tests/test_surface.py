@@ -16,7 +16,8 @@ from stages.formats.meshes.triangle_meshes import Surface, from_open3d, read_mes
 from stages.geometry import surface as s
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
 from stages.mesh import MeshSettings, estimated_memory, within
-from stages.scene.cameras import Camera, back_project, smallest_footprints
+from stages.scene.cameras import Camera, back_project, project, smallest_footprints
+from tests.sphere_scene import camera_looking_at_origin
 
 SQUARE = Surface(
     np.array([[-1, -1, 4], [1, -1, 4], [1, 1, 4], [-1, 1, 4]], float),
@@ -110,16 +111,64 @@ def test_poisson_finds_the_sphere_the_same_twice():
     np.testing.assert_array_equal(first.faces, second.faces)
 
 
+def grid_sheet(at: np.ndarray) -> Surface:
+    """A flat sheet, z = 0, with a vertex at every pair of coordinates."""
+    x, y = np.meshgrid(at, at)
+    place = np.arange(x.size, dtype=np.int32).reshape(x.shape)
+    a, b, c, d = (part.ravel() for part in (place[:-1, :-1], place[1:, :-1], place[:-1, 1:], place[1:, 1:]))
+    faces = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+    return Surface(np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1), faces)
+
+
 def test_surface_far_from_every_point_is_trimmed_away():
     points = sphere_points(6000)
     cap_seen = points.chosen(points.x_in_world[:, 2] > 0.2)
-    surface = s.trim_to_points(s.poisson(cap_seen, depth=6), cap_seen, reach_footprints=6.0)
+    surface = s.trim_to_points(
+        s.poisson(cap_seen, depth=6),
+        cap_seen,
+        reach_footprints=6.0,
+        rim_footprints=6.0,
+        in_background=nowhere,
+    )
     distance = np.linalg.norm(surface.vertices[:, None, :] - cap_seen.x_in_world[None, ::10], axis=2).min(
         axis=1
     )
     assert surface.vertices[:, 2].min() > 0.2 - 6 * 0.03 - 1e-6
     assert len(surface.faces) > 0
     assert distance.max() < 0.4
+
+
+def nowhere(positions: np.ndarray) -> np.ndarray:
+    """No view shows background."""
+    return np.zeros(len(positions), bool)
+
+
+def test_a_rim_before_background_goes_and_everything_else_stays():
+    """A square of points with a hole in it, on a larger sheet; sky is to the right, and seen in the hole."""
+    sheet = grid_sheet(np.arange(-30, 31) / 10)  # a vertex every tenth
+    x, y = sheet.vertices[:, 0], sheet.vertices[:, 1]
+    seen = (np.abs(x) <= 2) & (np.abs(y) <= 2) & (np.hypot(x, y) >= 0.5)
+    up = np.tile([0.0, 0, 1], (seen.sum(), 1))
+    points = s.OrientedPoints(sheet.vertices[seen], up, np.full(seen.sum(), 0.1))
+
+    def to_the_right(positions):
+        return (positions[:, 0] > 0) | (np.abs(positions[:, :2]) < 0.3).all(axis=1)
+
+    kept = s.trim_to_points(sheet, points, 6.5, rim_footprints=3.5, in_background=to_the_right).vertices
+    assert kept[:, 0].max() == pytest.approx(2.3) and kept[:, 0].min() == pytest.approx(-2.6)
+    assert np.hypot(*kept[:, :2].T).min() == 0  # far from every point, before sky, but enclosed
+
+
+def test_what_is_before_a_background_is_where_any_view_shows_some():
+    first = camera_looking_at_origin("0", np.array([0, -5.0, 0]), 40, 30, 40.0)
+    other = camera_looking_at_origin("1", np.array([5.0, 0, 0]), 40, 30, 40.0)
+    left = np.arange(40) < 20
+    masks = {"0": np.broadcast_to(left, (30, 40)), "1": None}
+    positions = np.array([[0.5, 0, 0.1], [-0.5, 0, 0.1], [0, -9.0, 0], [50.0, 0, 0]])
+    xy, _ = project(first, positions)
+    found = s.before_background(positions, [first, other], lambda one: masks[one.name])
+    np.testing.assert_array_equal(found, [*(xy[:2, 0] < 20), False, False])
+    assert found[:2].sum() == 1  # the third is behind the camera, the last beside its image
 
 
 def test_trimming_takes_as_many_threads_as_it_is_given(monkeypatch):
@@ -131,7 +180,7 @@ def test_trimming_takes_as_many_threads_as_it_is_given(monkeypatch):
             return super().query(x, workers=workers)
 
     monkeypatch.setattr(s, "cKDTree", Tree)
-    s.trim_to_points(SQUARE, sphere_points(100), 1000.0, threads=2)
+    s.trim_to_points(SQUARE, sphere_points(100), 1000.0, 1000.0, nowhere, threads=2)
     assert asked == [2]
 
 

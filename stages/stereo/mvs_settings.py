@@ -174,6 +174,27 @@ class GapSettings(Settings):
     )
 
 
+class DepthEdgeSettings(Settings):
+    """Settings of the borders of depth maps: `stages.stereo.depth.depth_edges`."""
+
+    reach_px: int = setting(
+        5,
+        "Depth this near to pixels without any is dropped where an edge of the photo lies between it and "
+        "the surface: a patch across an outline before an even background matches as the outline does. "
+        "0: never.",
+        unit="px",
+        ge=0,
+        le=50,
+    )
+    thinnest_px: float = setting(
+        5.0,
+        "Things narrower than twice that reach have no pixels beyond it: their middle counts as surface from "
+        "this width on.",
+        unit="px",
+        gt=0,
+    )
+
+
 class MvsSettings(Settings):
     """Settings of the `mvs` stage."""
 
@@ -302,6 +323,9 @@ class MvsSettings(Settings):
     sweep: PlaneSweepSettings = group(PlaneSweepSettings, "The plane sweep, where depth begins.")
     patch_match: PatchMatchSettings = group(
         PatchMatchSettings, "The refinement of depth and normal by planes of neighbours and random changes."
+    )
+    edges: DepthEdgeSettings = group(
+        DepthEdgeSettings, "Borders of depth maps, which follow the edges of the photos."
     )
     gaps: GapSettings = group(
         GapSettings,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 
 from pipeline import Job, UserError, counted
 from stages.formats.artefacts.array_store import ArrayStore
+from stages.formats.images.photos import write_mask
 from stages.scene.cameras import Camera
 from stages.solvers.kernels.threading_layer import loops_may_run_at_once, use_threads
 from stages.stereo.depth import dense_stereo as stereo
@@ -59,7 +60,7 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
     scales = scales_of(workspace.cameras, gaps)
     passes = 4 if job.settings.geometric_iterations else 3
     with job.progress("depth maps", passes * len(workspace.cameras) * len(scales)) as step:
-        finest = reconstruct(job, workspace, job.outputs["depth_maps"], step)
+        finest = reconstruct(job, workspace, job.outputs, step)
         cloud = finest.cloud
         for scale in scales[1:]:
             coarse = reconstruct(job, workspace.reduced(scale), None, step)
@@ -73,7 +74,7 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
 
 
 def reconstruct(
-    job: Job[MvsSettings], workspace: Workspace, maps: Path | None, step: Callable[[], None]
+    job: Job[MvsSettings], workspace: Workspace, folders: Mapping[str, Path] | None, step: Callable[[], None]
 ) -> Reconstruction:
     """Match, refine, confirm and fuse all views of a workspace.
 
@@ -81,9 +82,9 @@ def reconstruct(
     ----------
     job : Job
     workspace : Workspace
-    maps : Path or None
-        Folder for depth maps, written at full size only; None: they are not written, and nothing is warned
-        of again.
+    folders : mapping of str to Path, or None
+        For depth maps and backgrounds, written at full size only; None: they are not written, and nothing is
+        warned of again.
     step : callable
         Called for every view of every pass.
 
@@ -98,7 +99,7 @@ def reconstruct(
             f"No two of the {len(lonely)} posed views show the same surface from different places; stereo "
             "needs at least two that do. Add photos that overlap, taken a few steps apart."
         )
-    if lonely and maps is not None:
+    if lonely and folders is not None:
         without = ", ".join(workspace.image_names[view] for view in lonely)
         job.warn(f"No other view shares surface with {without}: without depth there.")
     views = [view for view in range(len(workspace.cameras)) if view not in lonely]
@@ -112,10 +113,10 @@ def reconstruct(
         for _ in on_all(reconcile_view, views, scene, after, settings):
             step()
         scene.planes = after
-    shares = list(counted(on_all(confirm_view, views, scene, kept, settings, maps, names), step))
-    if maps is not None:
+    shares = list(counted(on_all(confirm_view, views, scene, kept, settings, folders, names), step))
+    if folders is not None:
         for view in lonely:
-            write_empty_maps(maps, names[view], workspace.cameras[view])
+            write_empty_maps(folders["depth_maps"], names[view], workspace.cameras[view])
     cloud = stereo.fuse_views(scene, settings, kept, used, step)
     coverage = {names[view]: round(share, 4) for view, share in zip(views, shares, strict=True)}
     return Reconstruction(cloud, scene, kept, coverage)
@@ -178,22 +179,24 @@ def confirm_view(
     scene: stereo.Scene,
     kept: ArrayStore,
     settings: MvsSettings,
-    folder: Path | None,
+    folders: Mapping[str, Path] | None,
     names: list[str],
     threads: int,
 ) -> float:
     """Keep the pixels of a view that others confirm; returns their share. Picklable.
 
-    Its maps are written into `folder`, if there is one.
+    Its maps, and its background, are written into folders, if there are any.
     """
     use_threads(threads)
-    camera, confirmed = scene.cameras[view], stereo.confirm_view(scene, view, settings)
+    camera = scene.cameras[view]
+    confirmed, background = stereo.confirm_view(scene, view, settings)
     kept[view] = confirmed
-    if folder is None:
+    if folders is None:
         return float(confirmed.mean())
     depth = np.where(confirmed, depth_from_planes(scene.planes[view]), np.float32(0))
     normals = np.where(confirmed[..., None], stereo.world_normals(scene, view), np.float32(0))
-    write_depth_maps(folder, names[view], camera, depth, normals)
+    write_depth_maps(folders["depth_maps"], names[view], camera, depth, normals)
+    write_mask(folders["background"] / f"{camera.name}.png", background)
     return float(confirmed.mean())
 
 

@@ -26,7 +26,11 @@ class ChartSettings(Settings):
         le=8,
     )
     expected_use: float = setting(
-        0.7, "Share of an atlas that charts cover, by which its side is chosen.", gt=0, le=1
+        0.7,
+        "Share of an atlas that charts cover, by which its side is chosen at first; where they turn out to "
+        "cover so little that texels are larger than asked, they are laid out again in a larger one.",
+        gt=0,
+        le=1,
     )
     padding_px: int = setting(
         4, "Texels between charts, so that smaller copies of the texture do not mix them.", ge=0, le=64

@@ -13,10 +13,11 @@ import cv2
 import numpy as np
 
 from stages.scene.cameras import Camera, intrinsics_for_integer_centres, normals_in_world
+from stages.stereo.depth.depth_edges import up_to_edges
 from stages.stereo.depth.fusion import DepthViews, FusedPoints, fuse_view
 from stages.stereo.depth.geometric_consistency import confirmed, consistent_views
 from stages.stereo.depth.inverse_depth import fit_planes, j_from_i, normals_from_planes, resample_planes
-from stages.stereo.depth.patch_match import Sources, refine
+from stages.stereo.depth.patch_match import UNMATCHABLE, Sources, refine
 from stages.stereo.depth.plane_sweep import inverse_depth_planes, matching_costs, pixels_per_inverse_depth
 from stages.stereo.depth.semi_global import aggregate, winner
 from stages.stereo.mvs_settings import MvsSettings
@@ -143,17 +144,23 @@ def refine_view(
     return refine(scene.grey(view), sources, scene.planes[view], settings, step, limits)
 
 
-def confirm_view(scene: Scene, view: int, settings: MvsSettings) -> np.ndarray:
-    """Choose the pixels of a view to keep, (h, w), bool.
+def confirm_view(scene: Scene, view: int, settings: MvsSettings) -> tuple[np.ndarray, np.ndarray]:
+    """Choose the pixels of a view to keep, and tell background apart, (h, w), bool each.
 
-    They match, `consistent_views` confirm them, or all sources where there are fewer, and the view's mask
-    keeps them.
+    Kept are those that match, that `consistent_views` confirm, or all sources where there are fewer, that no
+    edge of the photo parts from the surface, and that the view's mask keeps. Background is even, or outside
+    of the mask.
     """
     inverse = np.ascontiguousarray(scene.planes[view][..., 0])
     count = consistent_views(inverse, sources_of(scene, view, with_depth=True), settings.consistent_px)
     needed = min(settings.consistent_views, len(scene.plans[view].sources))
     kept = confirmed(inverse, scene.costs[view], count, highest_cost=settings.highest_cost, fewest=needed)
-    return kept if scene.mask_of is None else kept & scene.mask_of(view)
+    even = scene.costs[view] == UNMATCHABLE
+    kept, background = up_to_edges(kept, even, scene.colour_of(view), settings.edges)
+    if scene.mask_of is None:
+        return kept, background
+    mask = scene.mask_of(view)
+    return kept & mask, background | ~mask
 
 
 def fuse_views(
