@@ -19,8 +19,8 @@ S_co = TypeVar("S_co", bound=Settings, covariant=True)  # a function for any sta
 class Progress(Protocol):
     """Display of progress; the command line implements it."""
 
-    def begin(self, label: str, total: int | None) -> None:
-        """Begin a task of `total` steps (None: unknown)."""
+    def begin(self, label: str, total: int | None, at_most: bool = False) -> None:
+        """Begin a task of `total` steps (None: unknown), or of so many at most."""
 
     def advance(self, steps: int = 1) -> None:
         """Advance by `steps`."""
@@ -32,7 +32,7 @@ class Progress(Protocol):
 class Silence:
     """Progress that is not displayed: for benchmarks and tests that run one stage alone."""
 
-    def begin(self, label: str, total: int | None) -> None:
+    def begin(self, label: str, total: int | None, at_most: bool = False) -> None:
         """Do nothing."""
 
     def advance(self, steps: int = 1) -> None:
@@ -92,9 +92,14 @@ class Job(Generic[S_co]):
         return self.cluster or LocalTasks(self.executor, self.threads)
 
     @contextmanager
-    def progress(self, label: str, total: int | None = None) -> Iterator[Callable[..., None]]:
-        """Show the progress of a task: ``with job.progress("depth maps", n) as step: … step()``."""
-        self.shown.begin(label, total)
+    def progress(
+        self, label: str, total: int | None = None, at_most: bool = False
+    ) -> Iterator[Callable[..., None]]:
+        """Show the progress of a task: ``with job.progress("depth maps", n) as step: … step()``.
+
+        `at_most`: the steps may be fewer, as those of a minimisation that converges.
+        """
+        self.shown.begin(label, total, at_most)
         try:
             yield self.shown.advance
         finally:

@@ -20,6 +20,15 @@ TYPES: dict[str, type | tuple[type, ...]] = {  # in JSON; a field that is not na
     "seconds": (int, float),
     "cpu_seconds": (int, float),
     "peak_bytes": int,
+    "spans": list,
+}
+SPAN: dict[str, type | tuple[type, ...]] = {  # of a stage: the types of its values
+    "label": str,
+    "total": (int, type(None)),
+    "steps": int,
+    "begun_s": (int, float),
+    "seconds": (int, float),
+    "at_most": bool,
 }
 
 
@@ -47,6 +56,8 @@ class Record:
         Elapsed and processor time.
     peak_bytes : int
         Peak resident memory while it ran.
+    spans : list of dict
+        The tasks whose progress it showed (`pipeline.process.spans.Span`); empty in older records.
     """
 
     stage: str
@@ -63,10 +74,11 @@ class Record:
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     peak_bytes: int = 0
+    spans: tuple[Mapping[str, Any], ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Convert to plain JSON values."""
-        return asdict(self) | {"warnings": list(self.warnings)}
+        return asdict(self) | {"warnings": list(self.warnings), "spans": list(self.spans)}
 
 
 def write_record(folder: Path, record: Record) -> None:
@@ -88,7 +100,8 @@ def read_record(folder: Path) -> Record:
     if not _is_typed(values):
         raise ValueError(f"{folder / RECORD} has a value of another type than a record's")
     try:
-        record = Record(**{**values, "warnings": tuple(values["warnings"])})
+        lists = {"warnings": tuple(values["warnings"]), "spans": tuple(values.get("spans", ()))}
+        record = Record(**{**values, **lists})
     except (TypeError, KeyError) as error:
         raise ValueError(f"{folder / RECORD} has other fields than a record: {error}") from error
     if (record.stage, record.key) != (folder.parent.name, folder.name):
@@ -105,4 +118,13 @@ def _is_typed(values: Mapping[str, Any]) -> bool:
         return False
     named = [values.get("tools", {}), values.get("machine", {}), *digests]
     texts = [*values.get("warnings", []), *(text for one in named for text in one.values())]
-    return all(isinstance(text, str) for text in texts)
+    return all(isinstance(text, str) for text in texts) and all(map(_is_span, values.get("spans", [])))
+
+
+def _is_span(one: Any) -> bool:
+    """Check for the values of a span, and for no others."""
+    return (
+        isinstance(one, dict)
+        and one.keys() == SPAN.keys()
+        and all(isinstance(value, SPAN[name]) for name, value in one.items())
+    )
