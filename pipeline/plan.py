@@ -18,6 +18,8 @@ from pipeline.stage import AnyStage, Source, settings_of
 
 Available = dict[str, FileDigests]
 RecordOf = Callable[[str], Record | None]  # by the name of a stage
+FORCED = "it was asked for with --force"
+UNCHANGED = "nothing that it depends on has changed"
 
 
 class Action(Enum):
@@ -79,16 +81,25 @@ def plan(request: Request, store: Store, sources: Available) -> list[Decision]:
     sources : dict
         Per source, the digests of its files (`read_sources`).
     """
+    decisions = decide_all(request, store, sources)
+    reused = {one.stage.name: one.record for one in decisions if one.record is not None}
+    return [
+        replace(one, memory=_expected_memory(one, request, store, reused.get))
+        if one.action in (Action.RUN, Action.WAIT)
+        else one
+        for one in decisions
+    ]
+
+
+def decide_all(request: Request, store: Store, sources: Available) -> list[Decision]:
+    """Decide for every stage as `plan` does, without an estimate of memory."""
     available: Available = dict(sources)
-    decisions, reused = [], dict[str, Record]()
+    decisions = []
     for stage in request.flow:
         decision = decide(stage, request, store, available)
-        if decision.action in (Action.RUN, Action.WAIT):
-            decision = replace(decision, memory=_expected_memory(decision, request, store, reused.get))
         decisions.append(decision)
         if decision.record is not None:
             available |= decision.record.outputs
-            reused[stage.name] = decision.record
     return decisions
 
 
@@ -126,7 +137,8 @@ def decide(stage: AnyStage, request: Request, store: Store, available: Mapping[s
         return Decision(stage, Action.LEAVE, f"it comes after {request.selected()[-1]}")
     unknown = [name for name in stage.takes if name not in available]
     if unknown:
-        return Decision(stage, Action.WAIT, f"depends on {_givers(unknown, request)}, which will run first")
+        depends = f"depends on {_givers(unknown, request)}, which will run first"
+        return Decision(stage, Action.WAIT, f"{FORCED}; {depends}" if _is_forced(stage, request) else depends)
     inputs = {name: available[name] for name in (*stage.takes, *stage.may_take) if name in available}
     made_from = ingredients(stage, settings_of(stage, request.settings), inputs)
     decision = _reuse_or_run(stage, made_from, request, store)
@@ -138,15 +150,19 @@ def decide(stage: AnyStage, request: Request, store: Store, available: Mapping[s
 
 
 def _reuse_or_run(stage: AnyStage, made_from: Ingredients, request: Request, store: Store) -> Decision:
-    if request.selection.force and stage.name in request.selected():
-        return Decision(stage, Action.RUN, "it was asked for with --force", made_from)
+    if _is_forced(stage, request):
+        return Decision(stage, Action.RUN, FORCED, made_from)
     record = store.record(stage.name, made_from.key)
     if record is None:
         return Decision(stage, Action.RUN, _why_without_record(made_from, store), made_from)
     damage = store.damage(stage, record)
     if damage is not None:
         return Decision(stage, Action.RUN, f"its cached result is damaged: {damage}", made_from)
-    return Decision(stage, Action.REUSE, "nothing that it depends on has changed", made_from, record)
+    return Decision(stage, Action.REUSE, UNCHANGED, made_from, record)
+
+
+def _is_forced(stage: AnyStage, request: Request) -> bool:
+    return request.selection.force and stage.name in request.selected()
 
 
 def _why_without_record(made_from: Ingredients, store: Store) -> str:

@@ -66,6 +66,25 @@ Summary = Callable[[Mapping[str, Result]], Mapping[str, str]]  # texts by file n
 
 
 @dataclass(frozen=True)
+class Pointer:
+    """A place to open after a run.
+
+    Attributes
+    ----------
+    stage : str
+        After a run of which it is up to date.
+    path : str
+        Below `output/`.
+    about : str
+        Its content, a few words.
+    """
+
+    stage: str
+    path: str
+    about: str
+
+
+@dataclass(frozen=True)
 class Request:
     """A dataflow with all that it needs to be planned and run.
 
@@ -92,6 +111,8 @@ class Request:
         Sentences on what was chosen for the user, said before anything is planned or run.
     summary : callable or None
         Makes files of `output/` from the results of all stages, by stage: at the end of a whole run.
+    pointers : tuple of Pointer
+        What a run that has ended leads its user to, where it is there, in order.
     """
 
     flow: Flow
@@ -106,6 +127,7 @@ class Request:
     absent: Mapping[str, Absent] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     summary: Summary | None = None
+    pointers: tuple[Pointer, ...] = ()
 
     def absent_from(self, stage: AnyStage) -> list[str]:
         """List the names of the absent sources that a stage takes."""

@@ -13,7 +13,7 @@ from pipeline.cache.store import Store
 from pipeline.cluster.on_demand import ClusterOnDemand, clear_up_workers
 from pipeline.errors import UserError
 from pipeline.files.workspace_lock import locked
-from pipeline.plan import Decision, decide, read_sources
+from pipeline.plan import Decision, decide, decide_all, read_sources
 from pipeline.request import Request
 from pipeline.run_stage import Listener, run_stage
 from pipeline.stage import AnyStage
@@ -119,8 +119,11 @@ def _run_in_order(request: Request, store: Store, listener: Listener, cluster: C
         listener.say(sentence)
     available = _read_sources_aloud(request, store, listener)
     output = _output(request, store)
+    flow = request.flow[: request.last_index() + 1]
+    earlier = {stage.name: latest for stage in flow if (latest := store.latest(stage.name))}
+    listener.planned(decide_all(request, store, available)[: len(flow)], earlier)
     done = []
-    for stage in request.flow[: request.last_index() + 1]:
+    for stage in flow:
         one = _bring_up_to_date(stage, request, store, listener, cluster, available)
         output.show(stage, one.record)
         available |= one.record.outputs

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from pipeline.cache.key import Ingredients
 from pipeline.cache.record import Record
@@ -21,6 +21,7 @@ from pipeline.plan import Decision, located_inputs, read_sources
 from pipeline.process.logbook import logged
 from pipeline.process.memory_limits import compare_with_allowed_memory, memory_errors_told
 from pipeline.process.meter import measured
+from pipeline.process.spans import Span, TimedProgress
 from pipeline.process.tasks import Tasks
 from pipeline.process.temporary_files import temporary_files_in
 from pipeline.reasons import changed_files
@@ -31,6 +32,9 @@ from pipeline.stage import AnyStage, S, Stage, settings_of
 
 class Listener(Progress, Protocol):
     """Receiver of a run's events, such as the command line."""
+
+    def planned(self, decisions: Sequence[Decision], earlier: Mapping[str, Record]) -> None:
+        """Report the plan of a run, and the latest results of its stages, by which it may be timed."""
 
     def deciding(self, decision: Decision) -> None:
         """Report that a stage is about to be reused or run."""
@@ -57,13 +61,15 @@ def run_stage(
     _fetch_absent_sources(stage, request, listener)
     partial = store.begin(stage.name)
     with _kept_only_if_finished(partial), _threads(request.threads) as executor:
-        job = _job(stage, made_from, request, store, listener, executor, cluster.tasks(), partial)
+        timed = TimedProgress(listener)
+        job = _job(stage, made_from, request, store, listener, timed, executor, cluster.tasks(), partial)
         with (
             memory_errors_told(stage),
             logged(stage, job, partial / "log.txt", request.workspace / "logs"),
             temporary_files_in(job.scratch),
             measured() as reading,
         ):
+            timed.restart()  # as `reading` does
             try:
                 compare_with_allowed_memory(stage, job, request.memory)
                 stage.run(job)
@@ -74,7 +80,11 @@ def run_stage(
         shutil.rmtree(job.scratch)
         record = _record(stage, made_from, job, store)
         record = replace(
-            record, seconds=reading.seconds, cpu_seconds=reading.cpu_seconds, peak_bytes=reading.peak_bytes
+            record,
+            seconds=reading.seconds,
+            cpu_seconds=reading.cpu_seconds,
+            peak_bytes=reading.peak_bytes,
+            spans=tuple(map(_rounded, timed.spans)),
         )
         _compare_with_twin(store, record, listener)
         store.publish(partial, record)
@@ -135,6 +145,7 @@ def _job(
     request: Request,
     store: Store,
     listener: Listener,
+    timed: TimedProgress,
     executor: Executor,
     cluster: Tasks | None,
     partial: Path,
@@ -165,7 +176,7 @@ def _job(
         scratch=scratch,
         threads=request.threads,
         executor=executor,
-        shown=listener,
+        shown=timed,
         say=listener.say,
         machine=made_from.machine,
         cluster=cluster,
@@ -226,6 +237,11 @@ def _record(stage: AnyStage, made_from: Ingredients, job: Job[Settings], store: 
         warnings=tuple(job.warnings),
         finished=datetime.now(timezone.utc).isoformat(timespec="microseconds"),
     )
+
+
+def _rounded(span: Span) -> dict[str, Any]:
+    """Convert to plain JSON values, times in milliseconds."""
+    return asdict(span) | {"begun_s": round(span.begun_s, 3), "seconds": round(span.seconds, 3)}
 
 
 def _compare_with_twin(store: Store, record: Record, listener: Listener) -> None:

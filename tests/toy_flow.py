@@ -70,6 +70,10 @@ class Witness(Silence):
     actions: dict[str, str] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
     said: list[str] = field(default_factory=list)
+    plan: dict[str, str] = field(default_factory=dict)
+
+    def planned(self, decisions, earlier):
+        self.plan = {one.stage.name: one.action.value for one in decisions}
 
     def deciding(self, decision):
         self.actions[decision.stage.name] = decision.action.value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
@@ -9,6 +10,7 @@ from typing import Any
 
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store
+from pipeline.command.run_table import run_table, to_open
 from pipeline.command.terminal import Terminal, megabytes, table_of
 from pipeline.files.workspace_lock import locked, refusals_explained
 from pipeline.inspect import compare, find_record, overview, prune, two_newest
@@ -23,14 +25,14 @@ CRASHED = 1  # whatever code a library left with
 
 
 def run_verb(request: Request, terminal: Terminal) -> None:
-    """Bring the selected stages up to date, and print where the results are."""
+    """Bring the selected stages up to date; print what they cost, and what to open."""
     begun = perf_counter()
     done = run(request, terminal)
-    output = request.workspace / "output"
-    # Not every stage has artefacts in output/.
-    place = output if output.is_dir() else request.workspace / "cache"
-    table = table_of([{"what": f"Up to date after {perf_counter() - begun:.1f} s: {place}"}], {"": "what"})
-    terminal.answer({"stages": [one.as_json() for one in done], "output": str(output)}, table)
+    seconds = perf_counter() - begun
+    opened = [str(path) for _, path in to_open(done, request)]
+    places = {"output": str(request.workspace / "output"), "to_open": opened}
+    terminal.done(seconds=round(seconds, 3), **places)
+    terminal.answer({"stages": [one.as_json() for one in done], **places}, run_table(done, request, seconds))
 
 
 def do_in_child(work: Callable[[], int], request: Request, terminal: Terminal) -> int:
@@ -44,18 +46,19 @@ def do_in_child(work: Callable[[], int], request: Request, terminal: Terminal) -
     left = clear_up(request)  # nothing, where the child could tell its error itself
     if ending.signal is not None or left:
         terminal.restore()
-        terminal.fail(_how_it_ended(ending, [stage for stage in request.flow if stage.name in left]))
+        terminal.fail(_how_it_ended(ending, request, left, terminal.words))
     return CRASHED if left and ending.signal is None else ending.code
 
 
-def _how_it_ended(ending: Ending, stages: Sequence[AnyStage]) -> str:
-    """Describe the end of a killed run in sentences, the last of which says how to go on."""
+def _how_it_ended(ending: Ending, request: Request, left: Sequence[str], words: Sequence[str]) -> str:
+    """Describe the end of a run that was killed in the stages `left`, and how to go on."""
+    stages = [stage for stage in request.flow if stage.name in left]
     name = ending.signal.name if ending.signal else f"exit code {ending.code}"
     where = f" during {stages[0].name}" if stages else ""
     less = "".join(map(advice, stages)) or "Choose a smaller size or fewer --threads. "
     if ending.requested:
         how = "Interrupted" if name == "SIGINT" else f"Ended by {name}"
-        return f"{how}{where}. What was finished is kept; the same command continues there."
+        return f"{how}{where}. {_kept(request, stages)} {how_to_go_on(words, stages)}"
     if name == "SIGKILL":
         return (
             f"The run was killed{where}, most likely by the system, because memory ran out. Close other "
@@ -66,6 +69,26 @@ def _how_it_ended(ending: Ending, stages: Sequence[AnyStage]) -> str:
         f"or take less. {less}What was finished is kept, and the same command continues there; if there was "
         "room, this is a fault of unshade or of a library."
     )
+
+
+def _kept(request: Request, stages: Sequence[AnyStage]) -> str:
+    """Say which results an interrupted run keeps."""
+    number = request.flow.index(stages[0]) if stages else 0
+    if not number:
+        return "What was finished is kept."
+    before = f"{number} stages" if number > 1 else "stage"
+    return f"The results of the {before} before it are kept."
+
+
+def how_to_go_on(words: Sequence[str], stages: Sequence[AnyStage] = ()) -> str:
+    """Give the command that continues an interrupted one, if its words are known.
+
+    With --force it would begin anew: then it is to begin with the stage that was interrupted.
+    """
+    if not words:
+        return "The same command continues there."
+    further = ("--from", stages[0].name) if stages and "--force" in words and "--only" not in words else ()
+    return f"To go on: {shlex.join([*words, *further])}"
 
 
 def plan_verb(request: Request, terminal: Terminal) -> None:

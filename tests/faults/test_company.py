@@ -68,7 +68,7 @@ def test_during_a_run_others_read_or_are_refused_with_a_sentence(workspace, trie
         assert done[name].stdout
         tried(f"{name} during a run on the workspace", "answered")
     first.send_signal(signal.SIGINT)
-    assert "the same command continues there" in one_line(first.communicate()[1])
+    assert "during sfm. What was finished is kept. To go on: unshade run " in one_line(first.communicate()[1])
     assert results(workspace) == before and leftovers(workspace) == []
 
 

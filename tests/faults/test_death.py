@@ -159,7 +159,7 @@ def check_ending(how: Attack, code: int, line: str, seconds: float) -> bool:
         return True
     if line == NOTHING_BEGUN:  # it was being loaded
         return code == 128 + signal.SIGINT
-    assert "the same command continues there" in line, line
+    assert "To go on: unshade run " in line or "the same command continues there" in line, line
     assert code == (1 if how.whom == "child" else 128 + how.number), line
     assert seconds < LEAVES_WITHIN_S
     return True
@@ -245,7 +245,7 @@ def test_a_signal_within_native_code_is_heeded_at_once(undisturbed, how, tried):
     time.sleep(1.5)
     code, line, seconds = running.attack(how)
     assert code == 128 + how.number
-    assert " during mesh. What was finished is kept; the same command continues there." in line
+    assert " during mesh. The results of the 3 stages before it are kept. To go on: unshade run " in line
     assert seconds < LEAVES_WITHIN_S
     assert leftovers(workspace) == []
     assert results(workspace) == undisturbed.results
@@ -271,7 +271,7 @@ def test_a_result_that_was_about_to_be_replaced_is_kept(undisturbed, tried):
     (partial := entry.parent / f"{PARTIAL}0").mkdir()
     entry.rename(partial / entry.name)
     done = small_runs.do(words("run", workspace))
-    assert done.returncode == 0 and "mvs             reuse" in done.stderr
+    assert done.returncode == 0 and "reuse           sfm, undistort, mvs" in done.stderr
     assert results(workspace) == undisturbed.results and leftovers(workspace) == []
     tried("SIGKILL between two renames of a publication", "the earlier result returns")
 

@@ -111,9 +111,8 @@ def test_results_of_a_published_set_are_reused_when_neither_network_nor_data_is_
     for verb in ("plan", "run"):
         again = unshade(place, verb, "--to", "undistort")
         assert again.returncode == 0, again.stderr
-        assert (
-            one_line(again.stdout + again.stderr).count("images, not on this machine, is known by its") == 2
-        )
+        said = one_line(again.stdout + again.stderr)
+        assert said.count("images, not on this machine, is known by its") == (2 if verb == "plan" else 1)
     assert results(place / "workspace") == before
 
     other = unshade(place, "run", "--to", "undistort", "--set", "undistort.max_size_px=64")
