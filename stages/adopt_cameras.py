@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.adoption_settings import SIZE_TOLERANCE_PX, TURNED_PHOTOS, TurnedPhotos
@@ -78,6 +79,11 @@ def _photo_of_each(
     return found
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"{facts['registered']} cameras ({', '.join(facts['camera_models'])}), {facts['points']:,} points"
+
+
 ADOPT_CAMERAS = Stage(
     name="adopt_cameras",
     version=1,
@@ -89,4 +95,5 @@ ADOPT_CAMERAS = Stage(
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
     saves_memory="give a file of cameras without points",
+    found=in_words,
 )

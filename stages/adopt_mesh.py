@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.distributions import OPEN3D
 
@@ -39,6 +42,11 @@ def run(job: Job[AdoptMeshSettings]) -> None:
     job.note(vertices_in_file=len(given.vertices), vertices=len(surface.vertices), faces=len(surface.faces))
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"{facts['faces']:,} faces, {facts['vertices']:,} vertices"
+
+
 ADOPT_MESH = Stage(
     name="adopt_mesh",
     version=5,
@@ -49,4 +57,5 @@ ADOPT_MESH = Stage(
     run=run,
     tools=("numpy", "scipy", *OPEN3D),
     saves_memory="give a mesh of fewer faces",
+    found=in_words,
 )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from pipeline import Artefact, Job, Settings, Stage, UserError
 from stages.scene.adoption_settings import SIZE_TOLERANCE_PX, TURNED_PHOTOS, TurnedPhotos
@@ -55,6 +57,11 @@ def _photo_of_each(job: Job[AdoptModelSettings], names: list[str], source: Path)
     return found
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"{facts['registered']} cameras ({', '.join(facts['camera_models'])}), {facts['points']:,} points"
+
+
 ADOPT_MODEL = Stage(
     name="adopt_model",
     version=3,
@@ -65,4 +72,5 @@ ADOPT_MODEL = Stage(
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
     saves_memory="give a model of fewer points",
+    found=in_words,
 )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from pipeline import Artefact, Job, Settings, Stage, UserError
 
 
@@ -37,6 +40,11 @@ def run(job: Job[AdoptPointsSettings]) -> None:
     job.note(points_in_file=len(usable), points=int(usable.sum()))
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"{facts['points']:,} of {facts['points_in_file']:,} points used"
+
+
 ADOPT_POINTS = Stage(
     name="adopt_points",
     version=1,
@@ -47,4 +55,5 @@ ADOPT_POINTS = Stage(
     run=run,
     tools=("numpy",),
     saves_memory="give fewer points",
+    found=in_words,
 )

@@ -5,8 +5,9 @@ Albedo times shading stays the photo: what the albedo is multiplied by, shading 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Stage, json_text
 from stages.photometry.calibration.settings import CalibrationSettings
@@ -160,6 +161,12 @@ def _calibrated(name: str, about: str, file: str | None = None, output: str | No
     return Artefact(f"{name}_calibrated", f"{about}, on the references' scale", file, output or name)
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    red, green, blue = facts["factors"]
+    return f"albedo scaled by {red:.3g}, {green:.3g}, {blue:.3g}"
+
+
 CALIBRATION = Stage(
     name="calibration",
     version=1,
@@ -192,4 +199,5 @@ CALIBRATION = Stage(
     run=run,
     tools=("numpy", *PYCOLMAP, *PICTURES),
     saves_memory="give --threads 1: one picture at a time",
+    found=in_words,
 )

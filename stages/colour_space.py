@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pipeline import Artefact, Job, Settings, Stage, setting
 
@@ -24,11 +25,14 @@ class ColourSpaceSettings(Settings):
 
 def run(job: Job[ColourSpaceSettings]) -> None:
     """Convert the colours of every EXR, and copy all else."""
+    converted = 0
     for name, source in job.inputs.items():
         files = sorted(path.relative_to(source) for path in source.rglob("*") if path.is_file())
         with job.progress(name, len(files)) as step:
             for _ in job.executor.map(lambda file, name=name: _convert(job, name, file), files):
                 step()
+        converted += sum(file.suffix == ".exr" for file in files)
+    job.note(converted=converted)
 
 
 def _convert(job: Job[ColourSpaceSettings], name: str, file: Path) -> None:
@@ -74,6 +78,12 @@ def _shading(shading: np.ndarray, albedo: np.ndarray) -> np.ndarray:
 CONVERTED = ("albedo", "shading", "albedo_tv", "light_pictures", "albedo_full", "textured_model", "relit")
 PLACES = {"light_pictures": "environment", "textured_model": "model"}
 
+
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"{facts['converted']} EXRs converted"
+
+
 COLOUR_SPACE = Stage(
     name="colour_space",
     version=1,
@@ -87,4 +97,5 @@ COLOUR_SPACE = Stage(
     run=run,
     tools=("numpy", "openexr"),
     saves_memory="give --threads 1: one picture at a time",
+    found=in_words,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Settings, Stage, counted, json_text, setting
 from stages.scene.distributions import PICTURES
@@ -148,6 +148,11 @@ def run(job: Job[CorrespondenceSettings]) -> None:
         )
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"{facts['links']:,} corresponding pixels in {facts['pairs']} pairs of views"
+
+
 CORRESPONDENCE = Stage(
     name="correspondence",
     version=3,
@@ -158,4 +163,5 @@ CORRESPONDENCE = Stage(
     run=run,
     tools=("numpy", "scipy", "numba", *PICTURES),
     saves_memory=FEWER_PIXELS,
+    found=in_words,
 )

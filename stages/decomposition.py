@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Stage
 from stages.photometry.decomposition_record import ALBEDO, ENERGY, OF_TRANSFER, write_albedo, write_history
@@ -93,10 +93,10 @@ def _as_the_paper(
 
     settings = job.settings
     if settings.solver == "fast":
-        with job.progress("rounds", settings.stopping.max_rounds) as step:
+        with job.progress("rounds", settings.stopping.max_rounds, at_most=True) as step:
             return solutions.solve_jointly(views, images, _solver(job, views), job.threads, step)
     how = settings.paper
-    with job.progress("alternations", 3 * how.max_alternations) as step:
+    with job.progress("alternations", 3 * how.max_alternations, at_most=True) as step:
         return solutions.solve_by_alternation(views, images, _weights(job, views), how, job.executor, step)
 
 
@@ -129,7 +129,7 @@ def _by_transfer(
         given_or(settings.brightest, settings.reflectance_scale.usual_brightest),
         settings.reflectance_scale.brightest_quantile,
     )
-    with job.progress("rounds", settings.stopping.max_rounds) as step:
+    with job.progress("rounds", settings.stopping.max_rounds, at_most=True) as step:
         solved = solutions.solve_by_transfer(
             views, images, transfer, _solver(job, views), bounces, settings.harmonics, job.threads, step
         )
@@ -180,6 +180,11 @@ def _write_pictures(job: Job[DecompositionSettings], cameras: list[Camera], solv
     write_pictures_of_light(job.outputs["light_pictures"], pictures)
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"albedo of {facts['pixels']:,} pixels, which {facts['links']:,} correspondences tie together"
+
+
 DECOMPOSITION = Stage(
     name="decomposition",
     version=19,
@@ -197,6 +202,7 @@ DECOMPOSITION = Stage(
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
     memory=estimated_memory,
     saves_memory=FEWER_OR_SMALLER_VIEWS,
+    found=in_words,
 )
 
 # The same stage in `mode: transfer`. With `light: harmonics` it takes the inputs of that light.

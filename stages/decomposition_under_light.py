@@ -102,7 +102,7 @@ def run(job: Job[DecompositionSettings]) -> None:
         settings,
     )
     if len(clusters) == 1:
-        with job.progress("rounds", 2 * settings.stopping.max_rounds) as step:
+        with job.progress("rounds", 2 * settings.stopping.max_rounds, at_most=True) as step:
             whole, sample = solve_whole(clusters[0], task, job.threads, step)
         solutions, statistics = [whole], DetailStatistics.of(sample, settings.detail)
     else:
@@ -328,6 +328,11 @@ def within(settings: DecompositionSettings, memory: int) -> DecompositionSetting
     return settings.model_copy(update={"clusters": settings.clusters.within(room)})
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"albedo of {facts['pixels']:,} pixels, which {facts['links']:,} correspondences tie together"
+
+
 DECOMPOSITION_UNDER_LIGHT = Stage(
     name="decomposition",
     version=47,  # ahead of the other variants
@@ -341,4 +346,5 @@ DECOMPOSITION_UNDER_LIGHT = Stage(
     memory=estimated_memory,
     within=within,
     saves_memory="lower decomposition.clusters.pixels, or give --memory",
+    found=in_words,
 )

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pipeline import Artefact, Job, Settings, Stage, counted, group, setting
 from stages.photometry.full_resolution_settings import FullResolutionSettings
@@ -156,6 +157,12 @@ def _tell_other_kinds(job: Job[DelitPhotosSettings], photos: dict[str, str], wri
         )
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    shares = facts["with_albedo"].values()
+    return f"{facts['views']} photos, {sum(shares) / max(len(shares), 1):.0%} of their pixels with albedo"
+
+
 DELIT_PHOTOS = Stage(
     name="delit_photos",
     version=1,
@@ -172,4 +179,5 @@ DELIT_PHOTOS = Stage(
     run=run,
     tools=("numpy", "scipy", *PYCOLMAP, *PICTURES),
     saves_memory="give --threads 1: one photo at a time",
+    found=in_words,
 )

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Stage, counted
 from stages.photometry.full_resolution_settings import FullResolutionSettings
 from stages.scene.distributions import PICTURES, PYCOLMAP
+from stages.scene.wording import sizes_in_words
 
 if TYPE_CHECKING:
     from stages.geometry.lenses import PhotoAndAlbedo
@@ -64,6 +66,11 @@ def write_view(view: View) -> str:
     return f"{camera.width}x{camera.height}"
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"{facts['views']} views, {sizes_in_words(facts['sizes_px'])}"
+
+
 FULL_RESOLUTION = Stage(
     name="full_resolution",
     version=6,
@@ -80,4 +87,5 @@ FULL_RESOLUTION = Stage(
     run=run,
     tools=("numpy", "scipy", *PYCOLMAP, *PICTURES),
     saves_memory="give --threads 1: one photo at a time",
+    found=in_words,
 )

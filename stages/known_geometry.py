@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from pipeline import Artefact, Job, Settings, Stage, setting
 from stages.scene.distributions import OPEN3D
 
@@ -38,6 +41,13 @@ def run(job: Job[KnownGeometrySettings]) -> None:
     )
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return (
+        f"{facts['vertices']:,} vertices, moved by {facts['mean_move'] / facts['extent']:.2%} of the extent"
+    )
+
+
 KNOWN_GEOMETRY = Stage(
     name="known_geometry",
     version=2,
@@ -48,4 +58,5 @@ KNOWN_GEOMETRY = Stage(
     run=run,
     tools=("numpy", *OPEN3D),
     saves_memory="render fewer views (render.views)",
+    found=in_words,
 )

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Stage, counted
 from stages.photometry.clusters.settings import LEAST_PIXELS
@@ -279,6 +279,12 @@ def within(settings: LightingSettings, memory: int) -> LightingSettings:
     return settings.model_copy(update={"pixels": min(settings.pixels, room), "clusters": clusters})
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    gloss = "specular reflection" if facts["specular"] else "no specular reflection"
+    return f"light from {facts['directions']} directions, {gloss}"
+
+
 LIGHTING = Stage(
     name="lighting",
     version=11,
@@ -313,4 +319,5 @@ LIGHTING = Stage(
     memory=estimated_memory,
     within=within,
     saves_memory=f"lower lighting.pixels, or {FEWER_OR_SMALLER_VIEWS}",
+    found=in_words,
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
@@ -154,6 +154,11 @@ def within(settings: MeshSettings, memory: int) -> MeshSettings:
     return settings.model_copy(update={"most_cells": min(settings.most_cells, cells)})
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"{facts['faces']:,} faces from {facts['points']:,} points"
+
+
 MESH = Stage(
     name="mesh",
     version=3,
@@ -166,6 +171,7 @@ MESH = Stage(
     memory=estimated_memory,
     within=within,
     saves_memory="set mesh.depth: each step less takes a quarter of it",
+    found=in_words,
 )
 
 MESH_OF_GIVEN_POINTS = replace(MESH, takes=("fused", "workspace"))  # nobody says where background is

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Stage, UserError
 from stages.scene.distributions import PICTURES, PYCOLMAP
@@ -77,6 +77,12 @@ def compute_with(engine: str) -> Callable[[Job[MvsSettings], Workspace], FusedPo
     return own_stereo.compute
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    shares = facts["coverage"].values()
+    return f"{facts['fused_points']:,} points; depth at {sum(shares) / max(len(shares), 1):.0%} of the pixels"
+
+
 MVS = Stage(
     name="mvs",
     version=4,
@@ -92,4 +98,5 @@ MVS = Stage(
     tools=("numpy", "scipy", "numba", *PYCOLMAP, *PICTURES),
     saves_memory="lower undistort.max_size_px",
     machine=engine_of,
+    found=in_words,
 )

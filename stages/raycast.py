@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Settings, Stage, UserError, group, setting
 from pipeline.settings import near
@@ -175,6 +176,11 @@ def _tell_winding(job: Job[RaycastSettings], share: float) -> None:
         )
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"the surface covers {facts['mean_coverage']:.0%} of {len(facts['coverage'])} views"
+
+
 RAYCAST = Stage(
     name="raycast",
     version=1,
@@ -193,4 +199,5 @@ RAYCAST = Stage(
     run=run,
     tools=("numpy", *PYCOLMAP, *OPEN3D, *PICTURES),
     saves_memory="set raycast.reduce=2, or give a mesh of fewer faces",
+    found=in_words,
 )

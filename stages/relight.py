@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
@@ -125,6 +126,11 @@ def _brightest(job: Job[RelightSettings], albedo: np.ndarray) -> float:
     return asked or job.settings.reflectance_scale.usual_brightest
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"mean shading {', '.join(f'{value:.3g}' for value in facts['mean_shading'])}"
+
+
 RELIGHT = Stage(
     name="relight",
     version=9,
@@ -139,6 +145,7 @@ RELIGHT = Stage(
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),
     saves_memory=FEWER_PIXELS,
+    found=in_words,
 )
 
 # The same after a stage that has estimated the light.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Stage, UserError, json_text
 from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
@@ -174,6 +175,11 @@ def _note(job: Job[RenderSettings], subject: Subject, noises: list[Noise]) -> No
         job.warn(f"The noise stayed at {worst:.3f} of the mean; expected {job.settings.noise:g} at most.")
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"{len(facts['samples_per_pixel'])} views of {facts['faces']:,} faces, noise {facts['noise']:.2%}"
+
+
 RENDER = Stage(
     name="render",
     version=1,
@@ -191,4 +197,5 @@ RENDER = Stage(
     run=run,
     tools=("mitsuba", "drjit", "scikit-image", "numpy", "scipy", *PYCOLMAP, *OPEN3D, *PICTURES),
     saves_memory="lower render.width_px and render.height_px",
+    found=in_words,
 )

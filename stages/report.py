@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -262,6 +262,12 @@ def _remark_bounds(settings: ReportSettings) -> dict[str, Any]:
     }
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    share = facts.get("share_of_light")
+    return "" if share is None else f"light is {share:.0%} of the variation of brightness"
+
+
 REPORT = Stage(
     name="report",
     version=1,
@@ -288,4 +294,5 @@ REPORT = Stage(
     run=run,
     tools=("numpy", "scipy", "numba", "fast-simplification", *OPEN3D, *PICTURES),
     saves_memory=FEWER_PIXELS,
+    found=in_words,
 )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Stage, UserError
 from stages.motion.sfm_settings import SfmSettings
@@ -358,6 +358,14 @@ def _publish(
     )
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return (
+        f"{facts['registered']} of {facts['photos']} photos placed, {facts['points']:,} points, "
+        f"{facts['mean_reprojection_error_px']:.2f} px reprojection error"
+    )
+
+
 SFM = Stage(
     name="sfm",
     version=6,
@@ -371,4 +379,5 @@ SFM = Stage(
     run=run,
     tools=("numpy", "scipy", *PYCOLMAP, *PICTURES),
     saves_memory="lower sfm.max_size_px and sfm.max_features, or give --threads 1",
+    found=in_words,
 )

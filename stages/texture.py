@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Stage
 from stages.scene.distributions import OPEN3D, PICTURES
@@ -241,6 +241,13 @@ def _tell(job: Job[TextureSettings], charted: Charted, counts: list[tuple[int, i
         )
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    number = facts["textures"]
+    textures = "a texture" if number == 1 else f"{number} textures"
+    return f"{textures} of {facts['side_px']} px, {facts['seen']:.0%} of the surface seen"
+
+
 TEXTURE = Stage(
     name="texture",
     version=3,
@@ -266,5 +273,6 @@ TEXTURE = Stage(
         *PICTURES,
     ),
     saves_memory="lower texture.charts.most_px",
+    found=in_words,
 )
 FINER = ("confidence", "found_light", "albedo_full")  # what it takes besides, where a dataflow has it

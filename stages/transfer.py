@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
@@ -225,6 +226,11 @@ def _middle(surface: Surface, outlier_share: float) -> tuple[np.ndarray, float]:
     return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"{facts['vertices']:,} vertices, from which {facts['mean_blocked']:.0%} of the sky is hidden"
+
+
 TRANSFER = Stage(
     name="transfer",
     version=9,
@@ -237,4 +243,5 @@ TRANSFER = Stage(
     memory=estimated_memory,
     within=within,
     saves_memory="lower transfer.max_vertices and transfer.sky_directions",
+    found=in_words,
 )

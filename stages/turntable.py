@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Settings, Stage, setting
 from stages.scene.distributions import OPEN3D, PICTURES
@@ -149,6 +150,11 @@ def transport_to(
     )
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return f"{facts['frames']} frames"
+
+
 TURNTABLE = Stage(
     name="turntable",
     version=1,
@@ -159,4 +165,5 @@ TURNTABLE = Stage(
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", "fast-simplification", *OPEN3D, *PICTURES),
     saves_memory="lower turntable.side_px",
+    found=in_words,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -20,7 +20,7 @@ from stages.geometry.working_size import (
 )
 from stages.scene.distributions import PICTURES, PYCOLMAP
 from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_PIXEL_OF_CLUSTER
-from stages.scene.wording import listed
+from stages.scene.wording import listed, sizes_in_words
 
 if TYPE_CHECKING:
     import pycolmap
@@ -337,6 +337,12 @@ def within(settings: UndistortSettings, memory: int) -> UndistortSettings:
     )
 
 
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    masks = f", {facts['masks']} masks" if facts["masks"] else ""
+    return f"{facts['views']} views, {sizes_in_words(facts['sizes_px'])}{masks}"
+
+
 UNDISTORT = Stage(
     name="undistort",
     version=6,
@@ -354,4 +360,5 @@ UNDISTORT = Stage(
     tools=("numpy", *PYCOLMAP, *PICTURES),
     within=within,
     saves_memory="lower undistort.max_size_px, or give --threads 1",
+    found=in_words,
 )

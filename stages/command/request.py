@@ -9,7 +9,7 @@ import stages
 from pipeline import UserError, former_names, json_text
 from pipeline.config import Config, check_settings, override
 from pipeline.errors import shown
-from pipeline.request import Request, Selection, check_flow
+from pipeline.request import Pointer, Request, Selection, check_flow
 from pipeline.stage import Flow, settings_of
 from stages import additions
 from stages.command.arguments import Given, Relight, Report, Run
@@ -18,12 +18,24 @@ from stages.command.machine import cluster_of, memory_of, memory_to_fit, threads
 from stages.command.report import write_report
 from stages.command.sources import absent_sources, check_apart, check_text, config_of, existing, sources_of
 from stages.command.workspaces import workspace_of
+from stages.reporting.document.page import HTML
 
 FURTHER: dict[str, Callable[[Flow], Flow]] = {  # flags, called like the stage that they add, in order
     "full_resolution": additions.with_full_resolution,
     "texture": additions.with_texture,
     "delit_photos": additions.with_delit_photos,
 }
+POINTERS = (  # after a run, what is worth opening first
+    Pointer("report", HTML, "all of it, to look at in a browser"),
+    Pointer("export", "albedo", "the albedo of each view"),
+    Pointer("export", "contact_sheet.png", "photo, albedo, shading and normals of the views"),
+    Pointer("export", "dense", "a COLMAP workspace whose images are the albedo maps"),
+    Pointer("full_resolution", "albedo_full", "the albedo at the photos' own size"),
+    Pointer("texture", "model/model.glb", "the textured model"),
+    Pointer("delit_photos", "delit", "the photos without their light"),
+    Pointer("relight", "relit", "the views under the other light"),
+    Pointer("turntable", "turntable", "the model under that light, from all around"),
+)
 
 
 def request_of(command: Run) -> Request:
@@ -162,4 +174,5 @@ def _request(
         absent=absent_sources(command, config),
         remarks=remarks,
         summary=lambda results: write_report(results, flow),
+        pointers=POINTERS,
     )
