@@ -34,6 +34,7 @@ from stages.command.arguments import (
     refuse_empty,
 )
 from stages.command.evaluation import evaluate_verb
+from stages.command.overview import asks_for_help, overview
 from stages.command.report import report_verb
 from stages.command.request import relighting_of, reporting_of, request_of
 from stages.command.sources import check_lights
@@ -41,10 +42,6 @@ from stages.command.workspaces import existing_workspace
 
 COMMANDS = [kind.__name__.lower() for kind in get_args(Command)]
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130
-ABOUT = (
-    "Per-view albedo from photos or a COLMAP workspace: the light and the shading apart. "
-    "`unshade --version` says which unshade this is."
-)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -58,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         prepare_process()
     words = list(sys.argv[1:] if argv is None else argv)
-    terminal = Terminal("--json" in words)
+    terminal = Terminal("--json" in words, ["unshade", *words])
     return exit_code_of(lambda: parse_and_obey(words, terminal, in_child=argv is None), terminal)
 
 
@@ -68,12 +65,12 @@ def parse_and_obey(words: Sequence[str], terminal: Terminal, in_child: bool) -> 
     with output_stream() as stream:
         if words == ["--version"]:
             stream.write(f"unshade {tool_version('unshade')}\n")
+        elif asks_for_help(words):
+            stream.write(overview())
         else:
             refuse_empty(words)
             refuse_path_for_a_command(words)
-            command = tyro.cli(
-                Command, args=words, prog="unshade", description=ABOUT, config=(FlagCreatePairsOff,)
-            )
+            command = tyro.cli(Command, args=words, prog="unshade", config=(FlagCreatePairsOff,))
     return obey(command, terminal, in_child) if command else 0
 
 
@@ -85,7 +82,7 @@ def exit_code_of(work: Callable[[], int | None], terminal: Terminal) -> int:
         terminal.fail(str(error))
         return USER_MISTAKE
     except KeyboardInterrupt:
-        terminal.fail("Interrupted. What was finished is kept; the same command continues there.")
+        terminal.fail(f"Interrupted. What was finished is kept. {verbs.how_to_go_on(terminal.words)}")
         return INTERRUPTED
     except MachineError as error:
         terminal.fail(str(error))

@@ -139,7 +139,7 @@ class Run(Given):
 
 @dataclass(frozen=True)
 class Plan(Run):
-    """Print per stage: reuse or run, and the reason. Takes the arguments of `run`, runs nothing."""
+    """Print what `run` would do, stage by stage, and why. Takes its arguments, runs nothing."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ class Diff(Given):
 
 @dataclass(frozen=True)
 class Clean(Given):
-    """Delete the results that the newest run of their stage did not use: those of other settings, too.
+    """Delete the results that the newest run of their stage did not use. Those of other settings, too.
 
     Attributes
     ----------
@@ -219,7 +219,7 @@ class Clean(Given):
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Evaluate albedo maps: against the truth, against the photos, or under another light.
+    """Evaluate albedo maps against the truth, the photos, or those under another light.
 
     With TRUTH: variance, si-RMSE, LMSE, PSNR-H, leak, agreement between views, detail per octave.
 
