@@ -219,7 +219,7 @@ class Clean(Given):
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Evaluate albedo maps against the truth, the photos, or those under another light.
+    """Evaluate albedo maps against truth, photos, or another light.
 
     With TRUTH: variance, si-RMSE, LMSE, PSNR-H, leak, agreement between views, detail per octave.
 

@@ -9,8 +9,8 @@ from typing import get_args
 from stages.command.arguments import Command
 
 HEAD = """\
-Unshade takes photos, or a COLMAP workspace, and separates the albedo of what they
-show from light and shading. Begin with one of these:
+Unshade takes photos, or a COLMAP workspace, and separates the albedo of what
+they show from light and shading. Begin with one of these:
 
   unshade run --images photos/                       photos alone
   unshade run --images photos/ --colmap project/     with COLMAP's cameras
