@@ -21,9 +21,10 @@ ROOT = Path(__file__).resolve().parent.parent
 LIST = Path(__file__).with_suffix(".yaml")
 BEYOND = (
     "command",
+    "diagnosis",
     "evaluation",
     "synthetic",
-)  # folders that print, evaluate and render: they do not influence results
+)  # folders that print, tell of the machine, evaluate and render: they do not influence results
 SAY_NOTHING = frozenset({0, 1, 2, 3, 4, 0.5})  # identities, halves, axes, channels, neighbours
 SAYS_ITS_NAME = frozenset[float]()  # a constant is counted whatever its value
 DECLARE = ("setting", "Stage", "replace")  # calls that state defaults and bounds, or a stage's version

@@ -24,6 +24,7 @@ from stages.command.arguments import (
     Clean,
     Command,
     Diff,
+    Doctor,
     Evaluate,
     Plan,
     Relight,
@@ -33,6 +34,7 @@ from stages.command.arguments import (
     Status,
     refuse_empty,
 )
+from stages.command.doctor import doctor_verb
 from stages.command.evaluation import evaluate_verb
 from stages.command.overview import asks_for_help, overview
 from stages.command.report import report_verb
@@ -137,6 +139,8 @@ def obey(command: Command, terminal: Terminal, in_child: bool) -> int:
             verbs.clean_verb(existing_workspace(command), command.everything, terminal)
         case Evaluate():
             evaluate_verb(command, terminal)
+        case Doctor():
+            return doctor_verb(command, terminal)
     return 0
 
 

@@ -45,7 +45,8 @@ SLOW_TO_IMPORT = {
     "trimesh",
 }
 FOLDERS_BELOW = {  # which folders of stages/ each folder may import
-    "command": {"additions", "command", "evaluation", "reporting", "formats", "scene"},
+    "command": {"additions", "command", "diagnosis", "evaluation", "reporting", "formats", "scene"},
+    "diagnosis": {"diagnosis", "photometry", "geometry", "solvers", "formats", "scene"},
     "evaluation": {"evaluation", "formats", "scene"},
     "scene": {"scene"},
     "formats": {"formats", "scene"},

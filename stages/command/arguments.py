@@ -260,7 +260,41 @@ class Evaluate:
     json: bool = False
 
 
-Command = Run | Plan | Relight | Report | Status | Show | Diff | Clean | Evaluate
+@dataclass(frozen=True)
+class Doctor:
+    """Say what this machine has, what is missing, and what a run on a set of photos would take.
+
+    Attributes
+    ----------
+    folder
+        Folder of the photos.
+    photos
+        Number of photos, in place of a folder; with --megapixels.
+    megapixels
+        Size of such a photo.
+    workspace
+        Folder for the cache and the output, whose disk is looked at; by default `workspaces`.
+    assignments
+        A setting, as in `--set undistort.auto.processor_minutes=120`; repeatable.
+    threads
+        Processor threads; by default all.
+    memory
+        Memory that a stage may take, as in `--memory 6GB`; by default 70 % of the machine's.
+    json
+        Answer in JSON on the output stream.
+    """
+
+    folder: Annotated[Positional[Path | None], optional("[PHOTOS]")] = None
+    photos: Annotated[int | None, optional("N")] = None
+    megapixels: Annotated[float | None, optional("M")] = None
+    workspace: Folder = None
+    assignments: Annotated[UseAppendAction[tuple[str, ...]], optional("STAGE.SETTING=VALUE", "set")] = ()
+    threads: Annotated[int | None, optional("N")] = None
+    memory: Annotated[str | None, optional("SIZE")] = None
+    json: bool = False
+
+
+Command = Run | Plan | Relight | Report | Status | Show | Diff | Clean | Evaluate | Doctor
 
 
 def refuse_empty(words: Sequence[str]) -> None:

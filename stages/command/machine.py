@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import re
 
 from pipeline import UserError
 from pipeline.cluster.on_demand import ClusterRequest
 from pipeline.errors import shortened
 from pipeline.process.memory_limits import machine_bytes
-from stages.command.arguments import Given
+from pipeline.process.processors import usable_processors
+from stages.command.arguments import Doctor, Given
 
 MOST_THREADS = 1024
 PREFIXES = ("", "K", "M", "G", "T")
@@ -17,7 +17,7 @@ SHARE_OF_MACHINE = 0.7  # of all its memory rather than of what is free: keys st
 LEAST_MEMORY, MOST_MEMORY = 500_000_000, 10**15  # the libraries alone take half of the least
 
 
-def threads_of(command: Given) -> int:
+def threads_of(command: Given | Doctor) -> int:
     """Choose the number of threads: the one given, else all processors available to this process.
 
     Raises
@@ -26,7 +26,7 @@ def threads_of(command: Given) -> int:
         The given number is below one, or more than libraries can start.
     """
     if command.threads is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return usable_processors()
     if not 1 <= command.threads <= MOST_THREADS:
         raise UserError(
             f"--threads is {command.threads}; expected 1 to {MOST_THREADS}, or none for all processors."
@@ -66,7 +66,7 @@ def memory_to_fit(given: int | None) -> int | None:
     return max(int(SHARE_OF_MACHINE * machine), LEAST_MEMORY)
 
 
-def memory_of(command: Given) -> int | None:
+def memory_of(command: Given | Doctor) -> int | None:
     """Read the memory that a stage may take, bytes; None where none was given.
 
     Raises
