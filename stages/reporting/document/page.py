@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Mapping
-from hashlib import sha256
-from importlib.resources import files
-from string import Template
 from typing import Any
 
 from pipeline import json_text
 from pipeline.request import Result
+from stages.reporting.document.html_file import embedded, html_file
 from stages.reporting.document.markup import Markup, tag
 from stages.reporting.document.remarks import Remark, remarks
 from stages.reporting.document.result_sections import (
@@ -35,6 +33,16 @@ from stages.reporting.parts import KINDS, SURFACE, picture_file
 
 HTML, JSON = "report.html", "report.json"
 SCRIPTS = ("comparison.js", "views.js", "surface.js")
+PARTS = {
+    "views": "Views",
+    "model": "Model",
+    "light": "Light",
+    "energy": "Energy",
+    "graph": "Shared surface",
+    "cost": "Time and memory",
+    "settings": "Settings",
+    "records": "Records",
+}
 
 
 def summary(
@@ -82,9 +90,7 @@ def as_json(told: Told, found: list[Remark]) -> dict[str, Any]:
 
 
 def page(told: Told, found: list[Remark]) -> str:
-    """Put the page together from its template, style, scripts and sections."""
-    scripts = [_text(name) for name in SCRIPTS]
-    style = _text("report.css")
+    """Put the page together from its sections."""
     sections = [
         views_section(told),
         left_out_section(told),
@@ -96,21 +102,14 @@ def page(told: Told, found: list[Remark]) -> str:
         settings_section(told),
         records_section(told),
     ]
-    return Template(_text("report.html")).substitute(
-        policy=_policy(style, scripts),
-        title=tag("title", f"{told.title}: report of unshade"),
-        style=Markup(f"<style>{style}</style>"),
-        heading=tag("h1", told.title),
-        best=best_view(told),
-        verdict=tag("p", " ".join(verdict(told)), class_="verdict"),
-        remarks=_remarks(told, found),
-        sections="\n".join(section for section in sections if section),
-        version=tag(
-            "p", f"Written by unshade {told.version}. The same in numbers: {JSON}, beside this page."
-        ),
-        data=_data(told),
-        scripts="".join(f"<script>{script}</script>\n" for script in scripts),
-    )
+    top = {
+        "best": best_view(told),
+        "verdict": tag("p", " ".join(verdict(told)), class_="verdict"),
+        "remarks": _remarks(told, found),
+    }
+    footer = tag("p", f"Written by unshade {told.version}. The same in numbers: {JSON}, beside this page.")
+    title = f"{told.title}: report of unshade"
+    return html_file(title, told.title, PARTS, top, sections, footer, _data(told), SCRIPTS)
 
 
 def _remarks(told: Told, found: list[Remark]) -> Markup:
@@ -127,7 +126,7 @@ def _remarks(told: Told, found: list[Remark]) -> Markup:
 
 
 def _data(told: Told) -> str:
-    """Embed the pictures of all views and the model; `<` is escaped, so that no name can end the element."""
+    """Embed the pictures of all views and the model."""
     views = [
         {
             "name": view["name"],
@@ -139,26 +138,8 @@ def _data(told: Told) -> str:
         }
         for number, view in enumerate(told.views)
     ]
-    data = json_text({"views": views, "kinds": KINDS, "surface": told.content["surface"]})
-    written = f'<script type="application/json" id="data">{data.replace("<", chr(92) + "u003c")}</script>\n'
+    written = embedded({"views": views, "kinds": KINDS, "surface": told.content["surface"]})
     if told.content["surface"] is not None:
         surface = b64encode((told.folder / SURFACE).read_bytes()).decode("ascii")
         written += f'<script type="text/plain" id="surface-data">{surface}</script>\n'
     return written
-
-
-def _policy(style: str, scripts: list[str]) -> Markup:
-    """Allow this page's own style and scripts and data URIs, and nothing else: no request can leave."""
-    allowed = " ".join(_hash(script) for script in scripts)
-    policy = (
-        f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src {allowed}; base-uri 'none'"
-    )
-    return tag("meta", http_equiv="Content-Security-Policy", content=policy)
-
-
-def _hash(text: str) -> str:
-    return f"'sha256-{b64encode(sha256(text.encode('utf-8')).digest()).decode('ascii')}'"
-
-
-def _text(name: str) -> str:
-    return (files("stages.reporting") / "page" / name).read_text(encoding="utf-8")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from stages.reporting.document.markup import Markup, definitions, table, tag
+from stages.reporting.document.html_file import webp_uri
+from stages.reporting.document.markup import Markup, definitions, joined, table, tag
 from stages.reporting.document.told import Told
 from stages.reporting.document.wording import NOTHING, percent, short
 from stages.reporting.parts import KINDS, picture_file, thumbnail_file
@@ -20,8 +22,8 @@ SURFACES = {  # what the model shows: label, and what that is
 
 
 def data_uri(told: Told, file: str) -> str:
-    """Read a picture as a data URI: the page asks for nothing from elsewhere."""
-    return "data:image/webp;base64," + b64encode((told.folder / file).read_bytes()).decode("ascii")
+    """Read a picture as a data URI."""
+    return webp_uri((told.folder / file).read_bytes())
 
 
 def kinds_of(told: Told) -> list[str]:
@@ -47,10 +49,27 @@ def best_view(told: Told) -> Markup:
     number = told.best_view()
     view = told.views[number]
     kinds = ["photo", "albedo" if "albedo" in view["kinds"] else "photo"]
+    left, right = (data_uri(told, picture_file(number, kind)) for kind in kinds)
+    return large_pair(number, view, {kinds[0]: left} | {kinds[1]: right})
+
+
+def large_pair(number: int, view: Mapping[str, Any], uris: Mapping[str, str]) -> Markup:
+    """Show one or two pictures of a view beneath a slider, at the top of a page.
+
+    Parameters
+    ----------
+    number : int
+        Of the view.
+    view : mapping
+        With its `name`, `width` and `height`.
+    uris : mapping of str to str
+        Pictures by kind, the left one first.
+    """
+    kinds = [next(iter(uris)), list(uris)[-1]]
     left, right = (
         tag(
             "img",
-            src=data_uri(told, picture_file(number, kind)),
+            src=uris[kind],
             alt=f"{kind} of view {view['name']}",
             width=view["width"],
             height=view["height"],
@@ -66,68 +85,96 @@ def best_view(told: Told) -> Markup:
 
 def views_section(told: Told) -> Markup:
     """Show one view at a time with all its maps; a script fills in the pictures."""
-    kinds = kinds_of(told)
+    names = [view["name"] for view in told.views]
+    kinds = {kind: KINDS[kind] for kind in kinds_of(told)}
+    right = "albedo" if "albedo" in kinds else list(kinds)[-1]
     return tag(
         "section",
         tag("h2", "Views"),
-        tag(
-            "div", _tools(told, kinds), _large(), _small_maps(kinds), tag("div", id="about-view"), id="viewer"
-        ),
-        tag(
-            "p",
-            "Keys: ",
-            tag("kbd", "N"),
-            " and ",
-            tag("kbd", "P"),
-            " next and previous view, ",
-            tag("kbd", "1"),
-            "–",
-            tag("kbd", len(kinds)),
-            " map on the right, with ",
-            tag("kbd", "Shift"),
-            " on the left, ",
-            tag("kbd", "+"),
-            " ",
-            tag("kbd", "−"),
-            " ",
-            tag("kbd", "0"),
-            " zoom; arrows move the slider, or the picture where that has the focus. Drag to move, pinch or "
-            "double-click to zoom; all maps move together.",
-            class_="note",
-        ),
-        _thumbnails(told),
+        viewer(names, kinds, "photo", right),
+        thumbnails(names, [data_uri(told, thumbnail_file(number)) for number in range(len(names))]),
         _table_of_views(told),
         id="views",
     )
 
 
-def _tools(told: Told, kinds: list[str]) -> Markup:
+def viewer(names: Sequence[str], kinds: Mapping[str, str], left: str, right: str, *more: Markup) -> Markup:
+    """Show one view at a time: the controls, two maps beneath a slider, all maps small, and the keys.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the views.
+    kinds : mapping of str to str
+        What maps show, by kind.
+    left, right : str
+        Kinds of the maps that are chosen at first.
+    *more : Markup
+        Further controls.
+    """
+    whole = tag(
+        "div",
+        _tools(names, kinds, left, right, more),
+        _large(),
+        _small_maps(kinds),
+        tag("div", id="about-view"),
+        id="viewer",
+    )
+    keys = tag(
+        "p",
+        "Keys: ",
+        tag("kbd", "N"),
+        " and ",
+        tag("kbd", "P"),
+        " next and previous view, ",
+        tag("kbd", "1"),
+        "–",
+        tag("kbd", len(kinds)),
+        " map on the right, with ",
+        tag("kbd", "Shift"),
+        " on the left, ",
+        tag("kbd", "+"),
+        " ",
+        tag("kbd", "−"),
+        " ",
+        tag("kbd", "0"),
+        " zoom; arrows move the slider, or the picture where that has the focus. Drag to move, pinch or "
+        "double-click to zoom; all maps move together.",
+        class_="note",
+    )
+    return joined([whole, keys])
+
+
+def _tools(
+    names: Sequence[str], kinds: Mapping[str, str], left: str, right: str, more: Sequence[Markup]
+) -> Markup:
     """Build the controls above the picture."""
-    names = [
-        tag("option", f"{number}: {view['name']}", value=number - 1)
-        for number, view in enumerate(told.views, start=1)
+    views = [
+        tag("option", f"{number}: {name}", value=number - 1) for number, name in enumerate(names, start=1)
     ]
-    right = "albedo" if "albedo" in kinds else kinds[-1]
 
     def choice(label: str, chosen: str, name: str) -> Markup:
         options = [tag("option", kind, value=kind, selected=kind == chosen) for kind in kinds]
         return tag("label", f"{label} ", tag("select", *options, id=name))
 
-    def button(text: str, name: str, label: str) -> Markup:
-        return tag("button", text, id=name, type="button", aria_label=label)
-
     return tag(
         "div",
-        tag("label", "View ", tag("select", *names, id="which-view")),
+        tag("label", "View ", tag("select", *views, id="which-view")),
         button("‹", "previous", "Previous view"),
         button("›", "next", "Next view"),
-        choice("Left", "photo", "left-kind"),
+        choice("Left", left, "left-kind"),
         choice("Right", right, "right-kind"),
+        *more,
         button("−", "zoom-out", "Zoom out"),
         button("+", "zoom-in", "Zoom in"),
         button("whole", "zoom-reset", "Show the whole picture"),
         class_="tools",
     )
+
+
+def button(text: str, name: str, label: str) -> Markup:
+    """Build a button, which a script finds by its name."""
+    return tag("button", text, id=name, type="button", aria_label=label)
 
 
 def _large() -> Markup:
@@ -136,7 +183,7 @@ def _large() -> Markup:
     return tag("figure", whole, tag("figcaption", id="large-caption", aria_live="polite"))
 
 
-def _small_maps(kinds: list[str]) -> Markup:
+def _small_maps(kinds: Mapping[str, str]) -> Markup:
     """Build a button for each map: all show the same part of the view."""
     maps = [
         tag(
@@ -146,25 +193,26 @@ def _small_maps(kinds: list[str]) -> Markup:
             type="button",
             aria_pressed="false",
             data_kind=kind,
-            title=KINDS[kind],
+            title=about,
         )
-        for kind in kinds
+        for kind, about in kinds.items()
     ]
     return tag("div", *maps, class_="maps", role="group", aria_label="Map on the right of the slider")
 
 
-def _thumbnails(told: Told) -> Markup:
+def thumbnails(names: Sequence[str], uris: Sequence[str]) -> Markup:
+    """List all views with their small pictures, each a link to the view."""
     shown = [
         tag(
             "li",
             tag(
                 "a",
-                tag("img", src=data_uri(told, thumbnail_file(number)), alt=""),
-                tag("span", f"{number + 1}: {view['name']}"),
-                href=f"#view-{number + 1}",
+                tag("img", src=uri, alt=""),
+                tag("span", f"{number}: {name}"),
+                href=f"#view-{number}",
             ),
         )
-        for number, view in enumerate(told.views)
+        for number, (name, uri) in enumerate(zip(names, uris, strict=True), start=1)
     ]
     return tag("ol", *shown, class_="thumbnails", aria_label="All views")
 
