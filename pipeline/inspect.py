@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
+from pipeline.cache.key import FileDigests
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store, size_of
 from pipeline.errors import UserError
 from pipeline.reasons import changed_files, differences
+from pipeline.request import Result
 from pipeline.settings import near
 
 
@@ -78,6 +80,41 @@ def compare(before: Record, now: Record) -> dict[str, list[str]]:
         if now.facts.get(name) != before.facts.get(name)
     ]
     return {"made from": list(differences(now, before)), "outputs": outputs, "facts": facts}
+
+
+def connected_results(store: Store, stage: str) -> dict[str, Result]:
+    """Collect the current results around that of a stage: what it was made from, and what was made of these.
+
+    A current result with an input that is another than the one collected is left out. Empty where the stage
+    has none.
+    """
+    current = {name: record for name in _stages(store) if (record := store.current(name)) is not None}
+    if stage not in current:
+        return {}
+    made = {artefact for record in current.values() for artefact in record.outputs}
+    found = {stage: current[stage]}
+    while True:
+        added = {
+            name: record
+            for name, record in current.items()
+            if name not in found and _belongs(record, found.values(), made)
+        }
+        if not added:
+            return {name: Result(record, store.entry(name, record.key)) for name, record in found.items()}
+        found |= added
+
+
+def _belongs(record: Record, found: Collection[Record], made: Collection[str]) -> bool:
+    """Check whether a result went into one of those found, or was made of what they hold and of sources."""
+    for other in found:
+        shared = other.inputs.keys() & record.outputs.keys()
+        if shared and all(other.inputs[name] == record.outputs[name] for name in shared):
+            return True
+    outputs: dict[str, FileDigests] = {}
+    for other in found:
+        outputs |= other.outputs
+    taken = {name: files for name, files in record.inputs.items() if name in made}
+    return bool(taken) and all(outputs.get(name) == files for name, files in taken.items())
 
 
 def prune(store: Store, everything: bool = False) -> dict[str, Any]:

@@ -94,7 +94,7 @@ def asks_for_colour_space(settings: Mapping[str, Settings]) -> bool:
 
 def with_colour_space(flow: Flow) -> Flow:
     """Put the conversion of colours at the end of a dataflow, and show what it gives instead of the rest."""
-    taken = _newest(CONVERTED, _given(flow))
+    taken = newest(CONVERTED, _given(flow))
     converted = {f"{name}_converted" for name in taken}
     conversion = replace(
         COLOUR_SPACE,
@@ -144,12 +144,12 @@ def reporting_on(flow: Flow, made: Collection[str]) -> Flow:
 
 def _report_on(made: Collection[str]) -> AnyStage:
     """Declare the report that shows these artefacts, calibrated where they are."""
-    taken = _newest(REPORT.takes, made) | {name: name for name in NEEDED}
+    taken = newest(REPORT.takes, made) | {name: name for name in NEEDED}
     run = _under_their_names(REPORT, {own: name for name, own in taken.items()})
     return replace(REPORT, run=run, takes=tuple(taken[name] for name in REPORT.takes if name in taken))
 
 
-def _newest(names: Collection[str], made: Collection[str]) -> dict[str, str]:
+def newest(names: Collection[str], made: Collection[str]) -> dict[str, str]:
     """Look up what artefacts are called in a dataflow that makes some, perhaps calibrated ones."""
     newest = {name: CALIBRATED[name] if CALIBRATED.get(name) in made else name for name in names}
     return {name: own for name, own in newest.items() if own in made}

@@ -23,6 +23,7 @@ from stages import IN_ORDER
 from stages.command.arguments import (
     Clean,
     Command,
+    Compare,
     Diff,
     Doctor,
     Evaluate,
@@ -34,6 +35,7 @@ from stages.command.arguments import (
     Status,
     refuse_empty,
 )
+from stages.command.compare import compare_verb
 from stages.command.doctor import doctor_verb
 from stages.command.evaluation import evaluate_verb
 from stages.command.overview import asks_for_help, overview
@@ -139,6 +141,8 @@ def obey(command: Command, terminal: Terminal, in_child: bool) -> int:
             verbs.clean_verb(existing_workspace(command), command.everything, terminal)
         case Evaluate():
             evaluate_verb(command, terminal)
+        case Compare():
+            compare_verb(command, terminal)
         case Doctor():
             return doctor_verb(command, terminal)
     return 0

@@ -85,6 +85,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "stereo/depth": set(),
     "reporting/content": set(),
     "reporting/document": set(),
+    "reporting/comparison": {"content", "document"},
     "synthetic/subjects": set(),
     "synthetic/paints": set(),
 }

@@ -261,6 +261,34 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
+class Compare:
+    """Write a page that shows two results of the same photos side by side.
+
+    Attributes
+    ----------
+    a
+        Workspace, or configuration: of that, the results that a run would reuse.
+    b
+        The other one.
+    set_a
+        A setting of configuration A, as in `--set-a decomposition.mode=paper`; repeatable.
+    set_b
+        A setting of configuration B; repeatable.
+    output
+        The page; by default `comparison.html` in the current folder.
+    json
+        Answer in JSON on the output stream.
+    """
+
+    a: Annotated[Positional[Path], arg(metavar="A")]
+    b: Annotated[Positional[Path], arg(metavar="B")]
+    set_a: Annotated[UseAppendAction[tuple[str, ...]], optional("STAGE.SETTING=VALUE")] = ()
+    set_b: Annotated[UseAppendAction[tuple[str, ...]], optional("STAGE.SETTING=VALUE")] = ()
+    output: File = None
+    json: bool = False
+
+
+@dataclass(frozen=True)
 class Doctor:
     """Say what this machine has, what is missing, and what a run on a set of photos would take.
 
@@ -294,7 +322,7 @@ class Doctor:
     json: bool = False
 
 
-Command = Run | Plan | Relight | Report | Status | Show | Diff | Clean | Evaluate | Doctor
+Command = Run | Plan | Relight | Report | Status | Show | Diff | Clean | Evaluate | Compare | Doctor
 
 
 def refuse_empty(words: Sequence[str]) -> None:

@@ -135,3 +135,23 @@ class ReportSettings(Settings):
     figures: FigureSettings = group(FigureSettings, "The figures of each view and of all.")
     remarks: RemarkSettings = group(RemarkSettings, "What the report warns of by itself.")
     surface: SurfaceSettings = group(SurfaceSettings, "The model in the page.")
+
+
+class ComparisonSettings(Settings):
+    """Settings of `unshade compare`: `stages.reporting.comparison`."""
+
+    pixels: int = setting(
+        20_000, "Pixels of a view by which the scale between two albedos is estimated.", unit="pixels", ge=100
+    )
+    quantile: float = setting(
+        0.98, "Quantile of the difference that has its full colour: few exceed it.", gt=0, le=1
+    )
+    least_stops: float = setting(
+        0.05,
+        "Difference that has its full colour at least: 3 %, below which it is hardly seen.",
+        unit="stops",
+        gt=0,
+    )
+    most_shift_px: float = setting(
+        0.5, "Distance of the same point in both results above which the page says so.", unit="px", gt=0
+    )

@@ -1,0 +1,1 @@
+"""Two results side by side: pictures of the views that both have, what differs, and the page."""
