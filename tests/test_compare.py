@@ -170,7 +170,8 @@ def two(tmp_path, places) -> tuple[Path, Path]:
     write_cameras(fewer, read_cameras(places["cameras"])[1:])
     other = with_albedo(places, tmp_path / "albedo", lambda _, albedo: 2 * albedo) | {"cameras": fewer}
     settings = {"decomposition": {"settings": {"mode": "<paper>", "lambda": 2.0}}}
-    return workspace_of(tmp_path / "a", places), workspace_of(tmp_path / "b", other, "2", **settings)
+    of_a = {"decomposition": {"settings": {"lambda": 3.0}}}
+    return workspace_of(tmp_path / "a", places, **of_a), workspace_of(tmp_path / "b", other, "2", **settings)
 
 
 def test_the_page_of_two_workspaces_has_all_views_and_asks_for_nothing(two, tmp_path, capsys):
@@ -180,7 +181,8 @@ def test_the_page_of_two_workspaces_has_all_views_and_asks_for_nothing(two, tmp_
     assert told["scale"] == pytest.approx([2, 2, 2], rel=1e-4)
     assert max(told["difference"]) < 1e-3
     assert told["only_in_a"] == [NAMES[0]]
-    assert ["decomposition.mode", "–", "<paper>"] in told["settings"]
+    assert told["settings"] == [["decomposition.lambda", "3", "2"]]
+    assert told["settings_of_one"] == [["decomposition.mode", "–", "<paper>"]]
     text = page.read_text(encoding="utf-8")
     assert "default-src 'none'" in unescape(text)
     assert not re.search(r"(?:src|href)=\"(?!data:|#)", text)

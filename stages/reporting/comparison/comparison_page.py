@@ -88,6 +88,7 @@ class Compared:
             "only_in_a": self.only_in[0],
             "only_in_b": self.only_in[1],
             "settings": [list(row) for row in differing.differing_settings(*self.records)],
+            "settings_of_one": [list(row) for row in differing.settings_of_one(*self.records)],
             "remarks": self.remarks,
         }
 
@@ -118,6 +119,7 @@ def verdict(compared: Compared) -> list[str]:
     """Say how many views were compared, by how much the albedos differ, and what was taken out before."""
     scale = ", ".join(f"{one:.3g}" for one in compared.ratio.scale)
     settings = len(differing.differing_settings(*compared.records))
+    of_one = len(differing.settings_of_one(*compared.records))
     said = [f"{counted(len(compared.views), 'view is', 'views are')} in both results."]
     if compared.difference is not None:
         by = percent(float(np.mean(compared.difference)), 1)
@@ -125,8 +127,8 @@ def verdict(compared: Compared) -> list[str]:
             f"One scale per channel is taken out first (B over A: {scale}, red, green, blue): the albedos "
             f"then differ by {by} of their mean."
         )
-    said.append(f"{counted(settings, 'setting or stage differs', 'settings or stages differ')}.")
-    return said
+    further = f", {of_one} settings or stages are of one of the two alone" if of_one else ""
+    return [*said, f"{counted(settings, 'setting differs', 'settings differ')}{further}."]
 
 
 def kinds_of(compared: Compared) -> dict[str, str]:
@@ -225,12 +227,14 @@ def _what_differs(compared: Compared) -> Markup:
         _differing(differing.differing_versions(*records), "version", "Versions that differ"),
     ]
     shown = [part for part in parts if part] or [tag("p", "No setting, source or version differs.")]
-    facts = differing.differing_facts(*records)
+    facts, of_one = differing.differing_facts(*records), differing.settings_of_one(*records)
+    own = table(["setting or stage", "A", "B"], of_one, "Settings and stages that only one has")
     folded = table(["noted", "A", "B"], facts, "What the stages noted otherwise")
     return tag(
         "section",
         tag("h2", "What differs"),
         *shown,
+        *([details(f"{len(of_one)} settings or stages are of one of the two alone", own)] if of_one else []),
         details(f"{counted(len(facts), 'fact differs', 'facts differ')} in the records", folded),
         id="settings",
     )

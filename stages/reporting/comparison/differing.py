@@ -20,17 +20,33 @@ IN_OTHER_ROWS = ("estimated_bytes",)  # facts that follow from the machine
 
 
 def differing_settings(a: Records, b: Records) -> list[Row]:
-    """List the settings of stages that both have, and whose values differ; then stages that one lacks."""
-    rows = [
-        (f"{stage}.{name}", short(a[stage].settings.get(name)), short(b[stage].settings.get(name)))
-        for stage in _both(a, b)
-        for name in _differing(a[stage].settings, b[stage].settings)
-    ]
-    return rows + [
+    """List the settings that both have, and whose values differ."""
+    return [row for row in _settings(a, b) if NOTHING not in row[1:]]
+
+
+def settings_of_one(a: Records, b: Records) -> list[Row]:
+    """List the settings and stages that only one has, as another mode does."""
+    return [row for row in _settings(a, b) if NOTHING in row[1:]] + [
         (f"stage {stage}", "there" if stage in a else NOTHING, "there" if stage in b else NOTHING)
         for stage in dict.fromkeys((*a, *b))
         if (stage in a) != (stage in b)
     ]
+
+
+def _settings(a: Records, b: Records) -> list[Row]:
+    return [
+        (f"{stage}.{name}", _setting(a[stage], name), _setting(b[stage], name))
+        for stage in _both(a, b)
+        for name in _differing(a[stage].settings, b[stage].settings)
+    ]
+
+
+def _setting(record: Record, name: str) -> str:
+    """Format the value of a setting; none is a value."""
+    if name not in record.settings:
+        return NOTHING
+    value = record.settings[name]
+    return "none" if value is None else short(value)
 
 
 def differing_versions(a: Records, b: Records) -> list[Row]:

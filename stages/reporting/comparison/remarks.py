@@ -39,7 +39,7 @@ def remarks(
     for kind in ("shading", "confidence"):
         lacking = [label for label, side in (("A", a), ("B", b)) if kind not in side.places]
         if lacking:
-            said.append(f"{' and '.join(lacking)} without {kind}: it is not shown.")
+            said.append(f"No {kind} in {' and '.join(lacking)}: it is not shown.")
     if difference is None:
         said.append("The two have no pixel of surface in common: no scale and no difference is known.")
     return said
