@@ -43,6 +43,7 @@ WHOLE = {
     "test_reflectance",
     "test_relight",
     "test_render_stage",
+    "test_report_page",
     "test_sfm",
     "test_short_writes",
     "test_sky_light",
