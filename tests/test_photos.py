@@ -11,13 +11,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image, ImageOps
 
 from pipeline import UserError
 from stages.formats.colour.srgb import linear_from_srgb
 from stages.formats.decoders.pictures import upright
-from stages.formats.images.exr import write_exr
+from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photo_folder import find_mask, find_photos, unread_photos
 from stages.formats.images.photos import (
     encode_srgb8,
@@ -196,6 +197,19 @@ def test_linear_files_come_as_they_are(tmp_path):
     assert photo_size(tmp_path / "light.exr") == photo_size(tmp_path / "light.hdr") == (11, 7)
     write_exr(tmp_path / "grey.exr", light[..., 0])
     assert read_photo(tmp_path / "grey.exr").shape == (7, 11, 3)
+
+
+@pytest.mark.parametrize("types", [(np.float32,) * 3, (np.float16, np.float32, np.float32), (np.uint32,) * 3])
+@pytest.mark.parametrize("further", [(), ("A",), ("A", "Z"), ("Z", "left.R", "left.G", "left.B")])
+def test_colours_of_an_exr_are_found_whatever_their_types_and_beside_other_channels(tmp_path, types, further):
+    values = {
+        name: 10 * n + np.arange(12.0).reshape(3, 4) for n, name in enumerate(("R", "G", "B", *further))
+    }
+    channels = {name: own.astype(types[n % 3]) for n, (name, own) in enumerate(values.items())}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(tmp_path / "a.exr"))
+    np.testing.assert_array_equal(
+        read_exr(tmp_path / "a.exr"), np.stack([values[name] for name in "RGB"], axis=-1)
+    )
 
 
 @pytest.mark.parametrize("extension", ["jpg", "png", "tif"])

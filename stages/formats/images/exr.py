@@ -105,6 +105,9 @@ def read_exr(path: Path) -> np.ndarray:
     UserError
         The file is not an EXR, has neither RGB nor exactly one channel, or more than `MOST_VALUES` values.
     """
+    check_exr_header(path)
+    if (colours := _joined_colours(path)) is not None:
+        return colours
     channels = _channels(path)
     if {"R", "G", "B"} <= channels.keys():
         return np.stack([channels[name] for name in "RGB"], axis=-1)
@@ -112,6 +115,23 @@ def read_exr(path: Path) -> np.ndarray:
     if len(colourless) == 1:
         return channels[colourless[0]]
     raise UserError(f"{path} has the channels {sorted(channels)}; expected R, G and B, or a single one.")
+
+
+def _joined_colours(path: Path) -> np.ndarray | None:
+    """Read R, G, B pixel by pixel, so that nothing has to be stacked; None where the binding cannot.
+
+    It cannot where channels are of several types; what is damaged is told by who reads them one by one.
+    """
+    try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            names = {channel.name for channel in file.header()["channels"]}
+        if not {"R", "G", "B"} <= names:
+            return None
+        with OpenEXR.File(str(path)) as file:
+            pixels = file.channels()["RGBA" if "A" in names else "RGB"].pixels
+            return np.ascontiguousarray(pixels[..., :3], np.float32)
+    except Exception:  # the binding raises bare RuntimeErrors of many texts
+        return None
 
 
 def _channels(path: Path) -> dict[str, np.ndarray]:

@@ -137,7 +137,9 @@ def read_mask(path: Path, as_stored: bool = False) -> np.ndarray:
     values, _ = read_encoded(path)
     if as_stored:
         values = turned_back(values, orientation_of(path))
-    brightest = values[..., :3].max(axis=-1) if values.ndim == 3 else values
+    brightest = values
+    if values.ndim == 3:  # by twos: a reduction over so short an axis takes seven times as long
+        brightest = np.maximum(np.maximum(values[..., 0], values[..., 1]), values[..., 2])
     return brightest > np.iinfo(values.dtype).max // 2
 
 
