@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from concurrent.futures import Future
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -14,12 +15,13 @@ from stages.scene.distributions import OPEN3D, PICTURES
 from stages.scene.memory_of_views import FEWER_PIXELS
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from stages.reporting.content.link_samples import LinkValues
-    from stages.reporting.content.opened_view import OpenedView
+    from stages.reporting.content.opened_view import OpenedView, ShownView
     from stages.reporting.content.vertex_maps import SmallSurface
     from stages.reporting.content.view_figures import SampledView
     from stages.scene.cameras import Camera
-    from stages.texturing.gathering import ViewMaps
 
 PER_VIEW = ("linear", "depth", "normal", "albedo", "shading", "confidence", "relit")
 NEEDED = ("linear", "cameras")  # without them there is nothing to show
@@ -27,30 +29,10 @@ NEEDED = ("linear", "cameras")  # without them there is nothing to show
 Made = TypeVar("Made")
 
 
-@dataclass(frozen=True, eq=False)
-class ShownView:
-    """A view, reduced: its pictures, figures, and what it tells of the surface.
-
-    Attributes
-    ----------
-    pictures : dict of str to bytes
-        WebP by kind.
-    thumbnail : bytes
-    figures : SampledView
-    depth_range : tuple of 2 floats, or None
-    maps : ViewMaps or None
-    """
-
-    pictures: dict[str, bytes]
-    thumbnail: bytes
-    figures: SampledView
-    depth_range: tuple[float, float] | None
-    maps: ViewMaps | None
-
-
 def run(job: Job[ReportSettings]) -> None:
     """Choose a size at which all pictures fit, make them, and gather what else the page tells."""
     from stages.formats.artefacts.camera_file import read_cameras
+    from stages.reporting.content.opened_view import OpenedView
     from stages.reporting.parts import write_content
     from stages.solvers.kernels.threading_layer import use_threads
 
@@ -61,11 +43,16 @@ def run(job: Job[ReportSettings]) -> None:
         small = _surface(job, cameras)
         step()
         side, places = _side(job, cameras), _places(job, cameras)
-        views, sampled = [], []
-        for number, shown in enumerate(_of_views(job, cameras, side, _shown, links, small is not None)):
-            views.append(_kept(job, number, cameras[number], shown, small, places[number]))
+        views, sampled, compared = [], [], []
+        for number, shown in enumerate(
+            _of_views(job, cameras, side, OpenedView.shown, links, small is not None)
+        ):
+            views.append(_kept(job, number, cameras[number], shown, places[number]))
             sampled.append(shown.figures)
+            if small is not None and shown.maps is not None:
+                compared.append(small.add(shown.maps, job.settings.surface))
             step()
+    _compare_albedo(views, compared, job.settings)
     content = {
         "longest_side_px": side,
         "views": views,
@@ -73,6 +60,7 @@ def run(job: Job[ReportSettings]) -> None:
         "figures": _figures(sampled, links, job.settings),
         "lights": _lights(job, cameras),
         "surface": _write_surface(job, cameras, small),
+        "sides": _sides(job, cameras, small),
         "energy": _energy(job),
         **_remark_bounds(job.settings),
     }
@@ -111,23 +99,13 @@ def _surface(job: Job[ReportSettings], cameras: list[Camera]) -> SmallSurface | 
 
 def _side(job: Job[ReportSettings], cameras: list[Camera]) -> int:
     """Choose the longest side of pictures, by the bytes that those of some views take."""
-    import numpy as np
-
     from stages.reporting.content.opened_view import OpenedView
-    from stages.reporting.content.picture_size import encode_webp, longest_side, reduced_picture
+    from stages.reporting.content.picture_size import side_that_fits
 
     how = job.settings.pictures
-    step = max(1, -(-len(cameras) // how.tried_views))
-    tried = list(_of_views(job, cameras[::step], how.largest_px, OpenedView.pixels))
-
-    def bytes_at(side: int) -> float:
-        taken = 0
-        for pixels, visible in (picture for view in tried for picture in view.values()):
-            shown = None if visible is None else reduced_picture(visible.astype(np.uint8), side) > 0
-            taken += len(encode_webp(reduced_picture(pixels, side), shown, how.quality))
-        return taken / len(tried) * len(cameras)
-
-    return longest_side(how.largest_px, bytes_at, how.megabytes * 1e6)
+    some = cameras[:: max(1, -(-len(cameras) // how.tried_views))]
+    tried = list(_of_views(job, some, how.largest_px, OpenedView.pixels))
+    return side_that_fits(tried, len(cameras), how)
 
 
 def _of_views(
@@ -138,7 +116,7 @@ def _of_views(
     links: LinkValues | None = None,
     with_surface: bool = False,
 ) -> Iterator[Made]:
-    """Open the views in batches of as many as there are threads, and yield what is made of them, in order."""
+    """Open as many views at once as there are threads, and yield what is made of them, in order."""
     from stages.reporting.content.opened_view import OpenedView
 
     def made(number: int) -> Made:
@@ -150,15 +128,13 @@ def _of_views(
                 view.read(kind)
         return make(view)
 
-    for start in range(0, len(cameras), job.threads):
-        yield from job.executor.map(made, range(len(cameras))[start : start + job.threads])
-
-
-def _shown(view: OpenedView) -> ShownView:
-    """Make what the page shows of a view."""
-    return ShownView(
-        view.pictures(), view.thumbnail(), view.sampled(), view.depth_range, view.maps_for_surface()
-    )
+    ahead: deque[Future[Made]] = deque()
+    for number in range(len(cameras)):
+        ahead.append(job.executor.submit(made, number))
+        if len(ahead) > job.threads:  # the next ones are opened while this one is kept
+            yield ahead.popleft().result()
+    while ahead:
+        yield ahead.popleft().result()
 
 
 def _kept(
@@ -166,18 +142,15 @@ def _kept(
     number: int,
     camera: Camera,
     shown: ShownView,
-    small: SmallSurface | None,
     place: list[float],
 ) -> dict[str, Any]:
-    """Write a view's pictures, add it to the surface, and describe it."""
+    """Write a view's pictures, and describe it."""
     from stages.reporting.parts import picture_file, thumbnail_file, write_file
 
     folder = job.outputs["report_content"]
     for kind, data in shown.pictures.items():
         write_file(folder, picture_file(number, kind), data)
     write_file(folder, thumbnail_file(number), shown.thumbnail)
-    if small is not None and shown.maps is not None:
-        small.add(shown.maps, job.settings.surface)
     return {
         "name": camera.name,
         "width": camera.width,
@@ -188,6 +161,33 @@ def _kept(
         "depth_range": shown.depth_range,
         **shown.figures.as_json(job.settings.figures.confident),
     }
+
+
+def _compare_albedo(
+    views: list[dict[str, Any]], compared: list[np.ndarray], settings: ReportSettings
+) -> None:
+    """Add to each view's description how bright its albedo is beside the others', in stops, or None."""
+    from stages.reporting.content.view_brightness import brightness_beside_others
+
+    found = brightness_beside_others(compared, settings.surface.fewest_compared) or [None] * len(views)
+    for view, stops in zip(views, found, strict=True):
+        view["albedo_stops"] = stops
+
+
+def _sides(
+    job: Job[ReportSettings], cameras: list[Camera], small: SmallSurface | None
+) -> dict[str, Any] | None:
+    """Find from which side no view shows the surface."""
+    import numpy as np
+
+    from stages.reporting.content.sides_seen import SidesSeen
+    from stages.scene.upright import upright_from_world
+
+    if small is None:
+        return None
+    centres = np.stack([camera.centre_in_world for camera in cameras])
+    upright = upright_from_world(cameras, job.settings.upright_within_deg)
+    return SidesSeen.of(small.surface, centres, upright).as_json()
 
 
 def _figures(sampled: list[SampledView], links: LinkValues, settings: ReportSettings) -> dict[str, Any]:
@@ -270,7 +270,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 REPORT = Stage(
     name="report",
-    version=1,
+    version=2,
     about="Pictures, figures and a model for the report, which is written from them and all records.",
     settings=ReportSettings,
     takes=(

@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.photos import encode_srgb8
+from stages.formats.meshes.triangle_meshes import Surface
 from stages.reporting.content.light_pictures import ball
 from stages.reporting.content.link_samples import LinkSample, LinkValues
 from stages.reporting.content.picture_size import encode_webp, longest_side, size_within
@@ -22,10 +25,14 @@ from stages.reporting.content.pictures import (
     area_mean,
     masked_mean,
     residual_picture,
+    srgb_picture,
 )
+from stages.reporting.content.sides_seen import roundness, widest_gap
+from stages.reporting.content.view_brightness import brightness_beside_others
 from stages.reporting.content.view_figures import SampledView, share_of_light
 from stages.reporting.document.markup import tag
 from stages.reporting.parts import read_content
+from stages.reporting.settings import PictureSettings
 from tests.reported_scene import NAMES, overhead_light, page_of, record_of, reported, written_scene
 
 
@@ -90,6 +97,12 @@ def test_colours_of_the_residual_are_grey_orange_and_blue():
     np.testing.assert_array_equal(picture, [AS_EXPLAINED, TOO_BRIGHT, TOO_DARK])
 
 
+def test_the_table_of_srgb_gives_the_codes_of_the_curve():
+    linear = np.linspace(-0.1, 1.1, 100_001, dtype=np.float32)
+    apart = srgb_picture(linear).astype(int) - encode_srgb8(linear)
+    assert np.abs(apart).max() <= 1 and np.mean(apart != 0) < 0.002
+
+
 def test_what_is_outside_the_mask_does_not_darken_what_is_inside():
     values, mask = np.zeros((4, 4), np.float32), np.zeros((4, 4), bool)
     values[:2, :1], mask[:2, :1] = 7, True
@@ -112,7 +125,9 @@ def test_pictures_shrink_until_all_fit_but_no_further():
 
 def test_a_picture_is_transparent_where_nothing_was_seen():
     visible = np.array([[True] * 8, [False] * 8] * 4)
-    with Image.open(BytesIO(encode_webp(np.full((8, 8, 3), 200, np.uint8), visible, 90))) as picture:
+    with Image.open(
+        BytesIO(encode_webp(np.full((8, 8, 3), 200, np.uint8), visible, PictureSettings()))
+    ) as picture:
         alpha = np.asarray(picture.convert("RGBA"))[..., 3]
     np.testing.assert_array_equal(alpha > 0, visible)
 
@@ -158,6 +173,60 @@ def test_of_many_views_each_is_smaller(tmp_path, make_job):
     assert len(pictures) == 3 * 7
     assert sum(path.stat().st_size for path in pictures) <= 15_000
     assert read_content(small / "report_content")["longest_side_px"] < 128
+
+
+def test_the_view_whose_albedo_is_darker_than_that_of_the_others_is_named_and_no_other(tmp_path, make_job):
+    places = written_scene(tmp_path, names=("a", "b", "c", "d"))
+    dark = places["albedo"] / "b.exr"
+    write_exr(dark, 0.7 * read_exr(dark))
+    result = reported(make_job, tmp_path, places)
+    told = json.loads(page_of(result)["report.json"])
+    stops = [view["albedo_stops"] for view in told["views"]]
+    assert stops == pytest.approx([0, np.log2(0.7), 0, 0], abs=0.02)
+    (named,) = [one for one in told["warnings"] if "the albedo is" in one["text"]]
+    assert named["text"].startswith("View b: the albedo is 30 % darker than where other views show the same")
+    assert named["views"] == ["b"]
+
+
+def test_of_two_views_that_differ_none_is_the_odd_one():
+    one = np.full(500, 0.4)
+    assert brightness_beside_others([one, 0.5 * one], fewest_points=100) == [None, None]
+    three = [one, 0.5 * one, one]
+    assert brightness_beside_others(three, fewest_points=100) == [0, -1, 0]
+    three[2] = np.where(np.arange(500) < 50, one, 0)  # it shares fifty points only
+    assert brightness_beside_others(three, fewest_points=100) == [None, None, None]
+    assert brightness_beside_others([], fewest_points=100) == []
+
+
+@pytest.mark.parametrize(
+    ("azimuths_deg", "gap_deg", "between"),
+    [
+        ((0, 90, 180, 270), 90, None),
+        ((-40, 0, 40), 280, (2, 0)),
+        ((170, -170, 150), 320, (1, 2)),
+        ((7,), 360, (0, 0)),
+    ],
+)
+def test_the_widest_gap_is_where_no_camera_stands(azimuths_deg, gap_deg, between):
+    angle = np.deg2rad(azimuths_deg)
+    found, ends = widest_gap(3 * np.column_stack([np.cos(angle), np.sin(angle)]))
+    assert found == pytest.approx(gap_deg)
+    assert between is None or ends == between
+
+
+def test_a_statue_is_round_half_of_it_nearly_a_wall_and_the_ground_are_not_and_a_room_is_less():
+    angle, height = np.meshgrid(np.linspace(-np.pi, np.pi, 49), np.linspace(0, 3, 7))
+    places = np.column_stack([np.cos(angle).ravel(), np.sin(angle).ravel(), height.ravel()])
+    corner = np.arange(48)[None, :] + 49 * np.arange(6)[:, None]
+    first = np.stack([corner, corner + 1, corner + 50], axis=-1).reshape(-1, 3)
+    faces = np.concatenate([first, np.stack([corner, corner + 50, corner + 49], axis=-1).reshape(-1, 3)])
+    front = faces[places[faces].mean(axis=1)[:, 0] > 0]
+    flat = np.column_stack([np.zeros(len(places)), angle.ravel(), height.ravel()])
+    assert roundness(Surface(places, faces)) == pytest.approx(1, abs=0.01)
+    assert roundness(Surface(places, front)) == pytest.approx(0.85, abs=0.03)
+    assert roundness(Surface(places, faces[:, ::-1])) == pytest.approx(-1, abs=0.01)
+    assert roundness(Surface(flat, faces)) == pytest.approx(0, abs=0.01)
+    assert roundness(Surface(flat[:, [1, 2, 0]], faces)) == pytest.approx(0, abs=0.01)
 
 
 def test_a_report_of_photos_and_cameras_alone_says_that_there_is_no_albedo(tmp_path, make_job):
@@ -222,10 +291,13 @@ def test_the_verdict_is_three_sentences_of_figures(texts):
 
 def test_warnings_say_what_to_do_and_which_view_shows_it(texts):
     told = json.loads(texts["report.json"])
-    of_sfm, of_gain = told["warnings"]
+    of_sfm, of_gain, of_sides = told["warnings"]
     assert (of_sfm["stage"], of_sfm["views"]) == ("sfm", [NAMES[3]])
     assert of_gain["views"] == [NAMES[3]]
     assert "exposed otherwise than the rest (times 2.00)" in of_gain["text"]
+    assert "No view shows the surface from behind: seen from above, 300° of the circle" in of_sides["text"]
+    assert "If a photo that has no place in it yet (see below) was taken from there" in of_sides["text"]
+    assert of_sides["views"] == [NAMES[0], NAMES[3]]
     assert told["left_out"] == ["lost<b>.jpg"]
     assert 'See view <a href="#view-4">Größe/höher</a>' in texts["report.html"]
 

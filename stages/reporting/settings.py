@@ -23,6 +23,13 @@ class PictureSettings(Settings):
         le=500,
     )
     quality: int = setting(82, "Quality of the WebP compression.", ge=1, le=100)
+    effort: int = setting(
+        2,
+        "Effort of the WebP compression: 4 takes up to half as long again, and leaves 5 to 8 % fewer bytes "
+        "at the same quality.",
+        ge=0,
+        le=6,
+    )
     tried_views: int = setting(
         5, "Views whose pictures are compressed to learn how many bytes a pixel takes.", unit="views", ge=1
     )
@@ -104,6 +111,28 @@ class RemarkSettings(Settings):
         unit="stops",
         gt=0,
     )
+    most_albedo_stops: float = setting(
+        0.2,
+        "Brightness of a view's albedo beside that of the other views, at the points that they share, above "
+        "which it is named: 15 %, which one sees where views are compared.",
+        unit="stops",
+        gt=0,
+    )
+    widest_gap_deg: float = setting(
+        120.0,
+        "Angle between neighbouring views around the surface, seen from above, from which on the side "
+        "between them is said to be shown by none.",
+        unit="°",
+        gt=0,
+        le=360,
+    )
+    least_roundness: float = setting(
+        0.2,
+        "How far a surface must turn outward from its middle, if it is to be missed from behind: 1 for an "
+        "upright cylinder, 0.4 for a bust seen from the front, 0 for a wall, less for a room.",
+        ge=-1,
+        le=1,
+    )
     most_named: int = setting(8, "Views that are named for one reason.", unit="views", ge=1)
 
 
@@ -119,6 +148,15 @@ class SurfaceSettings(Settings):
     )
     view_px: int = setting(
         960, "Longest side to which views are reduced before vertices take their values.", unit="px", ge=32
+    )
+    footprint_vertices: int = setting(
+        20_000, "Vertices of the mesh at which the size of a pixel is found, evenly chosen.", ge=100
+    )
+    compared_vertices: int = setting(
+        5_000, "Vertices at which the albedo of each view is compared with the others'.", ge=100
+    )
+    fewest_compared: int = setting(
+        100, "Vertices that a view must share with two others, if its albedo is compared with theirs.", ge=1
     )
     bright_quantile: float = setting(
         0.995, "Quantile of the vertices' photo and shading that is white.", gt=0, le=1

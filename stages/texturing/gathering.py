@@ -70,6 +70,12 @@ class Sums:
             np.zeros((texels, maps), np.float32),
         )
 
+    def add(self, other: Sums) -> None:
+        """Add the sums over other views, in place."""
+        self.weight += other.weight
+        self.albedo += other.albedo
+        self.maps += other.maps
+
     def into_means(self) -> tuple[np.ndarray, np.ndarray]:
         """Turn the sums of albedo and maps into means, in place; 0 where no view shows a texel."""
         weight = np.where(self.weight > 0, self.weight, 1)[:, None]

@@ -92,9 +92,9 @@ def write_lights(
         )
         if file is not None:
             environment = environment_picture(read_exr(file), how.light_quantile)
-            write_file(folder, light_file(number, "environment"), encode_webp(environment, None, how.quality))
+            write_file(folder, light_file(number, "environment"), encode_webp(environment, None, how))
         picture, inside = ball_picture(ball(light, number, viewer_axes(cameras), how.ball_px))
-        write_file(folder, light_file(number, "ball"), encode_webp(picture, inside, how.quality))
+        write_file(folder, light_file(number, "ball"), encode_webp(picture, inside, how))
         shown.append({"number": number, "views": own, "environment": file is not None})
     gains = [
         {"name": name, "light": number, "gain": gain}

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from stages.formats.artefacts.png_scale import png_whites
 from stages.formats.images.exr import read_exr
-from stages.formats.images.photos import encode_srgb8, read_mask
+from stages.formats.images.photos import read_mask
 from stages.formats.images.resize import reduce_by_area
 from stages.reporting.content.picture_size import encode_webp, size_within
 from stages.reporting.content.pictures import (
@@ -20,6 +21,7 @@ from stages.reporting.content.pictures import (
     normal_picture,
     photo_picture,
     residual_picture,
+    srgb_picture,
 )
 from stages.reporting.content.view_figures import SampledView
 from stages.reporting.settings import ReportSettings
@@ -28,6 +30,27 @@ from stages.texturing.gathering import ViewMaps, weight_of
 
 LINKED = {"linear": "photo", "albedo": "albedo"}  # compared between views
 SHOWN = {"linear": "photo"}  # artefacts whose pictures have other names
+
+
+@dataclass(frozen=True, eq=False)
+class ShownView:
+    """A view, reduced: its pictures, figures, and what it tells of the surface.
+
+    Attributes
+    ----------
+    pictures : dict of str to bytes
+        WebP by kind.
+    thumbnail : bytes
+    figures : SampledView
+    depth_range : tuple of 2 floats, or None
+    maps : ViewMaps or None
+    """
+
+    pictures: dict[str, bytes]
+    thumbnail: bytes
+    figures: SampledView
+    depth_range: tuple[float, float] | None
+    maps: ViewMaps | None
 
 
 class OpenedView:
@@ -71,16 +94,17 @@ class OpenedView:
         self._share = area_mean(self._mask.astype(np.float32), self._size)
         self._surface_size = size_within(self._size, settings.surface.view_px)
         self._inside = np.flatnonzero(self._mask).astype(np.int32)
+        self._outside = np.flatnonzero(~self._mask).astype(np.int32)
         self._sampled = self._inside[:: max(1, len(self._inside) // settings.figures.pixels)]
 
     def read(self, kind: str) -> None:
         """Read a map, keep what figures, pictures and the surface need of it."""
-        values = read_exr(self._inputs[kind] / f"{self._camera.name}.exr")
+        values = np.ascontiguousarray(read_exr(self._inputs[kind] / f"{self._camera.name}.exr"))
         if kind == "linear":
             values = reduce_by_area(values, self._camera.shape)
-        else:
-            values *= self._mask if values.ndim == 2 else self._mask[..., None]
         flat = values.reshape(self._mask.size, *values.shape[2:])
+        if kind != "linear":
+            flat[self._outside] = 0
         self._samples[kind] = flat[self._sampled]
         if kind in LINKED and self._keep_linked is not None:
             self._keep_linked(LINKED[kind], flat, self._inside)
@@ -93,6 +117,12 @@ class OpenedView:
         )
         if kind == "depth" and self._with_surface:
             self._surface_depth = chosen_pixels(values, self._surface_size)
+
+    def shown(self) -> ShownView:
+        """Make what the page shows of it, when all its maps have been read."""
+        return ShownView(
+            self.pictures(), self.thumbnail(), self.sampled(), self.depth_range, self.maps_for_surface()
+        )
 
     def sampled(self) -> SampledView:
         """Collect the sampled values."""
@@ -107,14 +137,14 @@ class OpenedView:
 
     def pictures(self) -> dict[str, bytes]:
         """Compress a picture of every kind that there is, by the kinds' names."""
-        quality = self._settings.pictures.quality
-        return {kind: encode_webp(*picture, quality) for kind, picture in self.pixels().items()}
+        how = self._settings.pictures
+        return {kind: encode_webp(*picture, how) for kind, picture in self.pixels().items()}
 
     def thumbnail(self) -> bytes:
         """Compress the small photo."""
         how = self._settings.pictures
         small = area_mean(self._small["linear"], size_within(self._size, how.thumbnail_px))
-        return encode_webp(photo_picture(small, how), None, how.quality)
+        return encode_webp(photo_picture(small, how), None, how)
 
     def maps_for_surface(self) -> ViewMaps | None:
         """Collect what the surface takes from this view, at its own size; None if it takes nothing."""
@@ -145,7 +175,7 @@ class OpenedView:
         whites = _whites(self._inputs)
         for kind in ("albedo", "shading"):
             if kind in small:
-                pictures[kind] = encode_srgb8(
+                pictures[kind] = srgb_picture(
                     small[kind] / whites.get(kind, _white_of(small[kind], how.white_quantile))
                 )
         if "normal" in small:
@@ -158,7 +188,7 @@ class OpenedView:
             three = small["linear"], small["albedo"], small["shading"]
             pictures["residual"] = residual_picture(*three, how.residual_stops)
         if "relit" in small:
-            pictures["relit"] = encode_srgb8(small["relit"] / _white_of(small["relit"], how.white_quantile))
+            pictures["relit"] = srgb_picture(small["relit"] / _white_of(small["relit"], how.white_quantile))
         return pictures
 
 

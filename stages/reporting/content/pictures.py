@@ -14,6 +14,8 @@ TOO_DARK = np.array(
 )  # of the residual: blue and orange, which the colour-blind tell apart
 TOO_BRIGHT = np.array([230, 120, 0], np.float32)
 NEARLY_BLACK = 1e-4  # of white: below it a ratio says nothing
+STEPS = 65535  # of linear light in the table below: the darkest 8-bit code is twenty of them
+SRGB8 = encode_srgb8(np.arange(STEPS + 1) / STEPS)
 
 
 def area_mean(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -41,10 +43,15 @@ def masked_mean(values: np.ndarray, share: np.ndarray) -> np.ndarray:
     return area_mean(values, share.shape) / (whole if values.ndim == 2 else whole[..., None])
 
 
+def srgb_picture(linear: np.ndarray) -> np.ndarray:
+    """Encode linear light, any shape, as sRGB, uint8, by a table: a third of the time of `encode_srgb8`."""
+    return SRGB8[np.rint(np.clip(linear, 0, 1) * np.float32(STEPS)).astype(np.uint16)]
+
+
 def photo_picture(photo: np.ndarray, settings: PictureSettings) -> np.ndarray:
     """Encode a linear photo, (h, w, 3), as sRGB, uint8; one that exceeds 1 is scaled by its mean."""
     white = max(float(photo.mean()) * settings.sheet_white, 1e-6) if photo.max(initial=0) > 1 else 1.0
-    return encode_srgb8(photo / white)
+    return srgb_picture(photo / white)
 
 
 def normal_picture(normals: np.ndarray) -> np.ndarray:

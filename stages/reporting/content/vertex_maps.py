@@ -51,7 +51,8 @@ class SmallSurface:
         Where all is flat, decimation leaves large faces, whatever is painted on them.
         """
         whole = welded(mesh)
-        seen = smallest_footprints(whole.vertices, cameras)
+        some = whole.vertices[:: max(1, len(whole.vertices) // how.footprint_vertices)]
+        seen = smallest_footprints(some, cameras)
         seen = seen[np.isfinite(seen)]
         typical = float(np.median(seen)) if len(seen) else mean_edge(whole)
         fewer = int(how.most_vertices / (1 + how.proxy.extra_vertices))
@@ -64,12 +65,23 @@ class SmallSurface:
         normals = vertex_normals(small.vertices - origin, small.faces).astype(np.float32)
         return cls(small, normals, origin, Sums.none(len(small.vertices), MAPS), typical)
 
-    def add(self, view: ViewMaps, how: SurfaceSettings) -> None:
-        """Add what a view shows; `view.maps`: photo, shading, confidence, (h, w, 7)."""
+    def add(self, view: ViewMaps, how: SurfaceSettings) -> np.ndarray:
+        """Add what a view shows; `view.maps`: photo, shading, confidence, (h, w, 7).
+
+        Returns
+        -------
+        ndarray, shape (T,), float32
+            The view's albedo at some vertices, evenly chosen, mean of its channels; 0 where it shows none.
+        """
+        own = Sums.none(len(self.surface.vertices), MAPS)
         points = (self.surface.vertices - self.origin).astype(np.float32)
         nothing = np.zeros((0, 3), np.float32)
         scale = (self.typical, 1.0)
-        gather(points, self.normals, view, nothing, scale, self.origin, how.gathering, self.sums)
+        gather(points, self.normals, view, nothing, scale, self.origin, how.gathering, own)
+        self.sums.add(own)
+        some = slice(None, None, max(1, len(points) // how.compared_vertices))
+        weight = own.weight[some]
+        return own.albedo[some].mean(axis=1) / np.where(weight > 0, weight, 1)
 
 
 def as_bytes(

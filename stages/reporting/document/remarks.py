@@ -79,6 +79,16 @@ def _of_figures(told: Told) -> list[Remark]:
             lambda view: percent(view["residual"]),
         ),
         _of_gains(told, bounds["most_gain_stops"]),
+        _of_views(
+            told,
+            lambda view: abs(view["albedo_stops"] or 0) > bounds["most_albedo_stops"],
+            "the albedo is {} than where other views show the same surface. The light was another in this "
+            "photo, by more than its exposure: a lamp was moved, a cloud passed, somebody cast a shadow. "
+            "Take it again in the light of the others, or leave it out (raycast.views); where every photo "
+            "has a light of its own, set lighting.lights=per-view.",
+            lambda view: _brighter(view["albedo_stops"]),
+        ),
+        _of_sides(told),
     ]
     return [remark for remark in found if remark is not None]
 
@@ -96,6 +106,38 @@ def _of_views(
     figures = ", ".join(figure(told.views[number]) for number in numbers[:most])
     noun = "View" if len(numbers) == 1 else "Views"
     return Remark(f"{noun} {names}{more}: {what.format(figures)}", "report", tuple(numbers[:most]))
+
+
+def _brighter(stops: float) -> str:
+    """Say by how much a view is brighter or darker than the others."""
+    return f"{percent(abs(2**stops - 1))} {'brighter' if stops > 0 else 'darker'}"
+
+
+def _of_sides(told: Told) -> Remark | None:
+    """Say from where a surface that goes around was photographed by none."""
+    sides, bounds = told.content["sides"], told.content["remarks"]
+    if sides is None or sides["gap_deg"] <= bounds["widest_gap_deg"]:
+        return None
+    if sides["roundness"] < bounds["least_roundness"]:
+        return None
+    ends = sorted(set(sides["between"]))
+    names = " and ".join(told.views[number]["name"] for number in ends)
+    lost = len(told.left_out)
+    photos = "a photo that has" if lost == 1 else f"{lost} photos that have"
+    also = (
+        f" If {photos} no place in it yet (see below) {'was' if lost == 1 else 'were'} taken from there, the "
+        "photos between are missing."
+        if lost
+        else ""
+    )
+    return Remark(
+        f"No view shows the surface from behind: seen from above, {sides['gap_deg']:.0f}° of the circle "
+        f"around it are without a camera, between views {names}. What only these would show is missing from "
+        f"the model, or grey and made up.{also} If it should be there, walk on around it from both ends, a "
+        "photo every 15°, so that each overlaps its neighbours.",
+        "report",
+        tuple(ends),
+    )
 
 
 def _of_gains(told: Told, most_stops: float) -> Remark | None:

@@ -1,0 +1,40 @@
+"""How bright the albedo of each view is beside that of the others, where they show the same surface."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+FEWEST_VIEWS = 3  # of a vertex: of two that differ, none is the odd one
+
+
+def brightness_beside_others(shown: Sequence[np.ndarray], fewest_points: int) -> list[float | None]:
+    """Compute each view's brightness beside the other views', in stops; None where they share too little.
+
+    Parameters
+    ----------
+    shown : sequence of ndarray, shape (T,)
+        Per view the albedo at the same points of the surface, linear, the mean of its channels; 0 where it
+        shows none.
+    fewest_points : int
+        Shared by a view, else there is no answer.
+
+    Notes
+    -----
+    The median over points of log2 of the view's value over the median of all views there. One view in many
+    hardly moves a median, so the odd one has the whole difference.
+    """
+    if not shown:
+        return []
+    values = np.stack(shown)
+    logarithm = np.full(values.shape, np.nan)
+    logarithm[values > 0] = np.log2(values[values > 0])
+    logarithm[:, (values > 0).sum(axis=0) < FEWEST_VIEWS] = np.nan
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # points and views without any value: nan
+        difference = logarithm - np.nanmedian(logarithm, axis=0)
+        found = np.nanmedian(difference, axis=1)
+    enough = np.isfinite(difference).sum(axis=1) >= fewest_points
+    return [float(value) if known else None for value, known in zip(found, enough, strict=True)]
