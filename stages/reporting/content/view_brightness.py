@@ -24,7 +24,8 @@ def brightness_beside_others(shown: Sequence[np.ndarray], fewest_points: int) ->
     Notes
     -----
     The median over points of log2 of the view's value over the median of all views there. One view in many
-    hardly moves a median, so the odd one has the whole difference.
+    hardly moves a median, so the odd one has the whole difference. Small differences come out as 0: at every
+    point with an odd number of views one of them is the median itself.
     """
     if not shown:
         return []
