@@ -19,9 +19,9 @@ def engine_of(settings: MvsSettings) -> Mapping[str, str]:
     """Choose the engine that computes depth on this machine: part of the key."""
     if settings.engine != "auto":
         return {"engine": settings.engine}
-    import pycolmap
+    from stages.stereo.cuda_cards import count_cards
 
-    return {"engine": "cuda" if pycolmap.has_cuda else "cpu"}
+    return {"engine": "cuda" if count_cards() else "cpu"}
 
 
 def run(job: Job[MvsSettings]) -> None:

@@ -98,7 +98,6 @@ GROUND = {  # files beside the rooms that they may import; the others lead them
 LENT = {  # who may import a library whose objects are its own world; everyone else takes arrays
     "pycolmap": {
         "sfm.py",
-        "mvs.py",  # whether it has CUDA
         "undistort.py",
         "formats/cameras/colmap_model.py",
         "formats/colmap/adoption.py",
@@ -116,6 +115,7 @@ LENT = {  # who may import a library whose objects are its own world; everyone e
         "motion/photo_set.py",
         "motion/retrieval.py",  # COLMAP's index of visual words
         "stereo/colmap_stereo.py",  # the engine `cuda` of `mvs`
+        "stereo/cuda_cards.py",  # whether pycolmap has CUDA, and a card
         "geometry/lenses.py",  # lenses are COLMAP's models; a second implementation of them would differ
     },
     "open3d": {

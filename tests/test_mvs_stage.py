@@ -19,7 +19,7 @@ from stages.formats.artefacts.array_store import ArrayStore
 from stages.formats.colmap.depth_maps import read_map, write_map
 from stages.formats.meshes.point_clouds import read_cloud
 from stages.formats.meshes.triangle_meshes import read_points
-from stages.mvs import MVS, MvsSettings, engine_of
+from stages.mvs import MVS, MvsSettings
 from stages.scene.cameras import footprint, normals_in_world
 from stages.stereo import workspace as workspaces
 from tests import stereo_scene
@@ -126,21 +126,6 @@ def test_auto_falls_back_when_the_views_agree_on_too_few_points(tmp_path, make_j
     MVS.run(job)
     assert "falling back to the sparse points" in " ".join(job.warnings)
     assert job.facts["engine"] == "sparse"
-
-
-def test_the_machine_chooses_and_the_key_knows(monkeypatch):
-    monkeypatch.setattr(pycolmap, "has_cuda", True)
-    assert engine_of(MvsSettings()) == {"engine": "cuda"}
-    monkeypatch.setattr(pycolmap, "has_cuda", False)
-    assert engine_of(MvsSettings()) == {"engine": "cpu"}
-    assert engine_of(MvsSettings(engine="cuda")) == {"engine": "cuda"}
-
-
-def test_cuda_without_cuda_is_a_sentence(tmp_path, make_job, workspace, monkeypatch):
-    monkeypatch.setattr(pycolmap, "has_cuda", False)
-    job = make_job(tmp_path, MVS, MvsSettings(engine="cuda"), workspace=workspace)
-    with pytest.raises(UserError, match="without CUDA.*engine=cpu"):
-        MVS.run(job)
 
 
 def test_one_view_is_no_stereo(tmp_path, make_job):

@@ -1,4 +1,4 @@
-"""Dense stereo by COLMAP's own PatchMatch, where pycolmap has CUDA."""
+"""Dense stereo by COLMAP's own PatchMatch, where pycolmap has CUDA and the machine a card."""
 
 from __future__ import annotations
 
@@ -9,12 +9,17 @@ import numpy as np
 import pycolmap
 
 from pipeline import Job, UserError
+from stages.formats.colmap.assembly import add_points
+from stages.formats.colmap.dense_workspace import write_stereo_settings
 from stages.formats.colmap.depth_maps import read_map
+from stages.formats.colmap.model import read_model
 from stages.formats.images.photos import write_mask
 from stages.formats.meshes.point_clouds import read_cloud
-from stages.scene.cameras import normals_in_world
+from stages.scene.cameras import intrinsics_for_integer_centres, normals_in_world
+from stages.stereo.cuda_cards import count_cards
 from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.mvs_settings import MvsSettings
+from stages.stereo.view_selection import points_from_poses
 from stages.stereo.workspace import Workspace, write_depth_maps
 
 
@@ -24,17 +29,12 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
     Raises
     ------
     UserError
-        This pycolmap has no CUDA.
+        This pycolmap has no CUDA, or the machine no card.
     """
-    if not pycolmap.has_cuda:
-        raise UserError(
-            "mvs.engine is cuda, but this pycolmap was built without CUDA; install pycolmap-cuda12 in its "
-            "place, or set mvs.engine=cpu."
-        )
-    folder = shutil.copytree(workspace.folder, job.scratch / "workspace")
-    for name in ("depth_maps", "normal_maps", "consistency_graphs"):
-        for image_name in workspace.image_names:
-            (folder / "stereo" / name / image_name).parent.mkdir(parents=True, exist_ok=True)
+    _check_card()
+    if not len(workspace.points.x_in_world):
+        job.note(depth_ranges="from the poses: the model has no 3-D points")
+    folder = write_colmap_workspace(workspace, job.scratch / "workspace", job.settings)
     with job.progress("COLMAP PatchMatch"):
         pycolmap.patch_match_stereo(folder, options=patch_match_options(job.settings))
     options = fusion_options(job.settings, write_fusion_masks(workspace, job.scratch / "masks"))
@@ -44,13 +44,58 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
     return FusedPoints(*read_cloud(job.scratch / "fused.ply"))
 
 
+def _check_card() -> None:
+    """Refuse to go on without a card: COLMAP would end the whole process."""
+    if not pycolmap.has_cuda:
+        raise UserError(
+            "mvs.engine is cuda, but this pycolmap was built without CUDA; install pycolmap-cuda12 in its "
+            "place, or set mvs.engine=cpu."
+        )
+    if not count_cards():
+        raise UserError(
+            "mvs.engine is cuda, but pycolmap finds no NVIDIA card on this machine; expected one that "
+            "nvidia-smi lists, with a driver for CUDA 12 or newer. Install the driver, or set mvs.engine=cpu."
+        )
+
+
+def write_colmap_workspace(workspace: Workspace, folder: Path, settings: MvsSettings) -> Path:
+    """Write a workspace for COLMAP's stereo: images, lists of what to match, and its own kind of model."""
+    shutil.copytree(workspace.folder / "images", folder / "images")
+    write_stereo_settings(folder, workspace.image_names)
+    (folder / "sparse").mkdir()
+    model_for_stereo(workspace, settings).write(folder / "sparse")
+    return folder
+
+
+def model_for_stereo(workspace: Workspace, settings: MvsSettings) -> pycolmap.Reconstruction:
+    """Convert the workspace's model to what COLMAP's stereo expects.
+
+    COLMAP's PatchMatch and fusion take array indices for image coordinates, as though the first pixel's
+    centre were at (0, 0); everywhere else in COLMAP it is at (0.5, 0.5). So the principal points move. And
+    they find neighbours and depth ranges by 3-D points only: where there are none, points from the poses
+    stand in.
+    """
+    model = read_model(workspace.folder / "sparse")
+    for camera in model.cameras.values():
+        shifted = intrinsics_for_integer_centres(np.array(camera.calibration_matrix(), float))
+        camera.principal_point_x, camera.principal_point_y = shifted[0, 2], shifted[1, 2]
+    if not len(workspace.points.x_in_world):
+        stand_ins = points_from_poses(workspace.cameras, settings.pose_points)
+        add_points(model, workspace.image_names, stand_ins.x_in_world, stand_ins.seen)
+    return model
+
+
 def patch_match_options(settings: MvsSettings) -> pycolmap.PatchMatchOptions:
-    """Set up PatchMatch with a geometric pass and its filter, and our threshold of consistency."""
+    """Set up PatchMatch with a geometric pass and its filter, our threshold of consistency, and its memory.
+
+    It works on one view at a time on each card: several on one card were as slow (pycolmap-cuda12 4.2.1).
+    """
     options = pycolmap.PatchMatchOptions()
     options.geom_consistency = True
     options.filter = True
     options.filter_min_num_consistent = settings.consistent_views
     options.filter_geom_consistency_max_cost = settings.consistent_px
+    options.cache_size = settings.colmap.cache_gb
     return options
 
 
@@ -65,10 +110,14 @@ def write_fusion_masks(workspace: Workspace, folder: Path) -> Path | None:
 
 
 def fusion_options(settings: MvsSettings, masks: Path | None = None) -> pycolmap.StereoFusionOptions:
-    """Set up fusion with our thresholds of agreement, and the folder of masks to keep within."""
+    """Set up fusion with our thresholds of agreement, and the folder of masks to keep within.
+
+    It holds some maps at a time and works in one thread: several would find other points in every run.
+    """
     options = pycolmap.StereoFusionOptions()
     if masks is not None:
         options.mask_path = masks
+    options.use_cache, options.cache_size, options.num_threads = True, settings.colmap.cache_gb, 1
     options.min_num_pixels = settings.fusion_views
     options.max_reproj_error = settings.consistent_px
     options.max_depth_error = settings.fusion_depth_share

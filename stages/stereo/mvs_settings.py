@@ -179,9 +179,8 @@ class DepthEdgeSettings(Settings):
 
     reach_px: int = setting(
         5,
-        "Depth this near to pixels without any is dropped where an edge of the photo lies between it and "
-        "the surface: a patch across an outline before an even background matches as the outline does. "
-        "0: never.",
+        "Depth this near to even background is dropped where an edge of the photo lies between it and the "
+        "surface: a patch across an outline before such a background matches as the outline does. 0: never.",
         unit="px",
         ge=0,
         le=50,
@@ -195,13 +194,25 @@ class DepthEdgeSettings(Settings):
     )
 
 
+class ColmapStereoSettings(Settings):
+    """Settings of COLMAP's PatchMatch and fusion, the engine cuda: `stages.stereo.colmap_stereo`."""
+
+    cache_gb: float = setting(
+        8.0,
+        "Memory of the machine in which images and maps are held; what is beyond is read again.",
+        unit="GB",
+        changes_result=False,
+        gt=0,
+    )
+
+
 class MvsSettings(Settings):
     """Settings of the `mvs` stage."""
 
     engine: Literal["auto", "cpu", "cuda", "sparse"] = setting(
         "auto",
         "What computes depth: our own stereo (cpu), COLMAP's PatchMatch (cuda), or nothing: the sparse "
-        "points are taken as they are (sparse). auto: cuda where pycolmap has it, else cpu.",
+        "points are taken as they are (sparse). auto: cuda where pycolmap has it and finds a card, else cpu.",
     )
     within_masks: bool = setting(
         False,
@@ -331,6 +342,9 @@ class MvsSettings(Settings):
         GapSettings,
         "Points from smaller images, where the full size has none: even surface matches only in larger "
         "patches.",
+    )
+    colmap: ColmapStereoSettings = group(
+        ColmapStereoSettings, "What COLMAP's PatchMatch and fusion may use, with the engine cuda."
     )
 
     @property

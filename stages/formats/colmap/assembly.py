@@ -55,6 +55,34 @@ def assemble(
     return model
 
 
+def add_points(
+    model: pycolmap.Reconstruction, image_names: Sequence[str], x_in_world: np.ndarray, seen: np.ndarray
+) -> None:
+    """Add black 3-D points to a model whose images have no 2-D points; those of one view only are left out.
+
+    Parameters
+    ----------
+    model : pycolmap.Reconstruction
+    image_names : sequence of str
+        Posed images of the model, v of them.
+    x_in_world : ndarray, shape (n, 3)
+    seen : ndarray, shape (v, n), bool
+        Which views observe which point. Where in the image is not recorded: all 2-D points are (0, 0).
+    """
+    images = {image.name: image for image in model.images.values()}
+    views = [images[name] for name in image_names]
+    seen = seen & (seen.sum(axis=0) > 1)
+    index_in_view = np.cumsum(seen, axis=1) - 1
+    for image, own in zip(views, seen, strict=True):
+        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(np.zeros(2))] * int(own.sum()))
+    for point in np.flatnonzero(seen.any(axis=0)):
+        track = [
+            pycolmap.TrackElement(views[view].image_id, int(index_in_view[view, point]))
+            for view in np.flatnonzero(seen[:, point])
+        ]
+        model.add_point3D(x_in_world[point], pycolmap.Track(track), np.zeros(3, np.uint8))
+
+
 def points2d_of(image: pycolmap.Image) -> np.ndarray:
     """Read the 2-D points of an image, shape (n, 2), float64, pixels."""
     return np.array([point.xy for point in image.points2D], float).reshape(-1, 2)
