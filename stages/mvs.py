@@ -85,7 +85,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 MVS = Stage(
     name="mvs",
-    version=4,
+    version=5,
     about="Depth and normals per view by multi-view stereo, fused into one oriented cloud.",
     settings=MvsSettings,
     takes=("workspace",),

@@ -262,7 +262,7 @@ class Evaluate:
 
 @dataclass(frozen=True)
 class Compare:
-    """Write a page that shows two results of the same photos side by side.
+    """Write a page with two results of the same photos side by side.
 
     Attributes
     ----------
@@ -290,7 +290,7 @@ class Compare:
 
 @dataclass(frozen=True)
 class Doctor:
-    """Say what this machine has, what is missing, and what a run on a set of photos would take.
+    """Say what this machine has, and what a set of photos would take.
 
     Attributes
     ----------

@@ -92,8 +92,8 @@ def _encoded(
     """Compress the pictures of a view."""
     found = paired_pictures(a, b, name, longest_px, ratio, how)
     photo, _ = found["photo"]
-    small = encode_webp(reduced_picture(photo, how.thumbnail_px), None, how.quality)
-    encoded = {kind: encode_webp(*picture, how.quality) for kind, picture in found.items()}
+    small = encode_webp(reduced_picture(photo, how.thumbnail_px), None, how)
+    encoded = {kind: encode_webp(*picture, how) for kind, picture in found.items()}
     return ComparedView(name, photo.shape[1], photo.shape[0], encoded, small, difference)
 
 
@@ -103,15 +103,15 @@ def _side(a: Side, b: Side, names: Sequence[str], ratio: Ratio, how: PictureSett
     tried = [paired_pictures(a, b, name, how.largest_px, ratio, how) for name in names[::step]]
 
     def bytes_at(side: int) -> float:
-        return sum(_bytes_of(one, side, how.quality) for one in tried) / len(tried) * len(names)
+        return sum(_bytes_of(one, side, how) for one in tried) / len(tried) * len(names)
 
     return longest_side(how.largest_px, bytes_at, how.megabytes * 1e6)
 
 
-def _bytes_of(pictures: Pictures, side: int, quality: int) -> int:
+def _bytes_of(pictures: Pictures, side: int, how: PictureSettings) -> int:
     """Count the bytes of a view's pictures at a longest side."""
     taken = 0
     for pixels, visible in pictures.values():
         shown = None if visible is None else reduced_picture(visible.astype(np.uint8), side) > 0
-        taken += len(encode_webp(reduced_picture(pixels, side), shown, quality))
+        taken += len(encode_webp(reduced_picture(pixels, side), shown, how))
     return taken
