@@ -86,7 +86,8 @@ def exit_code_of(work: Callable[[], int | None], terminal: Terminal) -> int:
         terminal.fail(str(error))
         return USER_MISTAKE
     except KeyboardInterrupt:
-        terminal.fail(f"Interrupted. What was finished is kept. {verbs.how_to_go_on(terminal.words)}")
+        kept = f" What was finished is kept. {verbs.how_to_go_on(terminal.words)}"
+        terminal.fail(f"Interrupted.{kept if terminal.words[:1] in (('run',), ('relight',)) else ''}")
         return INTERRUPTED
     except MachineError as error:
         terminal.fail(str(error))

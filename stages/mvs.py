@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from stages.stereo.depth.fusion import FusedPoints
     from stages.stereo.workspace import Workspace
 
+BYTES_PER_GB = 10**9
+
 
 def engine_of(settings: MvsSettings) -> Mapping[str, str]:
     """Choose the engine that computes depth on this machine: part of the key."""
@@ -79,8 +81,14 @@ def compute_with(engine: str) -> Callable[[Job[MvsSettings], Workspace], FusedPo
 
 def in_words(facts: Mapping[str, Any]) -> str:
     """Tell in a few words what was found."""
-    shares = facts["coverage"].values()
-    return f"{facts['fused_points']:,} points; depth at {sum(shares) / max(len(shares), 1):.0%} of the pixels"
+    shares, points = facts.get("coverage", {}).values(), f"{facts['fused_points']:,} points"
+    return f"{points}; depth at {sum(shares) / len(shares):.0%} of the pixels" if shares else points
+
+
+def within(settings: MvsSettings, memory: int) -> MvsSettings:
+    """Let COLMAP's cache have half of the memory, bytes, at most."""
+    cache_gb = min(settings.colmap.cache_gb, memory / BYTES_PER_GB / 2)
+    return settings.model_copy(update={"colmap": settings.colmap.model_copy(update={"cache_gb": cache_gb})})
 
 
 MVS = Stage(
@@ -96,6 +104,7 @@ MVS = Stage(
     ),
     run=run,
     tools=("numpy", "scipy", "numba", *PYCOLMAP, *PICTURES),
+    within=within,
     saves_memory="lower undistort.max_size_px",
     machine=engine_of,
     found=in_words,

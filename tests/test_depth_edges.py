@@ -47,6 +47,20 @@ def test_surface_of_one_colour_before_a_sky_of_another_keeps_its_outline():
     assert (found & ~DISC).sum() < 0.25 * (kept & ~DISC).sum() and (found & DISC).sum() > 0.97 * DISC.sum()
 
 
+@pytest.mark.parametrize("shape", [np.abs(COLUMN - 80) < 2, DISC & (COLUMN == 80)], ids=["rod", "line"])
+def test_what_is_too_thin_to_have_a_middle_stays_as_it_is(shape):
+    found, background = up_to_edges(shape, ~shape, photo(shape), HOW)
+    np.testing.assert_array_equal(found, shape)
+    np.testing.assert_array_equal(background, ~shape)
+
+
+def test_the_outermost_rows_are_no_exception():
+    shape = (ROW > 70) & (np.abs(COLUMN - 80) < 30)
+    kept = widened(shape)
+    found, _ = up_to_edges(kept, ~kept, photo(shape), HOW)
+    assert (found & ~shape)[-1].sum() <= 3 < (kept & ~shape)[-1].sum()
+
+
 def test_where_the_background_has_texture_nothing_is_taken():
     """There stereo has depth of its own, or none for other reasons: surface that other views do not see."""
     kept = widened(DISC)

@@ -175,7 +175,7 @@ def test_mistakes_are_answered_in_a_sentence(words, told, capsys, monkeypatch, t
         ({"cuda": False, "devices": 0}, "without CUDA; dense stereo takes the processor"),
         ({"cuda": False, "devices": 1}, "`pycolmap-cuda12` in place of `pycolmap`"),
         ({"cuda": True, "devices": 2}, "dense stereo takes COLMAP's PatchMatch"),
-        ({"cuda": True, "devices": 0}, "mvs.engine=cpu"),
+        ({"cuda": True, "devices": 0}, "but no device: dense stereo takes the processor"),
     ],
 )
 def test_the_engine_of_dense_stereo_depends_on_library_and_device(facts, told):

@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pipeline import UserError
-from pipeline.process.meter import kilobytes
+from pipeline.process.meter import kilobytes, measured
 from pipeline.process.own_process import in_own_process
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.decimation.proxy import roughly_decimated
@@ -89,15 +92,62 @@ def test_a_mesh_that_was_decimated_leaves_no_memory_behind():
 
 
 def test_a_process_of_its_own_gives_back_the_result_or_the_error():
-    assert in_own_process(divmod, 17, 5) == (3, 2)
+    assert in_own_process("that divides", divmod, 17, 5) == (3, 2)
     with pytest.raises(ZeroDivisionError):
-        in_own_process(divmod, 17, 0)
-    assert in_own_process(os.getpid) != os.getpid()
+        in_own_process("that divides", divmod, 17, 0)
+    assert in_own_process("that tells its number", os.getpid) != os.getpid()
 
 
 def test_a_process_that_the_system_ends_is_a_sentence():
-    with pytest.raises(UserError, match="ran exit ended before its time.*memory"):
-        in_own_process(os._exit, 9)
+    with pytest.raises(UserError, match="process that ends at once ended before its time.*memory"):
+        in_own_process("that ends at once", os._exit, 9)
+
+
+LONG = """
+import sys, time
+from pipeline.process.own_process import in_own_process
+
+if __name__ == "__main__":
+    print("began", flush=True)
+    in_own_process("that sleeps", time.sleep, 600)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
+def test_a_process_of_its_own_ends_with_the_one_that_began_it(tmp_path):
+    """Which Ctrl-C kills at once: nobody would end it otherwise, nor free its memory."""
+    (tmp_path / "long.py").write_text(LONG, encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen([sys.executable, tmp_path / "long.py"], env=environment) as parent:
+        until(lambda: len(children_of(parent.pid)) == 2)  # the other follows resources
+        begun = children_of(parent.pid)
+        time.sleep(1.0)  # it has told the system whom it follows
+        parent.kill()
+    until(lambda: not any(Path(f"/proc/{child}").exists() for child in begun))
+
+
+def children_of(process: int) -> list[int]:
+    """Numbers of the processes that a process has begun."""
+    found = []
+    for file in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):  # it has ended
+            of_parent = file.read_text().rpartition(")")[2].split()[1]
+            found += [int(file.parent.name)] if int(of_parent) == process else []
+    return found
+
+
+def until(holds: Callable[[], bool], patience_s: float = 60.0) -> None:
+    """Wait for something to hold."""
+    deadline = time.monotonic() + patience_s
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
+def test_the_peak_of_a_process_of_its_own_counts():
+    with measured() as reading:
+        in_own_process("that fills memory", bytes, 400_000_000)
+    assert reading.peak_bytes > 800_000_000  # there, and of the answer here
 
 
 def wavy_grid(side: int) -> Surface:

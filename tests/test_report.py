@@ -295,7 +295,7 @@ def test_warnings_say_what_to_do_and_which_view_shows_it(texts):
     assert (of_sfm["stage"], of_sfm["views"]) == ("sfm", [NAMES[3]])
     assert of_gain["views"] == [NAMES[3]]
     assert "exposed otherwise than the rest (times 2.00)" in of_gain["text"]
-    assert "No view shows the surface from behind: seen from above, 300° of the circle" in of_sides["text"]
+    assert "No view shows the surface from one side: seen from above, 300° of the circle" in of_sides["text"]
     assert "If a photo that has no place in it yet (see below) was taken from there" in of_sides["text"]
     assert of_sides["views"] == [NAMES[0], NAMES[3]]
     assert told["left_out"] == ["lost<b>.jpg"]

@@ -29,16 +29,13 @@ def plan_lines(decisions: Sequence[Decision], earlier: Mapping[str, Record]) -> 
 
 def _by_certainty(waiting: Sequence[Decision], earlier: Mapping[str, Record]) -> dict[str, list[Decision]]:
     """Sort stages that wait for others by whether they run in any case."""
-    groups: dict[str, list[Decision]] = {
-        FORCED: [],
-        "for the first time": [],
-        "unless what they take comes out as before": [],
+    forced = [one for one in waiting if one.reason.startswith(FORCED)]
+    others = [one for one in waiting if not one.reason.startswith(FORCED)]
+    return {
+        FORCED: forced,
+        "for the first time": [one for one in others if one.stage.name not in earlier],
+        "unless what they take comes out as before": [one for one in others if one.stage.name in earlier],
     }
-    forced, new, known = groups.values()
-    for one in waiting:
-        is_new = one.stage.name not in earlier
-        (forced if one.reason.startswith(FORCED) else new if is_new else known).append(one)
-    return groups
 
 
 def expected_seconds(decisions: Sequence[Decision], earlier: Mapping[str, Record]) -> float | None:

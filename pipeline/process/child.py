@@ -80,7 +80,7 @@ def _work_as_child(work: Callable[[], int], parent: int) -> NoReturn:
     """Run `work` and leave without the interpreter's farewell, in which native libraries may crash."""
     code = 1
     try:
-        _die_with(parent)
+        die_with(parent)
         code = work()
     except BaseException:
         traceback.print_exc()
@@ -95,8 +95,8 @@ def _flush_streams() -> None:
             stream.flush()
 
 
-def _die_with(parent: int) -> None:
-    """Ask Linux for SIGKILL when the parent dies; elsewhere the child would finish and publish its work."""
+def die_with(parent: int) -> None:
+    """Ask Linux for SIGKILL when the parent, of that number, dies; elsewhere the child goes on to its end."""
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # it died before

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from pipeline.process.free_memory import give_back_free_memory
 
+_beside_bytes = 0  # peak of another process and what this one had then, since the block began
 _STATUS = Path("/proc/self/status")
 _CLEAR = Path("/proc/self/clear_refs")
 
@@ -36,13 +37,21 @@ def measured() -> Iterator[Reading]:
     gc.collect()
     give_back_free_memory()
     _reset_peak()
+    global _beside_bytes
+    _beside_bytes = 0
     clock, cpu = time.perf_counter(), _cpu_seconds()
     try:
         yield reading
     finally:
         reading.seconds = round(time.perf_counter() - clock, 3)
         reading.cpu_seconds = round(_cpu_seconds() - cpu, 3)
-        reading.peak_bytes = _peak_bytes()
+        reading.peak_bytes = max(_peak_bytes(), _beside_bytes)
+
+
+def count_process(peak_bytes: int) -> None:
+    """Count the peak of a process that has ended beside the memory that this one has now."""
+    global _beside_bytes
+    _beside_bytes = max(_beside_bytes, peak_bytes + 1024 * (kilobytes(_STATUS, "VmRSS") or 0))
 
 
 def _cpu_seconds() -> float:
@@ -62,8 +71,12 @@ def _peak_bytes() -> int:
     peak = kilobytes(_STATUS, "VmHWM")
     if peak is not None:
         return 1024 * peak
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+    return peak_of(resource.RUSAGE_SELF)
+
+
+def peak_of(who: int) -> int:
+    """Look up the peak, bytes, of this process or the largest of its children, as `resource` names them."""
+    return resource.getrusage(who).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 def kilobytes(file: Path, *names: str) -> int | None:

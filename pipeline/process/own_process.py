@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import resource
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -9,26 +11,43 @@ from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from pipeline.errors import UserError
+from pipeline.process.child import die_with
+from pipeline.process.meter import count_process, peak_of
 
 Made = TypeVar("Made")
 
 
-def in_own_process(work: Callable[..., Made], *arguments: Any) -> Made:
+def in_own_process(what: str, work: Callable[..., Made], *arguments: Any) -> Made:
     """Run ``work(*arguments)`` in a new process that ends after it; returns its result, or raises its error.
 
     Function, arguments and result are pickled. The process is spawned, not forked: threads of this one may
-    hold locks.
+    hold locks. It dies with this one, and its peak memory counts beside what this one has.
+
+    Parameters
+    ----------
+    what : str
+        What it does, as in "that decimates a mesh", for the error.
+    work : callable
+    *arguments
 
     Raises
     ------
     UserError
-        The system ended the process.
+        The process ended before its time.
     """
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+    spawned = get_context("spawn")
+    with ProcessPoolExecutor(1, spawned, initializer=die_with, initargs=(os.getpid(),)) as executor:
         try:
-            return executor.submit(work, *arguments).result()
+            made, peak_bytes = executor.submit(_measured, work, *arguments).result()
         except BrokenProcessPool as error:
             raise UserError(
-                f"A process that ran {work.__name__.strip('_')} ended before its time, most likely because "
-                "the system had no more memory. Close other programs, or give less to do at once."
+                f"The process {what} ended before its time. Where memory is full, the system ends what takes "
+                "most of it: close other programs, or give less to do at once."
             ) from error
+    count_process(peak_bytes)
+    return made
+
+
+def _measured(work: Callable[..., Made], *arguments: Any) -> tuple[Made, int]:
+    """Do the work; returns the peak of this process as well, bytes."""
+    return work(*arguments), peak_of(resource.RUSAGE_SELF)

@@ -38,7 +38,10 @@ def compare_verb(command: Compare, terminal: Terminal) -> None:
     a = addressed_results("A", command.a, command.set_a)
     b = addressed_results("B", command.b, command.set_b)
     if a.name == b.name:
-        a, b = replace(a, name=str(command.a)), replace(b, name=str(command.b))
+        a, b = (
+            replace(one, name=" ".join((str(path), *given)))
+            for one, path, given in ((a, command.a, command.set_a), (b, command.b, command.set_b))
+        )
     with library_messages_in(Path(os.devnull)):
         compared = _compare(a, b, terminal)
         from stages.reporting.comparison.comparison_page import comparison_page

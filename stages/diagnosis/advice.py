@@ -25,7 +25,7 @@ def on_stereo(pycolmap: Library) -> str:
         )
     if facts["devices"]:
         return f"with CUDA, {facts['devices']} device(s): dense stereo takes COLMAP's PatchMatch (mvs.engine)"
-    return "with CUDA, but no device: give --set mvs.engine=cpu, or dense stereo fails"
+    return "with CUDA, but no device: dense stereo takes the processor (mvs.engine)"
 
 
 def on_loops(numba: Library, folder: str | None) -> str:

@@ -171,9 +171,8 @@ def find_room(found: Findings, workspace: Path, expected: Expectation | None, le
     least_memory : int
         Bytes.
     """
-    place = next(
-        folder for folder in (workspace.absolute(), *workspace.absolute().parents) if folder.exists()
-    )
+    folders = (workspace.absolute(), *workspace.absolute().parents)
+    place = next(folder for folder in folders if os.access(folder, os.F_OK))  # not in one that is closed
     free, may_write = shutil.disk_usage(place).free, os.access(place, os.W_OK | os.X_OK)
     found.rows.append(("disk", f"{advice.gigabytes(free)} free in {workspace} (--workspace)"))
     needed = (expected.memory_bytes, expected.disk_bytes) if expected else (None, None)

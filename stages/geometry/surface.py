@@ -129,8 +129,9 @@ def before_background(
 
 def border_parts(faces: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """Select chosen vertices, (V,), bool, on a border of faces (F, 3), or joined to one by chosen ones."""
-    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2))
-    edges, count = np.unique(sides, axis=0, return_counts=True)
+    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)).astype(np.int64)
+    numbers, count = np.unique(sides[:, 0] * len(chosen) + sides[:, 1], return_counts=True)
+    edges = np.stack([numbers // len(chosen), numbers % len(chosen)], axis=1)
     inside = edges[chosen[edges].all(axis=1)]
     links = sp.coo_array((np.ones(len(inside), bool), inside.T), shape=(len(chosen), len(chosen)))
     count_of_parts, part = connected_components(links, directed=False)

@@ -114,7 +114,7 @@ class RemarkSettings(Settings):
     most_albedo_stops: float = setting(
         0.2,
         "Brightness of a view's albedo beside that of the other views, at the points that they share, above "
-        "which it is named: 15 %, which one sees where views are compared.",
+        "which it is named: 15 % more, 13 % less, which one sees where views are compared.",
         unit="stops",
         gt=0,
     )

@@ -20,7 +20,7 @@ def simplified(
     """
     if len(faces) <= FEW_FACES:
         return _simplified(vertices, faces, count, aggressiveness)
-    return in_own_process(_simplified, vertices, faces, count, aggressiveness)
+    return in_own_process("that decimates a mesh", _simplified, vertices, faces, count, aggressiveness)
 
 
 def _simplified(

@@ -127,8 +127,13 @@ def verdict(compared: Compared) -> list[str]:
             f"One scale per channel is taken out first (B over A: {scale}, red, green, blue): the albedos "
             f"then differ by {by} of their mean."
         )
-    further = f", {of_one} settings or stages are of one of the two alone" if of_one else ""
+    further = f", {_of_one(of_one)}" if of_one else ""
     return [*said, f"{counted(settings, 'setting differs', 'settings differ')}{further}."]
+
+
+def _of_one(number: int) -> str:
+    """Count what only one of the two results has."""
+    return counted(number, "setting or stage is of one alone", "settings or stages are of one alone")
 
 
 def kinds_of(compared: Compared) -> dict[str, str]:
@@ -234,7 +239,7 @@ def _what_differs(compared: Compared) -> Markup:
         "section",
         tag("h2", "What differs"),
         *shown,
-        *([details(f"{len(of_one)} settings or stages are of one of the two alone", own)] if of_one else []),
+        *([details(_of_one(len(of_one)), own)] if of_one else []),
         details(f"{counted(len(facts), 'fact differs', 'facts differ')} in the records", folded),
         id="settings",
     )

@@ -21,32 +21,36 @@ IN_OTHER_ROWS = ("estimated_bytes",)  # facts that follow from the machine
 
 def differing_settings(a: Records, b: Records) -> list[Row]:
     """List the settings that both have, and whose values differ."""
-    return [row for row in _settings(a, b) if NOTHING not in row[1:]]
+    return [row for row, of_both in _settings(a, b) if of_both]
 
 
 def settings_of_one(a: Records, b: Records) -> list[Row]:
     """List the settings and stages that only one has, as another mode does."""
-    return [row for row in _settings(a, b) if NOTHING in row[1:]] + [
+    return [row for row, of_both in _settings(a, b) if not of_both] + [
         (f"stage {stage}", "there" if stage in a else NOTHING, "there" if stage in b else NOTHING)
         for stage in dict.fromkeys((*a, *b))
         if (stage in a) != (stage in b)
     ]
 
 
-def _settings(a: Records, b: Records) -> list[Row]:
+def _settings(a: Records, b: Records) -> list[tuple[Row, bool]]:
+    """List settings that differ, and whether both results have them."""
     return [
-        (f"{stage}.{name}", _setting(a[stage], name), _setting(b[stage], name))
+        (
+            (f"{stage}.{name}", _setting(a[stage], name), _setting(b[stage], name)),
+            name in a[stage].settings and name in b[stage].settings,
+        )
         for stage in _both(a, b)
         for name in _differing(a[stage].settings, b[stage].settings)
     ]
 
 
 def _setting(record: Record, name: str) -> str:
-    """Format the value of a setting; none is a value."""
+    """Format the value of a setting; none is a value, and so is an empty list."""
     if name not in record.settings:
         return NOTHING
     value = record.settings[name]
-    return "none" if value is None else short(value)
+    return "none" if value is None or value == [] else short(value)
 
 
 def differing_versions(a: Records, b: Records) -> list[Row]:
@@ -126,7 +130,7 @@ def _both(a: Records, b: Records) -> Iterator[str]:
 
 def _differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[str]:
     """List the keys of values that differ, in their order."""
-    return [name for name in dict.fromkeys((*a, *b)) if a.get(name) != b.get(name)]
+    return [name for name in dict.fromkeys((*a, *b)) if a.get(name, NOTHING) != b.get(name, NOTHING)]
 
 
 def _sources(records: Records) -> dict[str, Mapping[str, str]]:

@@ -51,7 +51,8 @@ def widest_gap(places: np.ndarray) -> tuple[float, tuple[int, int]]:
     order = np.argsort(azimuth_deg)
     ends = np.roll(order, -1)
     gaps = np.mod(azimuth_deg[ends] - azimuth_deg[order], 360)
-    gaps = np.where((gaps == 0) & (len(places) == 1), 360, gaps)
+    if gaps.max() == 0:  # all stand in one direction
+        gaps[-1] = 360
     widest = int(np.argmax(gaps))
     return float(gaps[widest]), (int(order[widest]), int(ends[widest]))
 

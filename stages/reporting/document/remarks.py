@@ -122,6 +122,7 @@ def _of_sides(told: Told) -> Remark | None:
         return None
     ends = sorted(set(sides["between"]))
     names = " and ".join(told.views[number]["name"] for number in ends)
+    where = f"between views {names}" if len(ends) > 1 else f"all but where view {names} is"
     lost = len(told.left_out)
     photos = "a photo that has" if lost == 1 else f"{lost} photos that have"
     also = (
@@ -131,10 +132,10 @@ def _of_sides(told: Told) -> Remark | None:
         else ""
     )
     return Remark(
-        f"No view shows the surface from behind: seen from above, {sides['gap_deg']:.0f}° of the circle "
-        f"around it are without a camera, between views {names}. What only these would show is missing from "
-        f"the model, or grey and made up.{also} If it should be there, walk on around it from both ends, a "
-        "photo every 15°, so that each overlaps its neighbours.",
+        f"No view shows the surface from one side: seen from above, {sides['gap_deg']:.0f}° of the circle "
+        f"around it are without a camera, {where}. What only photos from there would show, as its back, is "
+        f"missing from the model, or grey and made up.{also} If it should be there, walk on around it from "
+        "the last photos, one every 15°, so that each overlaps its neighbours.",
         "report",
         tuple(ends),
     )

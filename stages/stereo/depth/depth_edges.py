@@ -37,7 +37,8 @@ def up_to_edges(
     nothing to match, and is connected with the border of the image: what surface encloses is a gap in it.
     Background, and pixels with depth farther from it than that reach, are markers of a watershed (Meyer 1992)
     on the photo's differences between neighbours: what lies between goes to the side from which it is reached
-    over the lower ridge. In things too thin to have an inside, the middle is the marker.
+    over the lower ridge. In things too thin to have an inside, the middle is the marker; what is thinner yet
+    stays as it is.
     """
     background = _at_border(~kept & _within(even & ~kept, how.reach_px))
     if not how.reach_px or not background.any() or not kept.any():
@@ -47,8 +48,20 @@ def up_to_edges(
     markers = np.zeros(kept.shape, np.int32)
     markers[background] = WITHOUT
     markers[kept & ((inside_px > how.reach_px) | middle)] = WITH
-    beyond = cv2.watershed(np.ascontiguousarray(image), markers) == WITHOUT
-    return kept & ~beyond, background | (kept & beyond)
+    beyond = kept & (_flooded(image, markers) == WITHOUT) & ~_unmarked(kept, markers)
+    return kept & ~beyond, background | beyond
+
+
+def _flooded(image: np.ndarray, markers: np.ndarray) -> np.ndarray:
+    """Flood markers over the image, one pixel beyond whose frame OpenCV leaves out."""
+    wide = cv2.copyMakeBorder(image, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    return cv2.watershed(wide, np.pad(markers, 1, mode="edge"))[1:-1, 1:-1]
+
+
+def _unmarked(kept: np.ndarray, markers: np.ndarray) -> np.ndarray:
+    """Select the connected parts of pixels with depth that are too thin for any marker: they stay."""
+    _, part = cv2.connectedComponents(kept.astype(np.uint8), connectivity=4)
+    return ~np.isin(part, part[markers == WITH])
 
 
 def _at_border(pixels: np.ndarray) -> np.ndarray:
