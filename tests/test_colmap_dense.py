@@ -58,7 +58,8 @@ def surface_stages(capsys, verb: str, workspace: Path, *words: str | Path) -> tu
     assert code == 0, said
     rows = json.loads(told)
     rows = rows["stages"] if isinstance(rows, dict) else rows
-    return {row["stage"] for row in rows} & SURFACE, " ".join(said.split())
+    sentences = [json.loads(line).get("sentence", "") for line in said.splitlines()]
+    return {row["stage"] for row in rows} & SURFACE, " ".join(sentences)
 
 
 def result(workspace: Path, stage: str, name: str) -> Path:

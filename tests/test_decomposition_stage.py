@@ -40,7 +40,7 @@ class Silence:
 
     steps = 0
 
-    def begin(self, label, total):
+    def begin(self, label, total, at_most=False):
         pass
 
     def advance(self, steps=1):

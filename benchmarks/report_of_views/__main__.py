@@ -9,20 +9,16 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy, as the command line does
 
 from benchmarks.report_of_views.measuring import Taken, measured, sentence_of  # noqa: E402
 from benchmarks.report_of_views.repeated_views import repeated_views  # noqa: E402
+from pipeline.process.own_process import in_own_process  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-
-Made = TypeVar("Made")
 
 
 def main(argv: Sequence[str] | None = None) -> Taken:
@@ -37,16 +33,11 @@ def main(argv: Sequence[str] | None = None) -> Taken:
     width_px, height_px = map(int, given.size.split("x"))
     folder = given.workspace / f"{given.views}-{given.distinct}-{given.size}"
     # Each in a process of its own: the peak of one is not that of the other.
-    places = _apart(repeated_views, folder, given.views, given.distinct, width_px, height_px)
-    taken = _apart(measured, places, folder, given.threads)
+    shape = given.views, given.distinct, width_px, height_px
+    places = in_own_process("that makes the views", repeated_views, folder, *shape)
+    taken = in_own_process("that makes the report", measured, places, folder, given.threads)
     print(sentence_of(taken))
     return taken
-
-
-def _apart(function: Callable[..., Made], *given: Any) -> Made:
-    """Call a function in a process that does nothing else."""
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
-        return process.submit(function, *given).result()
 
 
 if __name__ == "__main__":

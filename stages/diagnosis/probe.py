@@ -6,7 +6,6 @@ One that crashes ends the process; the lines before tell which that was.
 from __future__ import annotations
 
 import ctypes
-import json
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -14,13 +13,15 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+from pipeline.files.json_text import json_text
+
 
 def main(names: Sequence[str]) -> None:
     """Import modules, in order."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # libraries may print while they are loaded
     for name in names:
-        answers.write(json.dumps(_outcome(name)) + "\n")
+        answers.write(json_text(_outcome(name)) + "\n")
         answers.flush()
 
 
