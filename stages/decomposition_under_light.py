@@ -199,6 +199,7 @@ def _opened(cluster: Cluster, task: ClusterTask, threads: int) -> OpenedCluster:
     """Open masks, correspondences, shading and observations of a cluster."""
     import numpy as np
 
+    from pipeline.process.free_memory import give_back_free_memory
     from stages.formats.artefacts.light_npz import read_light
     from stages.photometry.albedo_data import BY_PIXEL, AlbedoData
     from stages.photometry.clusters.cluster_views import open_cluster
@@ -206,6 +207,7 @@ def _opened(cluster: Cluster, task: ClusterTask, threads: int) -> OpenedCluster:
     from stages.solvers.kernels.threading_layer import use_threads
 
     use_threads(threads)
+    give_back_free_memory()  # of the cluster before: the solver's arrays are elsewhere
     light = read_light(task.inputs["found_light"])
     views = open_cluster(task.inputs, task.cameras, cluster, task.graph.side, on_threads)
     shading = views.maps(task.inputs["shading"], on_threads) / light.mean_shading.astype(np.float32)
