@@ -181,7 +181,7 @@ def _typical(job: Job[DecompositionSettings], cameras: list[Camera], graph: View
 
     mean = read_light(job.inputs["found_light"]).mean_shading.astype(np.float32)
     every = stride(int(graph.pixels.sum()), job.settings.detail.sample_pixels)
-    before = np.cumsum(graph.pixels) - graph.pixels
+    before = graph.starts
 
     def some(view: int) -> tuple[np.ndarray, np.ndarray]:
         mask = read_mask(job.inputs["mask"] / f"{cameras[view].name}.png")

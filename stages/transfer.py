@@ -14,7 +14,7 @@ from stages.scene.distributions import OPEN3D
 from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, PART_FOR_MESH
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     import numpy as np

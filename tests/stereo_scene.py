@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from stages.formats.colmap.depth_maps import read_map
 from stages.formats.colmap.model import pinhole_model
 from stages.formats.images.photos import write_png_srgb8
-from stages.scene.cameras import Camera, project, rays_in_world
+from stages.scene.cameras import Camera, footprint, normals_in_world, project, rays_in_world
 from stages.stereo.depth.dense_stereo import ViewPlan
 
 CENTRE, RADIUS = np.array([0.0, 0.1, 4.0]), 0.7
@@ -124,3 +125,21 @@ def _add_points(model: pycolmap.Reconstruction, views: list[Camera], traced: lis
         image.points2D = pycolmap.Point2DList(observed[name])
     for x_in_world, track in points:
         model.add_point3D(x_in_world, track, np.array([128, 128, 128], np.uint8))
+
+
+def beside_truth(folder: Path) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """Compare depth and normal maps, in COLMAP's layout, with the scene where both have surface.
+
+    Errors of depth in footprints and of normals in degrees, of all views; share of the surface with depth,
+    per view.
+    """
+    depths, normals, covered = [], [], []
+    for camera in cameras():
+        traced, name = trace(camera), f"{camera.name}.png.geometric.bin"
+        depth, in_cam = (read_map(folder / kind / name) for kind in ("depth_maps", "normal_maps"))
+        both = (depth > 0) & (traced.depth > 0)
+        depths.append(np.abs(depth - traced.depth)[both] / footprint(camera, traced.depth[both]))
+        cosine = np.sum(normals_in_world(camera, in_cam) * traced.normals, axis=-1)[both]
+        normals.append(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
+        covered.append(both.sum() / (traced.depth > 0).sum())
+    return np.concatenate(depths), np.concatenate(normals), covered

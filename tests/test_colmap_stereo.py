@@ -7,11 +7,9 @@ import pycolmap
 import pytest
 
 from pipeline import UserError
-from stages.formats.colmap.depth_maps import read_map
 from stages.formats.colmap.model import read_model
 from stages.formats.meshes.point_clouds import read_cloud
 from stages.mvs import MVS, MvsSettings, engine_of
-from stages.scene.cameras import footprint, normals_in_world
 from stages.stereo.colmap_stereo import fusion_options, write_colmap_workspace
 from stages.stereo.cuda_cards import count_cards
 from stages.stereo.workspace import Workspace, open_workspace, write_depth_maps
@@ -98,17 +96,9 @@ def finished(request, tmp_path_factory, make_job):
 
 @on_a_card
 def test_depth_normals_and_points_of_the_card_meet_the_truth(finished):
-    depths, normals, covered = [], [], []
-    for camera, traced in zip(VIEWS, TRACED, strict=True):
-        folder, name = finished.outputs["depth_maps"], f"{camera.name}.png.geometric.bin"
-        depth, in_cam = (read_map(folder / kind / name) for kind in ("depth_maps", "normal_maps"))
-        both = (depth > 0) & (traced.depth > 0)
-        depths.append(np.abs(depth - traced.depth)[both] / footprint(camera, traced.depth[both]))
-        cosine = np.sum(normals_in_world(camera, in_cam) * traced.normals, axis=-1)[both]
-        normals.append(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
-        covered.append(both.sum() / (traced.depth > 0).sum())
-    assert np.median(np.concatenate(depths)) < 0.5
-    assert np.median(np.concatenate(normals)) < 12
+    depths, normals, covered = stereo_scene.beside_truth(finished.outputs["depth_maps"])
+    assert np.median(depths) < 0.5
+    assert np.median(normals) < 12
     assert np.mean(covered) > 0.5
     x_in_world, _, _ = read_cloud(finished.outputs["fused"])
     assert len(x_in_world) == finished.facts["fused_points"] > 1000

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from pipeline import Job, Stage, UserError
+from pipeline import Job, Silence, Stage, UserError
 from stages.correspondence import CORRESPONDENCE, CorrespondenceSettings
 from stages.decomposition import DECOMPOSITION, DecompositionSettings
 from stages.formats.artefacts.camera_file import write_cameras
@@ -35,19 +35,13 @@ from tests.raw_exr import write_raw_exr
 from tests.sphere_scene import SphereScene, camera_looking_at_origin, sphere_scene
 
 
-class Silence:
+class CountedSteps(Silence):
     """Progress that nobody watches; it counts."""
 
     steps = 0
 
-    def begin(self, label, total, at_most=False):
-        pass
-
     def advance(self, steps=1):
         self.steps += steps
-
-    def end(self):
-        pass
 
 
 def write_scene(folder: Path, scene: SphereScene, magnify: int = 2) -> dict[str, Path]:
@@ -70,7 +64,7 @@ def run_stage(stage: Stage, folder: Path, inputs: dict[str, Path], settings, thr
         if artefact.file is None:
             outputs[artefact.name].mkdir(parents=True)
     with ThreadPoolExecutor(threads) as executor:
-        job = Job(settings, inputs, outputs, folder, threads, executor, Silence(), lambda sentence: None)
+        job = Job(settings, inputs, outputs, folder, threads, executor, CountedSteps(), lambda sentence: None)
         stage.run(job)
     return job
 

@@ -20,7 +20,7 @@ from stages.formats.colmap.depth_maps import read_map, write_map
 from stages.formats.meshes.point_clouds import read_cloud
 from stages.formats.meshes.triangle_meshes import read_points
 from stages.mvs import MVS, MvsSettings
-from stages.scene.cameras import footprint, normals_in_world
+from stages.scene.cameras import footprint
 from stages.stereo import workspace as workspaces
 from tests import stereo_scene
 
@@ -47,16 +47,9 @@ def maps(job, view):
 
 
 def test_depth_and_normals_meet_the_truth(finished):
-    depths, normals, covered = [], [], []
-    for view, (camera, traced) in enumerate(zip(VIEWS, TRACED, strict=True)):
-        depth, in_cam = maps(finished, view)
-        both = (depth > 0) & (traced.depth > 0)
-        depths.append(np.abs(depth - traced.depth)[both] / footprint(camera, traced.depth[both]))
-        cosine = np.sum(normals_in_world(camera, in_cam) * traced.normals, axis=-1)[both]
-        normals.append(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
-        covered.append(both.sum() / (traced.depth > 0).sum())
-    assert np.median(np.concatenate(depths)) < 0.5
-    assert np.median(np.concatenate(normals)) < 8
+    depths, normals, covered = stereo_scene.beside_truth(finished.outputs["depth_maps"])
+    assert np.median(depths) < 0.5
+    assert np.median(normals) < 8
     assert np.mean(covered) > 0.7
 
 

@@ -71,12 +71,13 @@ def _peak_bytes() -> int:
     peak = kilobytes(_STATUS, "VmHWM")
     if peak is not None:
         return 1024 * peak
-    return peak_of(resource.RUSAGE_SELF)
+    return peak_so_far()
 
 
-def peak_of(who: int) -> int:
-    """Look up the peak, bytes, of this process or the largest of its children, as `resource` names them."""
-    return resource.getrusage(who).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+def peak_so_far() -> int:
+    """Look up the peak of this process since it began, bytes."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 def kilobytes(file: Path, *names: str) -> int | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -12,7 +11,7 @@ from typing import Any, TypeVar
 
 from pipeline.errors import UserError
 from pipeline.process.child import die_with
-from pipeline.process.meter import count_process, peak_of
+from pipeline.process.meter import count_process, peak_so_far
 
 Made = TypeVar("Made")
 
@@ -50,4 +49,4 @@ def in_own_process(what: str, work: Callable[..., Made], *arguments: Any) -> Mad
 
 def _measured(work: Callable[..., Made], *arguments: Any) -> tuple[Made, int]:
     """Do the work; returns the peak of this process as well, bytes."""
-    return work(*arguments), peak_of(resource.RUSAGE_SELF)
+    return work(*arguments), peak_so_far()

@@ -36,8 +36,10 @@ def _outcome(name: str) -> dict[str, Any]:
 
 
 def _of_pycolmap(module: ModuleType) -> dict[str, Any]:
-    """Look up whether it was built with CUDA, and how many devices there are for it."""
-    return {"cuda": bool(module.has_cuda), "devices": cuda_devices()}
+    """Look up whether it was built with CUDA, and how many devices there are: as it counts itself, if so."""
+    if module.has_cuda:
+        return {"cuda": True, "devices": import_module("stages.stereo.cuda_cards").count_cards()}
+    return {"cuda": False, "devices": cuda_devices()}
 
 
 def _of_numba(module: ModuleType) -> dict[str, Any]:

@@ -59,7 +59,7 @@ class ClusterViews:
 
     def places(self, graph: ViewGraph) -> np.ndarray:
         """Number its pixels, (N,), int64, among all masked pixels of all views: view by view, row by row."""
-        first = np.cumsum(graph.pixels) - graph.pixels
+        first = graph.starts
         return np.concatenate(
             [first[view] + np.flatnonzero(kept) for view, kept in zip(self.numbers, self.kept, strict=True)]
         )

@@ -30,6 +30,11 @@ class ViewGraph:
     side: float
 
     @property
+    def starts(self) -> np.ndarray:
+        """Number of masked pixels in the views before each, (n,), int64."""
+        return np.cumsum(self.pixels) - self.pixels
+
+    @property
     def links_per_pixel(self) -> float:
         """Mean number of correspondences per pixel."""
         return float(self.links.sum()) / max(int(self.pixels.sum()), 1)
