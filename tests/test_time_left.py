@@ -115,6 +115,8 @@ def test_a_stage_that_takes_longer_than_ever_is_not_promised_an_end():
     assert time_left(Moment(130.0, (), False, 130.0), old) is None
     halfway = time_left(Moment(50.0, (), False, 50.0), old)
     assert halfway is not None and halfway.seconds == pytest.approx(50)
+    reporting = time_left(Moment(50.0, (Span("rays", 193, 88, 1.0, 49.0),), True, 0.1), old)
+    assert reporting is not None and reporting.seconds == pytest.approx(50, abs=0.2)
 
 
 SPANS = st.builds(

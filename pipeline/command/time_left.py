@@ -86,8 +86,10 @@ def _pace(now_s: float, then_s: float, firm_s: float, expected: float) -> float:
 def _place(moment: Moment, earlier: Record) -> _Place | None:
     """Find the last event of a moment in the timetable; None where its task was not there then."""
     spans = [Span(**one) for one in earlier.spans]
-    if not moment.spans or not spans:
-        return _Place(0.0, spans[0].begun_s if spans else earlier.seconds)
+    if not spans:  # nothing was noted then but the whole: as fast as then
+        return _Place(max(moment.elapsed_s - moment.idle_s, 0.0), earlier.seconds)
+    if not moment.spans:
+        return _Place(0.0, spans[0].begun_s)
     same = _earlier_span(moment.spans, spans)
     if same is None:
         return None
