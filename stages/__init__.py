@@ -15,6 +15,7 @@ from pathlib import Path
 
 from pipeline import AnyStage, Flow, Settings, Source, UserError, settings_of
 from stages.adopt_cameras import ADOPT_CAMERAS
+from stages.adopt_depth_maps import ADOPT_DEPTH_MAPS
 from stages.adopt_mesh import ADOPT_MESH
 from stages.adopt_model import ADOPT_MODEL
 from stages.adopt_points import ADOPT_POINTS
@@ -67,6 +68,7 @@ SOURCES = (
     Source("camera_file", (".txt",)),  # of a folder, the files of single photos
     Source("photo_list"),
     Source("points_file"),
+    Source("dense_folder", (".geometric.bin", *MODEL_FILES, *IMAGE_SUFFIXES)),
     Source("mesh_file"),
     Source("masks", IMAGE_SUFFIXES),
     Source("object"),
@@ -87,7 +89,7 @@ DATAFLOW: Flow = (
     DECOMPOSITION_UNDER_LIGHT,  # Eq. 1–4, 9–18: ρ
     EXPORT,  #         PNG files, a COLMAP workspace
 )
-ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_POINTS, ADOPT_MESH)
+ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_DEPTH_MAPS, ADOPT_POINTS, ADOPT_MESH)
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
 AFTERWARDS: Flow = (  # on demand
     *(CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT, TURNTABLE, COLOUR_SPACE),
@@ -137,9 +139,10 @@ def cameras_and_surface(given: Collection[str]) -> tuple[AnyStage, Flow]:
     surfaces: dict[str, Flow] = {
         "mesh_file": (ADOPT_MESH,),
         "points_file": (ADOPT_POINTS, MESH_OF_GIVEN_POINTS),
+        "dense_folder": (ADOPT_DEPTH_MAPS, MESH_OF_GIVEN_POINTS),
     }
     for kinds, flags in ((cameras, "--colmap and --cameras"), (surfaces, "--mesh and --points")):
-        if kinds.keys() <= set(given):
+        if len(kinds.keys() & set(given)) > 1:
             raise UserError(f"{flags} were given; expected one of the two. Leave out the other.")
     if surfaces.keys() & set(given) and not cameras.keys() & set(given):
         flag = "--mesh" if "mesh_file" in given else "--points"

@@ -18,7 +18,7 @@ from stages.stereo.workspace import write_depth_maps
 from tests import stereo_scene
 
 VIEWS = stereo_scene.cameras()
-SURFACE = {"mvs", "mesh", "adopt_points", "adopt_mesh"}
+SURFACE = {"mvs", "mesh", "adopt_depth_maps", "adopt_points", "adopt_mesh"}
 
 
 @pytest.fixture(scope="module")
@@ -115,15 +115,49 @@ def test_the_sentence_says_how_to_do_without_and_that_works(capsys, dense, tmp_p
     assert surface_stages(capsys, "plan", tmp_path / "w", *words)[0] == {"mvs", "mesh"}
 
 
-def test_depth_maps_that_were_not_fused_are_said_to_be_of_no_use_yet(capsys, dense, tmp_path):
+def test_depth_maps_that_were_not_fused_are_fused(capsys, dense, tmp_path):
+    """Half a pixel nearer to the truth than COLMAP's own fusion, which takes indices for coordinates."""
+    theirs, _, _ = read_cloud(dense / "fused.ply")
     (dense / "fused.ply").unlink()
-    made, said = surface_stages(capsys, "plan", tmp_path / "w", "--colmap", dense)
-    assert made == {"mvs", "mesh"}
-    assert "holds depth maps of COLMAP but no fused.ply, and they are computed anew" in said
-    remedy = f"colmap stereo_fusion --workspace_path {dense} --output_path {dense / 'fused.ply'}"
-    assert f"To use them, first run: {remedy}" in said
+    as_theirs = ["--set", "adopt_depth_maps.fusion_views=3"]
+    made, said = surface_stages(capsys, "run", tmp_path / "w", "--colmap", dense, *as_theirs)
+    assert made == {"adopt_depth_maps", "mesh"}
+    assert f"Uses the depth maps of {dense}, as COLMAP made them." in said
+    ours, _, _ = read_cloud(result(tmp_path / "w", "adopt_depth_maps", "fused.ply"))
+    assert len(ours) > 0.9 * len(theirs) > 1000
+    assert np.median(off_the_scene(ours)) < 0.2 * np.median(off_the_scene(theirs))
+    surface = read_mesh(result(tmp_path / "w", "mesh", "mesh.ply"))
+    assert np.quantile(off_the_scene(surface.vertices), 0.9) < 0.05
     shutil.rmtree(dense / "stereo")
     assert "depth maps" not in surface_stages(capsys, "plan", tmp_path / "w", "--colmap", dense)[1]
+
+
+def test_depth_maps_are_taken_from_a_folder_that_is_named_and_a_view_may_lack_them(capsys, dense, tmp_path):
+    shutil.rmtree(dense / "stereo" / "consistency_graphs")
+    (dense / "fused.ply").unlink()
+    lost = sorted((dense / "stereo/normal_maps").glob("*.geometric.bin"))[0]
+    lost.unlink()
+    words = ["--colmap", dense / "sparse", "--images", dense / "images", "--points", dense]
+    made, _ = surface_stages(capsys, "run", tmp_path / "w", *words)
+    assert made == {"adopt_depth_maps", "mesh"}
+    record = json.loads(result(tmp_path / "w", "adopt_depth_maps", "record.json").read_text())
+    assert record["facts"]["views"] == len(VIEWS) - 1
+    assert f"have no depth map or no normal map ({lost.name.removesuffix('.geometric.bin')})" in " ".join(
+        record["warnings"]
+    )
+
+
+def test_damaged_or_missing_depth_maps_are_a_sentence(capsys, dense, tmp_path):
+    words = ["run", "--colmap", dense / "sparse", "--images", dense / "images", "--points", dense]
+    words += ["--workspace", tmp_path / "w", "--to", "adopt_depth_maps"]
+    maps = sorted((dense / "stereo/depth_maps").glob("*.geometric.bin"))
+    maps[1].write_bytes(maps[1].read_bytes()[:-4])
+    assert main([str(word) for word in words]) == 2
+    assert "It was cut off" in " ".join(capsys.readouterr().err.split())
+    for one in maps:
+        one.unlink()
+    assert main([str(word) for word in words]) == 2
+    assert "holds no image with a depth map and a normal map" in " ".join(capsys.readouterr().err.split())
 
 
 def test_other_points_are_another_surface(capsys, dense, tmp_path):

@@ -12,11 +12,12 @@ MESH, OTHER_MESH = "meshed-poisson.ply", "meshed-delaunay.ply"  # by COLMAP's me
 CLOUD = "fused.ply"
 FLAGS = {MESH: "mesh", OTHER_MESH: "mesh", CLOUD: "points"}  # which take them; the first that is there
 DEPTH_MAPS = "stereo/depth_maps"
+GEOMETRY = {"mesh_file", "points_file", "dense_folder"}  # sources
 BELOW = ("dense", "dense/0")  # where a project has its dense workspaces
 
 
 def dense_results(sources: Mapping[str, Path]) -> tuple[dict[str, Path], tuple[str, ...]]:
-    """Find the mesh, or else the fused points, of the COLMAP workspace that was given as cameras.
+    """Find the mesh, or else the points or depth maps, of the COLMAP workspace that was given as cameras.
 
     Parameters
     ----------
@@ -26,33 +27,33 @@ def dense_results(sources: Mapping[str, Path]) -> tuple[dict[str, Path], tuple[s
     Returns
     -------
     found : dict of str to Path
-        `mesh_file` or `points_file`; empty where there is neither.
+        `mesh_file`, `points_file` or `dense_folder`; empty where there is none.
     remarks : tuple of str
         What is used, and how to do without it; or what is not, and how to use it.
     """
     folder = sources.get("colmap")
-    if folder is None or {"mesh_file", "points_file"} & sources.keys() or not is_folder(folder / MODEL):
+    if folder is None or GEOMETRY & sources.keys() or not is_folder(folder / MODEL):
         return {}, ()
-    name = _first_in(folder)
-    if name is not None:
+    images = sources.get("images", folder / "images")
+    anew = f"To make one anew, give --colmap {folder / MODEL} --images {images}."
+    if (name := _first_in(folder)) is not None:
         kind, what = ("points_file", "cloud") if name == CLOUD else ("mesh_file", "mesh")
-        return {kind: folder / name}, (
-            f"Uses the {what} {folder / name}, as COLMAP made it. To make one anew, give "
-            f"--colmap {folder / MODEL} --images {sources.get('images', folder / 'images')}.",
-        )
-    if next((folder / DEPTH_MAPS).rglob("*.geometric.bin"), None) is not None:
-        return {}, (
-            f"{folder} holds depth maps of COLMAP but no {CLOUD}, and they are computed anew. To use them, "
-            f"first run: colmap stereo_fusion --workspace_path {folder} --output_path {folder / CLOUD}",
-        )
+        return {kind: folder / name}, (f"Uses the {what} {folder / name}, as COLMAP made it. {anew}",)
+    if _has_depth_maps(folder):
+        return {"dense_folder": folder}, (f"Uses the depth maps of {folder}, as COLMAP made them. {anew}",)
     usable = [
         f"--{FLAGS[name]} {folder / below / name}"
         for below in BELOW
         if (name := _first_in(folder / below)) is not None
     ]
+    usable += [f"--points {folder / below}" for below in BELOW if _has_depth_maps(folder / below)]
     if usable:
         return {}, (f"Dense results of COLMAP are there and not used; to take them, add {usable[0]}.",)
     return {}, ()
+
+
+def _has_depth_maps(folder: Path) -> bool:
+    return next((folder / DEPTH_MAPS).rglob("*.geometric.bin"), None) is not None
 
 
 def _first_in(folder: Path) -> str | None:

@@ -28,7 +28,9 @@ SOURCE_OF_FLAG = {
     "known_light": "known_light",
 }
 LIGHTS = ("light", "known_light", "environment")
-FILES = {"points", "mesh", "object", "environment", "light", "known_light"}
+FILES_OR_FOLDERS = {"cameras", "points"}
+DEPTH_MAPS = "dense_folder"  # the source that `--points` is where it names a folder
+FILES = {"mesh", "object", "environment", "light", "known_light"}
 DATASET_PHOTOS = "images"
 PHOTO_LIST = "list.txt"  # of Bundler, beside its bundle or in the folder above
 CAMERAS_OF_OTHERS = (  # names of files that --cameras takes
@@ -67,6 +69,8 @@ def sources_of(command: Given, config: Config) -> dict[str, Path]:
             given = beside(config, config.sources[flag])
         if given is not None:
             sources[name] = existing(flag, given)
+    if "points_file" in sources and is_folder(sources["points_file"]):
+        sources[DEPTH_MAPS] = sources.pop("points_file")
     if "camera_file" in sources and (listed := photo_list_of(sources["camera_file"])):
         sources["photo_list"] = listed
     if "colmap" in sources:
@@ -132,7 +136,7 @@ def beside(config: Config, path: str) -> Path:
 
 def existing(flag: str, path: Path) -> Path:
     """Check that the path exists and is of the right kind, and return it."""
-    kinds = (FILE, FOLDER) if flag == "cameras" else (FILE,) if flag in FILES else (FOLDER,)
+    kinds = (FILE, FOLDER) if flag in FILES_OR_FOLDERS else (FILE,) if flag in FILES else (FOLDER,)
     expected, flag = " or ".join(kinds), flag.replace("_", "-")
     try:
         kind = kind_of_file(path)

@@ -25,27 +25,41 @@ def write_map(path: Path, values: np.ndarray) -> None:
     path.write_bytes(header + np.ascontiguousarray(planar, "<f4").tobytes())
 
 
-def read_map(path: Path) -> np.ndarray:
-    """Read a depth map as (h, w), a normal map as (h, w, 3), float32.
+def check_map(path: Path) -> tuple[int, int, int]:
+    """Check header and length of a map; returns its width, height, and number of channels.
 
     Raises
     ------
     UserError
         The header is not COLMAP's, or the file's length is not what the header says.
     """
-    data = path.read_bytes()
-    fields = data[:LONGEST_HEADER].split(b"&", 3)
+    with path.open("rb") as file:
+        fields = file.read(LONGEST_HEADER).split(b"&", 3)
     if len(fields) < 4 or not all(field.isdigit() and int(field) > 0 for field in fields[:3]):
         raise UserError(
             f"{path} does not begin with 'width&height&channels&': it is no COLMAP depth or normal map."
         )
     width, height, channels = (int(field) for field in fields[:3])
-    start = sum(len(field) + 1 for field in fields[:3])
-    if len(data) - start != 4 * width * height * channels:
+    held = path.stat().st_size - sum(len(field) + 1 for field in fields[:3])
+    if held != 4 * width * height * channels:
         raise UserError(
-            f"{path} holds {len(data) - start} bytes after its header; expected "
+            f"{path} holds {held} bytes after its header; expected "
             f"{4 * width * height * channels} for {width}×{height}×{channels} float32. "
             "It was cut off: compute or copy it again."
         )
-    values = np.frombuffer(data, "<f4", offset=start).reshape(channels, height, width).astype(np.float32)
+    return width, height, channels
+
+
+def read_map(path: Path) -> np.ndarray:
+    """Read a depth map as (h, w), a normal map as (h, w, 3), float32.
+
+    Raises
+    ------
+    UserError
+        As `check_map`.
+    """
+    width, height, channels = check_map(path)
+    held = 4 * width * height * channels
+    values = np.fromfile(path, "<f4", offset=path.stat().st_size - held).reshape(channels, height, width)
+    values = values.astype(np.float32, copy=False)
     return values[0] if channels == 1 else np.ascontiguousarray(np.moveaxis(values, 0, -1))

@@ -1,0 +1,84 @@
+"""Depth maps that a dense workspace of COLMAP holds already: checked, and fused by COLMAP."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from pipeline import UserError
+from stages.formats.colmap.depth_maps import check_map
+from stages.formats.colmap.model import read_model, registered
+from stages.scene.cameras import intrinsics_for_integer_centres
+
+MAPS = ("depth_maps", "normal_maps")
+KIND = "geometric"  # maps that other views have confirmed; `photometric` ones have not been filtered
+
+
+def views_with_maps(folder: Path) -> tuple[list[str], list[str]]:
+    """Sort the images of a dense workspace by name into those with both maps, and those without.
+
+    Raises
+    ------
+    UserError
+        No image has both maps, or a map is damaged.
+    """
+    names = sorted(image.name for image in registered(read_model(folder / "sparse")))
+    whole: list[str] = []
+    lacking: list[str] = []
+    for name in names:
+        paths = [folder / "stereo" / kind / f"{name}.{KIND}.bin" for kind in MAPS]
+        there = all(path.is_file() for path in paths)
+        (whole if there else lacking).append(name)
+        for path in paths if there else ():
+            check_map(path)  # COLMAP would end the whole process
+    if not whole:
+        raise UserError(
+            f"{folder} holds no image with a depth map and a normal map (stereo/depth_maps/NAME.{KIND}.bin); "
+            "expected a workspace after COLMAP's patch_match_stereo with geometric consistency. Run that, or "
+            "leave out --points."
+        )
+    return whole, lacking
+
+
+def fused_points(folder: Path, names: list[str], scratch: Path, fewest_views: int, cache_gb: float) -> Path:
+    """Fuse the maps of these images into a PLY in the scratch folder, and return its path.
+
+    Parameters
+    ----------
+    folder : Path
+        Dense workspace: ``images/``, ``sparse/`` and ``stereo/``.
+    names : list of str
+        Images with both maps.
+    scratch : Path
+        Takes a workspace of links.
+    fewest_views : int
+        Views that agree on a point.
+    cache_gb : float
+        Maps in memory, GB.
+
+    Notes
+    -----
+    In one thread: several would find other points in every run. COLMAP's stereo takes array indices for
+    image coordinates; so its maps are fused with principal points half a pixel less, and are where the
+    photos show them.
+    """
+    linked = scratch / "workspace"
+    (linked / "stereo").mkdir(parents=True)
+    (linked / "images").symlink_to((folder / "images").resolve())
+    for kind in MAPS:
+        (linked / "stereo" / kind).symlink_to((folder / "stereo" / kind).resolve())
+    (linked / "stereo/fusion.cfg").write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
+    model = read_model(folder / "sparse")
+    for camera in model.cameras.values():
+        shifted = intrinsics_for_integer_centres(np.array(camera.calibration_matrix(), float))
+        camera.principal_point_x, camera.principal_point_y = shifted[0, 2], shifted[1, 2]
+    (linked / "sparse").mkdir()
+    model.write(linked / "sparse")
+    options = pycolmap.StereoFusionOptions()
+    options.min_num_pixels, options.num_threads = fewest_views, 1
+    options.use_cache, options.cache_size = True, cache_gb
+    fused = scratch / "fused.ply"
+    pycolmap.stereo_fusion(fused, linked, input_type=KIND, options=options, output_type="PLY")
+    return fused
