@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pipeline.errors import MachineError, UserError
 from pipeline.job import Job
-from pipeline.process.meter import kilobytes
+from pipeline.process.meter import kilobytes, resident_bytes
 from pipeline.settings import Settings
 from pipeline.stage import AnyStage
 
@@ -27,11 +27,13 @@ NATIVE = (  # how libraries in other languages say it, in exceptions of other ty
     "failed to map segment",  # of a library's code
 )
 _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
+_AT_FIRST = resident_bytes()  # of this process, before any stage has loaded a library
 
 
 def compare_with_allowed_memory(stage: AnyStage, job: Job[Settings], allowed: int | None) -> None:
     """Note the estimate of a stage's memory, and warn where it exceeds what is allowed or free.
 
+    Estimates are of a process that begins: what this one holds already, of libraries above all, counts too.
     `allowed`: bytes; None: what is free.
 
     Raises
@@ -40,15 +42,18 @@ def compare_with_allowed_memory(stage: AnyStage, job: Job[Settings], allowed: in
         It exceeds that by far.
     """
     needed, free = stage.memory(job.settings, job.inputs, job.threads), free_bytes()
-    logging.getLogger(stage.name).info("estimated memory %s, allowed %s, free %s", needed, allowed, free)
+    held = max(resident_bytes() - _AT_FIRST, 0)
+    told = "estimated memory %s beside %s, allowed %s, free %s"
+    logging.getLogger(stage.name).info(told, needed, held, allowed, free)
     if needed is None:
         return
     job.note(estimated_bytes=needed)
-    within = (allowed is None or needed <= allowed) and (free is None or needed <= free)
-    if within and needed >= WORTH_SAYING:
-        job.say(f"Will take about {_gigabytes(needed)} of memory.")
-    if allowed is not None and needed > allowed:
-        _tell(stage, job, needed, f"--memory allows {_gigabytes(allowed)}", FAR_BEYOND_ALLOWED * allowed)
+    in_all = needed + held
+    within = (allowed is None or in_all <= allowed) and (free is None or needed <= free)
+    if within and in_all >= WORTH_SAYING:
+        job.say(f"Will take about {_gigabytes(in_all)} of memory.")
+    if allowed is not None and in_all > allowed:
+        _tell(stage, job, in_all, f"--memory allows {_gigabytes(allowed)}", FAR_BEYOND_ALLOWED * allowed)
     if free is not None and needed > free:
         _tell(stage, job, needed, f"{_gigabytes(free)} are free", FAR_BEYOND * free)
 

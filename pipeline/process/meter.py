@@ -51,7 +51,12 @@ def measured() -> Iterator[Reading]:
 def count_process(peak_bytes: int) -> None:
     """Count the peak of a process that has ended beside the memory that this one has now."""
     global _beside_bytes
-    _beside_bytes = max(_beside_bytes, peak_bytes + 1024 * (kilobytes(_STATUS, "VmRSS") or 0))
+    _beside_bytes = max(_beside_bytes, peak_bytes + resident_bytes())
+
+
+def resident_bytes() -> int:
+    """Look up the memory that this process holds now, bytes; 0 where the system does not say."""
+    return 1024 * (kilobytes(_STATUS, "VmRSS") or 0)
 
 
 def _cpu_seconds() -> float:

@@ -16,11 +16,12 @@ from pipeline import MachineError, UserError
 from pipeline.cache.store import Store
 from pipeline.inspect import find_record
 from pipeline.plan import ExpectedMemory, plan, read_sources
+from pipeline.run import run
 from stages import ALL_STAGES
 from tests.faults.program import LINEAR, PROGRAM, ROOT
 from tests.faults.small_runs import do, leftovers, one_line, published, results
 from tests.test_architecture import all_settings
-from tests.toy_flow import COUNT, JOIN, REPORT, request, run_toy, write_words
+from tests.toy_flow import COUNT, JOIN, REPORT, Witness, request, run_toy, write_words
 
 GIVEN = ["--colmap", str(LINEAR), "--images", str(LINEAR / "images")]
 GIVEN += ["--mesh", str(ROOT / "sample_data/truth/mesh.ply")]
@@ -164,8 +165,9 @@ def test_the_memory_of_a_stage_is_told_before_it_begins_and_in_the_plan(tmp_path
     """By its estimate where its inputs are there, else by what its latest result took."""
     write_words(tmp_path, a="apple")
     monkeypatch.setattr(limits, "free_bytes", lambda: 4_000_000_000)
+    monkeypatch.setattr(limits, "resident_bytes", lambda: limits._AT_FIRST + 700_000_000)  # of libraries
     large = replace(COUNT, memory=lambda settings, inputs, threads: 1_000_000_000 * len(inputs))
-    assert run_toy(tmp_path, flow=(JOIN, large, REPORT)).said == ["Will take about 1.0 GB of memory."]
+    assert run_toy(tmp_path, flow=(JOIN, large, REPORT)).said == ["Will take about 1.7 GB of memory."]
     again = request(tmp_path, flow=(JOIN, replace(large, version=9), REPORT))
     store = Store(again.workspace)
     expected = [one.memory for one in plan(again, store, read_sources(again, store))]
@@ -175,6 +177,16 @@ def test_the_memory_of_a_stage_is_told_before_it_begins_and_in_the_plan(tmp_path
     (again.workspace / "cache/current.json").unlink()  # the inputs are those that it reuses
     store = Store(again.workspace)
     assert plan(again, store, read_sources(again, store))[1].memory == expected[1]
+
+
+def test_what_the_process_holds_already_counts_as_allowed_memory(tmp_path, monkeypatch):
+    write_words(tmp_path, a="apple")
+    monkeypatch.setattr(limits, "resident_bytes", lambda: limits._AT_FIRST + 700_000_000)
+    large = replace(COUNT, memory=lambda settings, inputs, threads: 1_000_000_000, **FRUGAL)
+    witness = Witness()
+    run(replace(request(tmp_path, flow=(JOIN, large, REPORT)), memory=1_500_000_000), witness)
+    (said,) = witness.said
+    assert said.startswith("count needs about 1.7 GB of memory, and --memory allows 1.5 GB")
 
 
 def test_a_stage_that_needs_far_more_than_there_is_is_not_begun(tmp_path, monkeypatch, tried):
