@@ -16,7 +16,7 @@ from stages.formats.images.exr import read_exr
 from stages.formats.images.masks import read_mask
 from stages.formats.images.photos import read_photo
 from stages.formats.meshes.mesh_files import read_mesh_file
-from stages.scene.cameras import project
+from stages.scene.cameras import Camera, project
 
 SAMPLE = Path(__file__).parent.parent / "sample_data"
 LINEAR = SAMPLE / "linear"
@@ -43,15 +43,105 @@ def from_transforms(tmp_path_factory) -> Path:
     return folder / "w"
 
 
-def test_cameras_of_transforms_json_give_the_albedo_of_the_same_cameras_of_colmap(
-    from_transforms, tmp_path, capsys
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory) -> Path:
+    """The workspace of a run with the cameras of COLMAP, to the end."""
+    workspace = tmp_path_factory.mktemp("plain") / "w"
+    words = ["run", "--colmap", LINEAR, *WITH_MESH, *QUICK, "--workspace", workspace]
+    assert main([str(word) for word in words]) == 0
+    return workspace
+
+
+def assert_same_albedo(plain: Path, other: Path) -> None:
+    """Both workspaces have the albedo of the same views, but for rounding of the cameras."""
+    paths = sorted((plain / "output/albedo").glob("*.exr"))
+    assert len(paths) == 4
+    for path in paths:
+        mask = read_mask(plain / "output/mask" / f"{path.stem}.png")
+        one, two = (read_exr(of / "output/albedo" / path.name)[mask] for of in (plain, other))
+        assert np.abs(one - two).mean() < 1e-3 * one.mean()
+
+
+def test_cameras_of_transforms_json_give_the_albedo_of_the_same_cameras_of_colmap(from_transforms, plain):
+    assert_same_albedo(plain, from_transforms)
+
+
+def as_bundler(folder: Path, cameras: list[Camera]) -> Path:
+    """y up, away from the viewer, from the middle of the image: `list.txt` has the names."""
+    rows = []
+    for camera in cameras:
+        upright = np.diag([1.0, -1, -1]) @ camera.cam_from_world
+        rows += [[camera.focal_px, 0, 0], *upright[:, :3], upright[:, 3]]
+    numbers = "\n".join(" ".join(f"{one:.17g}" for one in row) for row in rows)
+    (folder / "list.txt").write_text("".join(f"./{camera.name}.exr\n" for camera in cameras))
+    path = folder / "bundle.out"
+    path.write_text(f"# Bundle file v0.3\n{len(cameras)} 0\n{numbers}\n")
+    return path
+
+
+def as_matrices(folder: Path, cameras: list[Camera]) -> Path:
+    """Middlebury's lines; the first pixel's centre is 0, 0."""
+    lines = [str(len(cameras))]
+    for camera in cameras:
+        K = camera.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+        pose = camera.cam_from_world
+        values = (*K.ravel(), *pose[:, :3].ravel(), *pose[:, 3])
+        lines.append(f"{camera.name}.exr " + " ".join(f"{one:.17g}" for one in values))
+    path = folder / "sample_par.txt"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def as_meshroom(folder: Path, cameras: list[Camera]) -> Path:
+    """Every number as text; the focal length in millimetres, rotations by columns, places of the cameras."""
+    views, poses = [], []
+    for number, camera in enumerate(cameras):
+        own = {"viewId": str(number), "poseId": str(number), "intrinsicId": "7"}
+        views.append(own | {"path": f"C:\\photos\\{camera.name}.exr"})
+        rotation = camera.cam_from_world[:, :3]
+        place = {"rotation": [repr(float(one)) for one in rotation.T.ravel()]}
+        place["center"] = [repr(float(one)) for one in -rotation.T @ camera.cam_from_world[:, 3]]
+        poses.append({"poseId": str(number), "pose": {"transform": place}})
+    camera = cameras[0]
+    lens = {"intrinsicId": "7", "width": str(camera.width), "height": str(camera.height), "type": "pinhole"}
+    lens |= {"sensorWidth": "36", "focalLength": repr(camera.focal_px * 36 / camera.width)}
+    lens |= {"pixelRatio": "1", "principalPoint": ["0", "0"], "distortionParams": ""}
+    document = {"version": ["1", "2", "6"], "views": views, "intrinsics": [lens], "poses": poses}
+    path = folder / "cameras.sfm"
+    path.write_text(json.dumps(document))
+    return path
+
+
+def as_metashape(folder: Path, cameras: list[Camera]) -> Path:
+    """World from camera, by rows; the principal point from the middle of the image."""
+    placed = []
+    for number, camera in enumerate(cameras):
+        world_from_cam = np.linalg.inv(np.vstack([camera.cam_from_world, [0, 0, 0, 1]]))
+        listed = " ".join(repr(float(one)) for one in world_from_cam.ravel())
+        words = f'id="{number}" sensor_id="0" label="{camera.name}"'
+        placed.append(f"<camera {words}><transform>{listed}</transform></camera>")
+    camera = cameras[0]
+    size = f'<resolution width="{camera.width}" height="{camera.height}"/>'
+    path = folder / "cameras.xml"
+    path.write_text(
+        '<?xml version="1.0" encoding="UTF-8"?><document version="1.5.0"><chunk label="Chunk 1">'
+        f'<sensors><sensor id="0" type="frame">{size}<calibration type="frame" class="adjusted">{size}'
+        f"<f>{camera.focal_px!r}</f></calibration></sensor></sensors>"
+        f"<cameras>{''.join(placed)}</cameras></chunk></document>"
+    )
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("written", [as_bundler, as_matrices, as_meshroom, as_metashape])
+def test_cameras_of_any_program_give_the_albedo_of_the_same_cameras_of_colmap(
+    written, plain, tmp_path, capsys
 ):
-    words = ["run", "--colmap", LINEAR, *WITH_MESH, *QUICK, "--workspace", tmp_path / "w"]
-    assert unshade(capsys, *words)[0] == 0
-    for path in (tmp_path / "w/output/albedo").glob("*.exr"):
-        mask = read_mask(tmp_path / "w/output/mask" / f"{path.stem}.png")
-        plain, other = read_exr(path)[mask], read_exr(from_transforms / "output/albedo" / path.name)[mask]
-        assert np.abs(other - plain).mean() < 1e-3 * plain.mean()
+    path = written(tmp_path, cameras_of(read_model(LINEAR / "sparse")))
+    words = ["run", "--cameras", path, "--images", LINEAR / "images", *WITH_MESH, *QUICK]
+    code, said = unshade(capsys, *words, "--workspace", tmp_path / "w")
+    assert code == 0, said
+    assert_same_albedo(plain, tmp_path / "w")
 
 
 def test_transforms_json_that_a_run_wrote_gives_the_cameras_that_it_had(from_transforms, tmp_path, capsys):
