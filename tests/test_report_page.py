@@ -7,37 +7,17 @@ A small report in `make test`, that of `make sample` in `make test-all`.
 from __future__ import annotations
 
 import json
-import shutil
-import subprocess
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from stages.cli import main
+from tests.opened_pages import Opened, in_chromium, playwright, started_browser
 from tests.reported_scene import NAMES, page_of, record_of, reported, written_scene
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
-
-
-def chromium() -> str | None:
-    """Find chromium; Ubuntu's package of that name is a script that only asks for another installer."""
-    for name in ("chromium", "chromium-browser"):
-        if path := shutil.which(name):
-            said = subprocess.run([path, "--version"], capture_output=True, text=True, timeout=60)
-            if said.returncode == 0 and "Chromium" in said.stdout:
-                return path
-    return None
-
-
-CHROMIUM = chromium()
-pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed"),
-    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
-]
-DRAWS_ON_THE_PROCESSOR = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+pytestmark = in_chromium
 SAMPLE = Path(__file__).parent.parent / "configs/sample.yaml"
 at_both_widths = pytest.mark.parametrize("width", [360, 1600])
 of_the_small_report = pytest.mark.parametrize("written", ["small"], indirect=True)
@@ -50,51 +30,6 @@ class Written:
     file: Path
     names: list[str]
     kinds: list[str]
-
-
-@dataclass
-class Opened:
-    """An open page, and what it complained of or asked for."""
-
-    page: playwright.Page
-    complaints: list[str] = field(default_factory=list)
-    requests: list[str] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, page: playwright.Page) -> Opened:
-        """Listen to a page, from before it has opened anything."""
-        shown = cls(page)
-        page.on("console", lambda said: shown.complaints.append(said.text))
-        page.on("pageerror", lambda error: shown.complaints.append(str(error)))
-        page.on("dialog", lambda dialog: shown.complaints.append(dialog.message))
-        page.on("request", lambda request: shown.requests.append(request.url))
-        return shown
-
-    def left(self, file: Path) -> list[str]:
-        """List what was asked for, besides the page itself and what is in it."""
-        return [url for url in self.requests if url.split("#")[0] != file.as_uri() and url[:5] != "data:"]
-
-    def serious(self) -> list[tuple[str, list[str]]]:
-        """List what axe-core finds that bars somebody: the rule, and the elements."""
-        found = axe.Axe().run(self.page).response["violations"]
-        return [
-            (one["id"], [node["html"][:200] for node in one["nodes"]][:3])
-            for one in found
-            if one["impact"] in ("serious", "critical")
-        ]
-
-    def chosen(self, side: str) -> str:
-        return self.page.input_value(f"#{side}-kind")
-
-    def picture(self, side: str) -> str:
-        return self.page.get_attribute(f"#large .{side} img", "src")
-
-    def drawn(self) -> str:
-        """The canvas of the model, after it has been drawn anew."""
-        self.page.evaluate(
-            "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
-        )
-        return self.page.evaluate("() => document.getElementById('surface').toDataURL()")
 
 
 @pytest.fixture(scope="module", params=["small", pytest.param("sample", marks=pytest.mark.slow)])
@@ -115,10 +50,8 @@ def written(request, tmp_path_factory, make_job) -> Written:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[playwright.Browser]:
-    with playwright.sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=CHROMIUM, args=DRAWS_ON_THE_PROCESSOR)
+    with started_browser() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture
