@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pipeline import Artefact, Job, Settings, Stage, setting
+from stages.scene.distributions import PYCOLMAP
 
 
 class AdoptDepthMapsSettings(Settings):
@@ -52,7 +53,7 @@ ADOPT_DEPTH_MAPS = Stage(
     takes=("dense_folder",),
     gives=(Artefact("fused", "fused points with normals and colours, world axes", file="fused.ply"),),
     run=run,
-    tools=("pycolmap", "numpy"),
+    tools=(*PYCOLMAP, "numpy"),
     saves_memory="lower adopt_depth_maps.cache_gb",
     found=in_words,
 )

@@ -31,16 +31,16 @@ def run(job: Job[DecompositionSettings]) -> None:
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.photometry.clusters.cluster_views import divided_surface, view_graph
     from stages.photometry.clusters.parts import Parts
-    from stages.photometry.clusters.solved_clusters import (
+    from stages.photometry.clusters.surface_clusters import tell_too_large
+    from stages.photometry.decomposition_record import write_solutions
+    from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
+    from stages.photometry.joint.fast_alternation import FastSolver
+    from stages.photometry.solved_clusters import (
         ClusterTask,
         begin_cluster,
         finish_cluster,
         solve_whole,
     )
-    from stages.photometry.clusters.surface_clusters import tell_too_large
-    from stages.photometry.decomposition_record import write_solutions
-    from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
-    from stages.photometry.joint.fast_alternation import FastSolver
 
     cameras, settings, inputs = read_cameras(job.inputs["cameras"]), job.settings, dict(job.inputs)
     graph = view_graph(inputs, cameras)

@@ -5,7 +5,7 @@ Many views have their light estimated from some of them; the pixels of all are t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,12 +56,12 @@ class Scene:
     stored: StoredTransfer
     short: ShortEdged
 
-    def blend(self, opened: Opened) -> sp.csr_array:
-        """Interpolate the proxy's vertices at the pixels, (N, P)."""
+    def blend(self, cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> sp.csr_array:
+        """Interpolate the proxy's vertices at the masked pixels of cameras, (N, P)."""
         from stages.formats.artefacts.view_files import read_surface_points
         from stages.geometry.vertex_interpolation import pixels_on_proxy_of
 
-        points = read_surface_points(self.files.paths, opened.views.cameras, opened.views.masks)
+        points = read_surface_points(self.files.paths, cameras, masks)
         return pixels_on_proxy_of(self.short, self.stored, points)
 
 
@@ -195,7 +195,8 @@ def _light_all(
     from stages.photometry.clusters.cluster_views import divided_surface
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.clusters.surface_clusters import tell_too_large
-    from stages.photometry.lighting.further_views import LightTask, light_cluster
+    from stages.photometry.further_views.bounces_of_all import seen_vertices, with_bounces_of_all
+    from stages.photometry.further_views.lit_clusters import LightTask, light_cluster
     from stages.photometry.lighting.lighting_record import write_view
 
     clusters = divided_surface(
@@ -204,11 +205,15 @@ def _light_all(
     tell_too_large(job, clusters, job.settings.clusters)
     parts = Parts(job.scratch, scene.files.paths, scene.cameras, clusters)
     task = LightTask(scene.files, scene.blend, scene.stored.normals, parts, found, typical, gains, scale)
+    every = range(len(scene.cameras))
+    with job.progress("bounces", len(every)) as step:
+        seen = counted(job.tasks.small(seen_vertices, every, task), step)
+        task = replace(task, found=with_bounces_of_all(found, seen))
     with job.progress("clusters", len(clusters)) as step:
         counts = list(counted(job.tasks.large(light_cluster, clusters, task), step))
     folders = job.outputs["shading"], job.outputs["observations"]
     with job.progress("views", len(scene.cameras)) as step:
-        for _ in job.tasks.small(write_view, range(len(scene.cameras)), parts, *folders):
+        for _ in job.tasks.small(write_view, every, parts, *folders):
             step()
     clipped, untrusted, usable = (sum(column) for column in zip(*counts, strict=True))
     return clipped, untrusted, usable
@@ -236,7 +241,8 @@ def _scenes(job: Job[LightingSettings], opened: Opened, scene: Scene) -> list[Li
     from stages.photometry.transport.lit_scenes import scenes_by_distance
     from stages.scene.wording import tell_seen_from_behind
 
-    blend, probes = scene.blend(opened), _probes(job, scene.stored)
+    blend = scene.blend(opened.views.cameras, opened.views.masks)
+    probes = _probes(job, scene.stored)
     scenes, opposed = scenes_by_distance(scene.stored, blend, opened.normals, probes)
     tell_seen_from_behind(job, opposed, len(opened.normals))
     return scenes
@@ -287,7 +293,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 LIGHTING = Stage(
     name="lighting",
-    version=11,
+    version=12,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=(

@@ -68,6 +68,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "photometry/lighting": {"clusters", "light_search", "transport", "specular"},
     "photometry/joint": {"paper", "transport"},
     "photometry/detail": set(),
+    "photometry/further_views": {"clusters", "lighting", "light_search", "transport", "specular"},
     "photometry/albedo": {"joint", "detail", "specular"},
     "photometry/clusters": set(),
     "solvers/kernels": set(),
@@ -115,6 +116,7 @@ LENT = {  # who may import a library whose objects are its own world; everyone e
         "motion/photo_set.py",
         "motion/retrieval.py",  # COLMAP's index of visual words
         "stereo/colmap_stereo.py",  # the engine `cuda` of `mvs`
+        "stereo/stored_depth_maps.py",  # COLMAP's fusion
         "stereo/cuda_cards.py",  # whether pycolmap has CUDA, and a card
         "geometry/lenses.py",  # lenses are COLMAP's models; a second implementation of them would differ
     },

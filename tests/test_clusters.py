@@ -55,8 +55,8 @@ from stages.photometry.detail.scene_statistics import (
     SampledViews,
 )
 from stages.photometry.detail.settings import DetailSettings
+from stages.photometry.further_views.lit_clusters import further_pixels
 from stages.photometry.lighting.estimate_illumination import find_illumination
-from stages.photometry.lighting.further_views import further_pixels
 from stages.photometry.lighting.opened_views import ViewFiles
 from stages.photometry.lighting.view_gains import PairRatio, log_gains
 from stages.scene.memory_of_views import BYTES_PER_PIXEL_OF_CLUSTER

@@ -67,20 +67,26 @@ class ViewFiles:
     side: float
     how: TrustedPixelSettings
 
-    def read(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Read linear values, normals, ways to the camera, (N_i, 3) each, and unclipped pixels, of a view."""
+    def read(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Read a view: linear values, normals, ways to the camera, (N, 3) each; unclipped, off outlines."""
+        import numpy as np
+
         from stages.formats.artefacts.view_files import read_views, ways_to_cameras
-        from stages.photometry.lighting.trusted_pixels import unclipped
+        from stages.formats.images.exr import read_exr
+        from stages.photometry.lighting.trusted_pixels import on_outline, unclipped
 
         ((mask, normal, linear),) = read_views(self.paths, [camera])
         towards = ways_to_cameras([camera], [mask])
-        return linear, normal[mask], towards, unclipped(linear, self.how)
+        depth, normals = read_exr(self.paths["depth"] / f"{camera.name}.exr"), normal[mask]
+        cosine = np.einsum("nk,nk->n", normals, towards)
+        inner = ~on_outline(camera, mask, depth, cosine, self.how)
+        return linear, normals, towards, unclipped(linear, self.how), inner
 
-    def viewing(self, unclipped: np.ndarray, normals: np.ndarray, towards: np.ndarray) -> Viewing:
+    def viewing(self, whole: np.ndarray, normals: np.ndarray, towards: np.ndarray) -> Viewing:
         """Tell which pixels count."""
         from stages.photometry.lighting.trusted_pixels import Viewing
 
-        return Viewing.of(unclipped, normals, towards, self.how)
+        return Viewing.of(whole, normals, towards, self.how)
 
     def open(self, cluster: Cluster, scale: float | None, each: Each = map) -> Opened:
         """Open the pixels of a cluster; without a scale, images are divided by their own."""
@@ -93,10 +99,10 @@ class ViewFiles:
         parts = []
         for kept, view in zip(views.kept, each(self.read, views.cameras), strict=True):
             parts.append([values[kept] for values in view])
-        pixels, normals, towards, unclipped = (np.concatenate(own) for own in zip(*parts, strict=True))
+        pixels, normals, towards, unclipped, inner = (np.concatenate(own) for own in zip(*parts, strict=True))
         del parts
         images, scale = scaled_channels(pixels, scale)
-        viewing = self.viewing(unclipped, normals, towards)
+        viewing = self.viewing(unclipped & inner, normals, towards)
         return Opened(views, images, scale, normals, viewing, unclipped)
 
 
@@ -121,8 +127,8 @@ def gains_of_all(job: Job[LightingSettings], views: ViewFiles, scale: float) -> 
 
     def log_view(number: int) -> LogView:
         if number not in held:
-            linear, normals, towards, unclipped = views.read(views.cameras[number])
-            viewing = views.viewing(unclipped, normals, towards)
+            linear, normals, towards, unclipped, inner = views.read(views.cameras[number])
+            viewing = views.viewing(unclipped & inner, normals, towards)
             held[number] = LogView.of(linear / np.float32(scale), viewing.trusted, job.settings.gains)
             while len(held) > 2 and sum(len(one.logs) for one in held.values()) > PIXELS_HELD:
                 held.popitem(last=False)

@@ -105,6 +105,22 @@ class TrustedPixelSettings(Settings):
         ge=0,
         lt=1,
     )
+    outline_px: int = setting(
+        1,
+        "Distance from an outline, where surface ends or another begins, up to which pixels mix what is in "
+        "front with what is behind: photos are sampled from neighbouring pixels. 0 for photos that mix "
+        "nothing.",
+        unit="px",
+        ge=0,
+        le=8,
+    )
+    outline_slope: float = setting(
+        2.0,
+        "Change of depth from pixel to pixel, beyond that of the surface's own slope, from which another "
+        "surface begins.",
+        unit="pixel footprints",
+        gt=0,
+    )
     unlit: float = setting(
         0.02,
         "Pixels with no more shading have no data for the albedo: a quotient by less is mostly noise.",

@@ -137,9 +137,14 @@ def nearest_shown(blend: sp.csr_array, positions: np.ndarray) -> np.ndarray:
         Pixels as blends of the vertices. Where it is empty, every vertex is its own nearest.
     positions : ndarray, shape (P, 3)
     """
-    nearest = np.arange(len(positions))
     shown = np.zeros(len(positions), bool)
     shown[blend.indices] = True
+    return nearest_of(shown, positions)
+
+
+def nearest_of(shown: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Find the nearest of the shown vertices, (P,) bool, for every vertex: itself, if none is shown."""
+    nearest = np.arange(len(positions))
     if shown.any():
         _, place = cKDTree(positions[shown]).query(positions[~shown])
         nearest[~shown] = nearest[shown][place]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,13 +14,14 @@ from stages.photometry.clusters.surface_clusters import Cluster
 from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.lighting.illumination import Explanation, Illumination
 from stages.photometry.lighting.observations import Observations
-from stages.photometry.lighting.opened_views import Opened, ViewFiles
+from stages.photometry.lighting.opened_views import ViewFiles
 from stages.photometry.lighting.trusted_pixels import Viewing, unlit
 from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.specular.specular_reflection import SpecularReflection
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.pixel_transfer import without_opposed
+from stages.scene.cameras import Camera
 from stages.solvers.kernels.pixelwise import on_threads
 from stages.solvers.kernels.threading_layer import use_threads
 
@@ -33,7 +34,7 @@ class LightTask:
     ----------
     files : ViewFiles
     blend : callable
-        Interpolates the proxy's vertices at opened pixels: (N, P).
+        Interpolates the proxy's vertices at the masked pixels of cameras: (N, P).
     vertex_normals : ndarray, shape (P, 3)
     parts : Parts
         Where shading and data of the pixels are kept, until they are put together view by view.
@@ -48,7 +49,7 @@ class LightTask:
     """
 
     files: ViewFiles
-    blend: Callable[[Opened], sp.csr_array]
+    blend: Callable[[Sequence[Camera], Sequence[np.ndarray]], sp.csr_array]
     vertex_normals: np.ndarray
     parts: Parts
     found: Illumination
@@ -61,7 +62,9 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
     """Light a cluster, and keep its own pixels; count clipped, untrusted, usable ones. Picklable."""
     use_threads(threads)
     opened = task.files.open(cluster, task.scale, on_threads)
-    blend, _ = without_opposed(opened.normals, task.blend(opened), task.vertex_normals)
+    blend, _ = without_opposed(
+        opened.normals, task.blend(opened.views.cameras, opened.views.masks), task.vertex_normals
+    )
     image = np.stack(opened.images, axis=1)
     shading, data = further_pixels(
         task.found,

@@ -1,0 +1,1 @@
+"""Light and data of views that the light was not estimated from."""
