@@ -1,7 +1,7 @@
 """Interreflection of all surface under a light that was estimated from some views.
 
-Those views do not show all of it, and what shines on a wall is the paint of its own surroundings: so the
-albedo of the vertices is computed anew, from all views, one after another.
+Those views do not show all of it, and what shines on a wall is the paint of its own surroundings: so what
+the vertices reflect is taken from all views, one after another.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ import numpy as np
 from stages.formats.images.photos import read_mask
 from stages.photometry.further_views.lit_clusters import LightTask
 from stages.photometry.light_search.light_estimate import LightEstimate
-from stages.photometry.light_search.vertex_albedo import NO_LIGHT, bounced_at_vertices
+from stages.photometry.light_search.vertex_albedo import NO_LIGHT
 from stages.photometry.lighting.illumination import Illumination
-from stages.photometry.transport.pixel_transfer import WHITEST, nearest_of, without_opposed
+from stages.photometry.transport.lit_scenes import LitScene
+from stages.photometry.transport.pixel_transfer import nearest_of, without_opposed
 from stages.solvers.kernels.sparse_rows import product
 
 
@@ -55,34 +56,42 @@ def seen_vertices(view: int, task: LightTask) -> SeenVertices:
 
 
 def with_bounces_of_all(found: Illumination, seen: Iterable[SeenVertices]) -> Illumination:
-    """Compute the interreflection under the light that was found, from the albedo that all views show.
+    """Replace the interreflection of an illumination, of one light for all views, by `bounced_of_all`."""
+    own = found.explained
+    if not own.photos.settings.bounces:
+        return found
+    return replace(found, explained=replace(own, light=bounced_of_all(own.scene, own.light, seen)))
+
+
+def bounced_of_all(scene: LitScene, light: LightEstimate, seen: Iterable[SeenVertices]) -> LightEstimate:
+    """Compute the interreflection from the radiance that all views show.
 
     Parameters
     ----------
-    found : Illumination
-        Of one light for all views.
+    scene : LitScene
+        Its pixels are not used.
+    light : LightEstimate
+        One light.
     seen : iterable of SeenVertices
         Of every view.
 
     Notes
     -----
-    The albedo of a vertex is its radiance over its shading, direct and reflected; both are computed
-    alternately, as for the views that the light was estimated from. Vertices that no view shows have that
-    of the nearest one.
+    What a diffuse vertex sends to others is what the photos show of it, with all its bounces. Vertices that
+    no view shows send what the nearest one does; the backs of faces, as before, their front's light times
+    the median albedo.
     """
-    own, how = found.explained, found.explained.photos.settings
-    if not how.bounces:
-        return found
-    scene, light = own.scene, own.light
-    direct = scene.vertices.shading(light.radiance[0])
-    radiance, weight = np.zeros(direct.shape), np.zeros((len(direct), 1))
+    shading = scene.vertices.shading(light.radiance[0]) + light.bounced[0]
+    radiance, weight = np.zeros(shading.shape), np.zeros(len(shading))
     for one in seen:
         radiance[one.vertices] += one.radiance
-        weight[one.vertices, 0] += one.weight
-    nearest, bounced = nearest_of(weight[:, 0] > 0, scene.proxy.positions), light.bounced
-    for _ in range(how.search.bounce_rounds):
-        lit = (weight * (direct + bounced[0])).astype(np.float32)
-        albedo = np.where(lit > NO_LIGHT, radiance / np.maximum(lit, NO_LIGHT), 0)
-        absolute = np.clip(albedo, 0, WHITEST).astype(np.float32)[nearest]
-        bounced = bounced_at_vertices(scene, direct[None], absolute, lit[nearest], how.bounces)
-    return replace(found, explained=replace(own, light=LightEstimate(light.radiance, bounced)))
+        weight[one.vertices] += one.weight
+    shown = weight > 0
+    radiance /= np.where(shown, weight, 1)[:, None]
+    lit = shown & (shading.min(axis=1) > NO_LIGHT)
+    of_backs = np.median(radiance[lit] / shading[lit], axis=0) if lit.any() else np.zeros(3)
+    sent = radiance[nearest_of(shown, scene.proxy.positions)].astype(np.float32)
+    occlusion = scene.proxy.occlusion
+    bounced = product(occlusion.form_factors, sent)
+    bounced += of_backs.astype(np.float32) * product(occlusion.behind, shading.astype(np.float32))
+    return LightEstimate(light.radiance, bounced[None])
