@@ -42,7 +42,7 @@ class Given:
         cameras.sfm (Meshroom), XML (Metashape), or matrices, a line or a file for each photo.
     points
         Fused points with normals (PLY, as COLMAP's fused.ply) in the frame of these cameras, used instead of
-        dense stereo.
+        dense stereo; or a dense workspace of COLMAP, whose depth maps are fused.
     mesh
         Mesh in the frame of these cameras, used instead of dense stereo and reconstruction.
     masks
