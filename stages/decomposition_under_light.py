@@ -11,7 +11,7 @@ from stages.photometry.decomposition_record import ALBEDO, ENERGY, OF_TRANSFER
 from stages.photometry.decomposition_settings import IGNORED, DecompositionSettings
 from stages.photometry.solver_settings import weights_at
 from stages.scene.distributions import PICTURES
-from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_PIXEL_OF_CLUSTER
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_PIXEL_OF_CLUSTER, left_for_pixels
 
 if TYPE_CHECKING:
     import numpy as np
@@ -128,7 +128,7 @@ def estimated_memory(settings: DecompositionSettings, inputs: Mapping[str, Path]
 
 def within(settings: DecompositionSettings, memory: int) -> DecompositionSettings:
     """Make clusters small enough for the memory, bytes."""
-    room = (memory - BYTES_OF_LIBRARIES) // BYTES_PER_PIXEL_OF_CLUSTER
+    room = left_for_pixels(memory) // BYTES_PER_PIXEL_OF_CLUSTER
     return settings.model_copy(update={"clusters": settings.clusters.within(room)})
 
 

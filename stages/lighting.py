@@ -14,7 +14,12 @@ from pipeline import Artefact, Job, Stage, counted
 from stages.photometry.clusters.settings import LEAST_PIXELS
 from stages.photometry.lighting.settings import LightingSettings
 from stages.scene.distributions import OPEN3D, PICTURES
-from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, FEWER_OR_SMALLER_VIEWS, PART_FOR_MESH
+from stages.scene.memory_of_views import (
+    BYTES_OF_LIBRARIES,
+    FEWER_OR_SMALLER_VIEWS,
+    PART_FOR_MESH,
+    left_for_pixels,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -279,7 +284,7 @@ def _probes(job: Job[LightingSettings], stored: StoredTransfer) -> VisibilityPro
 
 def within(settings: LightingSettings, memory: int) -> LightingSettings:
     """Estimate the light on fewer pixels, in smaller clusters, as the memory, bytes, has room for."""
-    for_pixels = memory - memory // PART_FOR_MESH - BYTES_OF_LIBRARIES - BYTES_AT_ANY_SIZE
+    for_pixels = left_for_pixels(memory - memory // PART_FOR_MESH - BYTES_AT_ANY_SIZE)
     room = max(for_pixels // BYTES_PER_PIXEL, LEAST_PIXELS)
     clusters = settings.clusters.within(room)
     return settings.model_copy(update={"pixels": min(settings.pixels, room), "clusters": clusters})

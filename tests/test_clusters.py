@@ -425,6 +425,7 @@ def test_clusters_give_the_same_bytes_on_any_number_of_threads(in_clusters, work
             assert path.read_bytes() == (again[kind] / path.name).read_bytes()
 
 
+@examples(deadline=None)
 @given(memory=st.integers(500_000_000, 10**12), pixels=st.integers(1000, 10**8))
 def test_less_memory_makes_clusters_smaller_and_more_leaves_them(memory, pixels):
     settings = DecompositionSettings(clusters={"pixels": pixels})
