@@ -7,6 +7,7 @@ for a fine level, and make up a tenth of the solver's memory.
 from __future__ import annotations
 
 import ctypes
+import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -33,6 +34,16 @@ def large_blocks_apart() -> Iterator[None]:
 def give_back_free_memory() -> None:
     """Return all free pages to the system; does nothing with another C library."""
     _of_glibc("malloc_trim", lambda malloc_trim: malloc_trim(0))
+
+
+def give_back_garbage() -> None:
+    """Free what only references to itself keep, and return all free pages to the system.
+
+    While loops are compiled, exceptions that the compiler catches keep the frames that called it: arrays of
+    a solver that has ended would stay until Python happens to look for such cycles.
+    """
+    gc.collect()
+    give_back_free_memory()
 
 
 def _of_glibc(name: str, call: Callable[[Callable[..., int]], int]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.process.free_memory import give_back_free_memory
+from pipeline.process.free_memory import give_back_garbage
 from stages.formats.artefacts.light_npz import StoredLight, read_light
 from stages.photometry.albedo.albedo_given_light import SmoothAlbedos, smooth_albedos_under_light
 from stages.photometry.albedo.confidence import confidence_of
@@ -107,7 +107,7 @@ def _smooth_file(task: ClusterTask, cluster: Cluster) -> Path:
 def _opened(cluster: Cluster, task: ClusterTask, threads: int) -> OpenedCluster:
     """Open masks, correspondences, shading and observations of a cluster."""
     use_threads(threads)
-    give_back_free_memory()  # of the cluster before: the solver's arrays are elsewhere
+    give_back_garbage()  # of the cluster before: the solver's arrays are elsewhere
     light = read_light(task.inputs["found_light"])
     views = open_cluster(task.inputs, task.cameras, cluster, task.graph.side, on_threads)
     shading = views.maps(task.inputs["shading"], on_threads) / light.mean_shading.astype(np.float32)

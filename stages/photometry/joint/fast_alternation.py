@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.process.free_memory import give_back_free_memory, large_blocks_apart
+from pipeline.process.free_memory import give_back_free_memory, give_back_garbage, large_blocks_apart
 from stages.photometry.joint.problem_assembly import finest_level, problem_of
 from stages.photometry.joint.pyramid import Level, pyramid
 from stages.photometry.joint.settings import FastSettings, Stopping
@@ -179,7 +179,7 @@ def finish(
         rounds.append(best)
     albedo, light = descent.problem.slices.collect(kept[0]), kept[1]
     del descent, kept
-    give_back_free_memory()
+    give_back_garbage()
     shading = views.shadings(light)
     terms = channel_terms(views, images, albedo, shading)
     return FastDescent(albedo, light, shading, terms, tuple(rounds), outcome or Outcome.LIMIT_REACHED)
