@@ -9,6 +9,7 @@ from stages.photometry.lighting.trusted_pixels import Viewing, on_outline, uncli
 from stages.scene.cameras import Camera
 
 HOW = TrustedPixelSettings()
+BESIDE = TrustedPixelSettings(outline_px=1)
 
 
 def test_a_pixel_is_clipped_by_one_channel_unless_the_image_has_no_white():
@@ -40,7 +41,7 @@ def test_surface_with_hardly_any_light_does_not_count():
     ]
 
 
-def outline_before_a_wall(front: np.ndarray, mask: np.ndarray, how=HOW) -> np.ndarray:
+def outline_before_a_wall(front: np.ndarray, mask: np.ndarray, how=BESIDE) -> np.ndarray:
     """Find the outline where surface 2 away, at the pixels `front`, hides a slanted wall; (h, w), bool."""
     intrinsics = np.array([[20.0, 0, 10], [0, 20, 8], [0, 0, 1]])
     camera = Camera("view", 20, 16, intrinsics, np.eye(3, 4))
@@ -61,7 +62,7 @@ def test_pixels_beside_another_surface_or_none_do_not_count_on_either_side():
     expected[5:11, 6:14] = False
     expected[:, 17] = True
     assert (outline_before_a_wall(front, mask) == expected).all()
-    assert not outline_before_a_wall(front, mask, TrustedPixelSettings(outline_px=0)).any()
+    assert not outline_before_a_wall(front, mask, HOW).any()
     twice = outline_before_a_wall(front, mask, TrustedPixelSettings(outline_px=2))
     assert twice[2, 3] and twice[5, 6] and not twice[6, 7] and not twice[1, 1]
 
@@ -77,4 +78,5 @@ def test_surface_too_thin_to_have_an_inside_keeps_its_pixels():
 def test_the_frame_of_the_image_and_slanted_surface_are_no_outline():
     none, every = np.zeros((16, 20), bool), np.ones((16, 20), bool)
     assert not outline_before_a_wall(none, every).any()
-    assert outline_before_a_wall(none, every, TrustedPixelSettings(outline_slope=1e-6)).sum() == 0
+    flat = TrustedPixelSettings(outline_px=1, outline_slope=1e-6)
+    assert not outline_before_a_wall(none, every, flat).any()

@@ -77,9 +77,10 @@ class ViewFiles:
 
         ((mask, normal, linear),) = read_views(self.paths, [camera])
         towards = ways_to_cameras([camera], [mask])
-        depth, normals = read_exr(self.paths["depth"] / f"{camera.name}.exr"), normal[mask]
-        cosine = np.einsum("nk,nk->n", normals, towards)
-        inner = ~on_outline(camera, mask, depth, cosine, self.how)
+        normals, inner = normal[mask], np.ones(len(linear), bool)
+        if self.how.outline_px:
+            depth = read_exr(self.paths["depth"] / f"{camera.name}.exr")
+            inner = ~on_outline(camera, mask, depth, np.einsum("nk,nk->n", normals, towards), self.how)
         return linear, normals, towards, unclipped(linear, self.how), inner
 
     def viewing(self, whole: np.ndarray, normals: np.ndarray, towards: np.ndarray) -> Viewing:

@@ -106,10 +106,10 @@ class TrustedPixelSettings(Settings):
         lt=1,
     )
     outline_px: int = setting(
-        1,
-        "Distance from an outline, where surface ends or another begins, up to which pixels mix what is in "
-        "front with what is behind: photos are sampled from neighbouring pixels. 0 for photos that mix "
-        "nothing.",
+        0,
+        "Distance from an outline, where surface ends or another begins, up to which pixels carry no data: "
+        "they mix what is in front with what is behind. 1 makes textures agree better with the views (33 to "
+        "34 dB on the sample); 0 by default, for in small pictures the light misses these pixels.",
         unit="px",
         ge=0,
         le=8,
