@@ -6,6 +6,7 @@ import fcntl
 import os
 import pty
 import re
+import signal
 import struct
 import subprocess
 import termios
@@ -104,8 +105,9 @@ def run_in_terminal(
 
 
 def _take_terminal() -> None:
-    """Begin a session that the terminal controls, so that Ctrl-C reaches it."""
+    """Begin a session that the terminal controls, so that Ctrl-C reaches it and is not ignored."""
     os.setsid()
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # what shells start in the background ignores it
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
