@@ -35,9 +35,10 @@ def run(job: Job[AdoptDepthMapsSettings]) -> None:
             "patch_match_stereo to its end."
         )
     with job.progress("COLMAP fusion"):
-        cloud = fused_points(folder, names, job.scratch, job.settings.fusion_views, job.settings.cache_gb)
-    write_points(job.outputs["fused"], *read_cloud(cloud))
-    job.note(views=len(names), points=len(read_cloud(cloud)[0]))
+        fused = fused_points(folder, names, job.scratch, job.settings.fusion_views, job.settings.cache_gb)
+    x_in_world, normals, colours = read_cloud(fused)
+    write_points(job.outputs["fused"], x_in_world, normals, colours)
+    job.note(views=len(names), points=len(x_in_world))
 
 
 def in_words(facts: Mapping[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -84,3 +84,22 @@ class Opened:
             "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
         )
         return self.page.evaluate("() => document.getElementById('surface').toDataURL()")
+
+
+@contextmanager
+def opener_of(browser: playwright.Browser, file: Path) -> Iterator[Callable[..., Opened]]:
+    """``open(width, **more)``: the page in a window of this width; at the end, silent and by itself."""
+    opened: list[Opened] = []
+
+    def open_page(width: int, fragment: str = "", **more) -> Opened:
+        shown = Opened.of(browser.new_page(viewport={"width": width, "height": 900}, **more))
+        opened.append(shown)
+        shown.page.goto(file.as_uri() + fragment)
+        shown.page.wait_for_function("() => document.querySelector('#large .left img').naturalWidth > 0")
+        return shown
+
+    yield open_page
+    for shown in opened:
+        shown.page.close()
+        assert shown.complaints == []
+        assert shown.left(file) == []

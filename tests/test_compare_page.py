@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stages.cli import main
-from tests.opened_pages import Opened, in_chromium, playwright, started_browser
+from tests.opened_pages import in_chromium, opener_of, playwright, started_browser
 from tests.reported_scene import NAMES, written_scene
 from tests.test_compare import with_albedo, workspace_of
 
@@ -40,21 +40,8 @@ def browser() -> Iterator[playwright.Browser]:
 
 @pytest.fixture
 def open_at(browser, written):
-    """``open_at(width)``: the page in a window of this width; at the end, silent and by itself."""
-    opened = []
-
-    def open_page(width: int) -> Opened:
-        shown = Opened.of(browser.new_page(viewport={"width": width, "height": 900}))
-        opened.append(shown)
-        shown.page.goto(written.as_uri())
-        shown.page.wait_for_function("() => document.querySelector('#large .left img').naturalWidth > 0")
-        return shown
-
-    yield open_page
-    for shown in opened:
-        shown.page.close()
-        assert shown.complaints == []
-        assert shown.left(written) == []
+    with opener_of(browser, written) as open_page:
+        yield open_page
 
 
 @at_both_widths

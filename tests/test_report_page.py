@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from stages.cli import main
-from tests.opened_pages import Opened, in_chromium, playwright, started_browser
+from tests.opened_pages import Opened, in_chromium, opener_of, playwright, started_browser
 from tests.reported_scene import NAMES, page_of, record_of, reported, written_scene
 
 pytestmark = in_chromium
@@ -56,21 +56,8 @@ def browser() -> Iterator[playwright.Browser]:
 
 @pytest.fixture
 def open_at(browser, written):
-    """``open_at(width, **more)``: the page in a window of this width; at the end, silent and by itself."""
-    opened = []
-
-    def open_page(width: int, fragment: str = "", **more) -> Opened:
-        shown = Opened.of(browser.new_page(viewport={"width": width, "height": 900}, **more))
-        opened.append(shown)
-        shown.page.goto(written.file.as_uri() + fragment)
-        shown.page.wait_for_function("() => document.querySelector('#large .left img').naturalWidth > 0")
-        return shown
-
-    yield open_page
-    for shown in opened:
-        shown.page.close()
-        assert shown.complaints == []
-        assert shown.left(written.file) == []
+    with opener_of(browser, written.file) as open_page:
+        yield open_page
 
 
 @at_both_widths

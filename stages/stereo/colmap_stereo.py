@@ -12,10 +12,10 @@ from pipeline import Job, UserError
 from stages.formats.colmap.assembly import add_points
 from stages.formats.colmap.dense_workspace import write_stereo_settings
 from stages.formats.colmap.depth_maps import read_map
-from stages.formats.colmap.model import read_model
+from stages.formats.colmap.model import count_from_first_centre, read_model
 from stages.formats.images.photos import write_mask
 from stages.formats.meshes.point_clouds import read_cloud
-from stages.scene.cameras import intrinsics_for_integer_centres, normals_in_world
+from stages.scene.cameras import normals_in_world
 from stages.stereo.cuda_cards import count_cards
 from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.mvs_settings import MvsSettings
@@ -70,15 +70,11 @@ def write_colmap_workspace(workspace: Workspace, folder: Path, settings: MvsSett
 def model_for_stereo(workspace: Workspace, settings: MvsSettings) -> pycolmap.Reconstruction:
     """Convert the workspace's model to what COLMAP's stereo expects.
 
-    COLMAP's PatchMatch and fusion take array indices for image coordinates, as though the first pixel's
-    centre were at (0, 0); everywhere else in COLMAP it is at (0.5, 0.5). So the principal points move. And
-    they find neighbours and depth ranges by 3-D points only: where there are none, points from the poses
-    stand in.
+    The principal points move (`count_from_first_centre`). Neighbours and depth ranges are found by 3-D
+    points only: where there are none, points from the poses stand in.
     """
     model = read_model(workspace.folder / "sparse")
-    for camera in model.cameras.values():
-        shifted = intrinsics_for_integer_centres(np.array(camera.calibration_matrix(), float))
-        camera.principal_point_x, camera.principal_point_y = shifted[0, 2], shifted[1, 2]
+    count_from_first_centre(model)
     if not len(workspace.points.x_in_world):
         stand_ins = points_from_poses(workspace.cameras, settings.pose_points)
         add_points(model, workspace.image_names, stand_ins.x_in_world, stand_ins.seen)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pycolmap
 
 from pipeline import UserError
 from stages.formats.colmap.depth_maps import check_map
-from stages.formats.colmap.model import read_model, registered
-from stages.scene.cameras import intrinsics_for_integer_centres
+from stages.formats.colmap.model import count_from_first_centre, read_model, registered
 
 MAPS = ("depth_maps", "normal_maps")
 KIND = "geometric"  # maps that other views have confirmed; `photometric` ones have not been filtered
@@ -60,9 +58,8 @@ def fused_points(folder: Path, names: list[str], scratch: Path, fewest_views: in
 
     Notes
     -----
-    In one thread: several would find other points in every run. COLMAP's stereo takes array indices for
-    image coordinates; so its maps are fused with principal points half a pixel less, and are where the
-    photos show them.
+    In one thread: several would find other points in every run. The maps are fused where the photos show
+    them: see `count_from_first_centre`.
     """
     linked = scratch / "workspace"
     (linked / "stereo").mkdir(parents=True)
@@ -71,9 +68,7 @@ def fused_points(folder: Path, names: list[str], scratch: Path, fewest_views: in
         (linked / "stereo" / kind).symlink_to((folder / "stereo" / kind).resolve())
     (linked / "stereo/fusion.cfg").write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
     model = read_model(folder / "sparse")
-    for camera in model.cameras.values():
-        shifted = intrinsics_for_integer_centres(np.array(camera.calibration_matrix(), float))
-        camera.principal_point_x, camera.principal_point_y = shifted[0, 2], shifted[1, 2]
+    count_from_first_centre(model)
     (linked / "sparse").mkdir()
     model.write(linked / "sparse")
     options = pycolmap.StereoFusionOptions()

@@ -20,7 +20,7 @@ from stages.formats.colmap.assembly import PosedImage, assemble, points2d_of
 from stages.formats.colmap.binary_files import check_binary_files
 from stages.formats.colmap.plausible_cameras import check_cameras
 from stages.formats.images.photo_folder import check_view_names
-from stages.scene.cameras import Camera, view_name
+from stages.scene.cameras import Camera, intrinsics_for_integer_centres, view_name
 from stages.scene.image_names import fault_of_name
 
 PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
@@ -295,3 +295,14 @@ def _check_names(names: list[str], source: Path) -> None:
             )
         seen[view] = name
     check_view_names(seen, source)
+
+
+def count_from_first_centre(model: pycolmap.Reconstruction) -> None:
+    """Move the principal points of a model, in place, to where COLMAP's PatchMatch and fusion expect them.
+
+    They take array indices for image coordinates, as though the first pixel's centre were at (0, 0);
+    everywhere else in COLMAP it is at (0.5, 0.5).
+    """
+    for camera in model.cameras.values():
+        shifted = intrinsics_for_integer_centres(np.array(camera.calibration_matrix(), float))
+        camera.principal_point_x, camera.principal_point_y = shifted[0, 2], shifted[1, 2]

@@ -44,8 +44,7 @@ def seen_vertices(view: int, task: LightTask) -> SeenVertices:
     """Sum up what a view shows around every vertex. Picklable."""
     camera = task.files.cameras[view]
     mask = read_mask(task.files.paths["mask"] / f"{camera.name}.png")
-    linear, normals, towards, unclipped, inner = task.files.read(camera)
-    trusted = task.files.viewing(unclipped & inner, normals, towards).trusted
+    linear, normals, trusted = task.files.trusted(camera)
     blend, _ = without_opposed(normals, task.blend([camera], [mask]), task.vertex_normals)
     around = blend[trusted].T.tocsr()
     vertices = np.flatnonzero(np.diff(around.indptr))

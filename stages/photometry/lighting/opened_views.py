@@ -89,6 +89,11 @@ class ViewFiles:
 
         return Viewing.of(whole, normals, towards, self.how)
 
+    def trusted(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Read linear values and normals, (N, 3) each, of a view, and which of its pixels count, (N,)."""
+        linear, normals, towards, unclipped, inner = self.read(camera)
+        return linear, normals, self.viewing(unclipped & inner, normals, towards).trusted
+
     def open(self, cluster: Cluster, scale: float | None, each: Each = map) -> Opened:
         """Open the pixels of a cluster; without a scale, images are divided by their own."""
         import numpy as np
@@ -128,9 +133,8 @@ def gains_of_all(job: Job[LightingSettings], views: ViewFiles, scale: float) -> 
 
     def log_view(number: int) -> LogView:
         if number not in held:
-            linear, normals, towards, unclipped, inner = views.read(views.cameras[number])
-            viewing = views.viewing(unclipped & inner, normals, towards)
-            held[number] = LogView.of(linear / np.float32(scale), viewing.trusted, job.settings.gains)
+            linear, _, trusted = views.trusted(views.cameras[number])
+            held[number] = LogView.of(linear / np.float32(scale), trusted, job.settings.gains)
             while len(held) > 2 and sum(len(one.logs) for one in held.values()) > PIXELS_HELD:
                 held.popitem(last=False)
         held.move_to_end(number)
