@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from stages.scene.cameras import Camera
 
 MAPS = ("albedo", "albedo_tv", "confidence")
-BYTES_PER_PIXEL = 400  # that take part, all channels together
-BYTES_PER_LINK = 40
+BYTES_PER_PIXEL = 200  # that take part, all channels together
+BYTES_PER_LINK = 48
 
 
 def run(job: Job[DecompositionSettings]) -> None:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 BYTES_AT_ANY_SIZE = 400_000_000  # of specular reflection and of the picture of the light
-BYTES_PER_PIXEL = 400  # masked
+BYTES_PER_PIXEL = 260  # masked
 BYTES_PER_BYTE_OF_MESH = 15  # of its file, with short edges and for casting rays
 
 
@@ -298,7 +298,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 LIGHTING = Stage(
     name="lighting",
-    version=12,
+    version=13,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=(

@@ -509,8 +509,7 @@ def test_views_without_links_have_no_gains():
 def solved(views: StackedViews, image, shading, trusted, weights, edges=ALIKE) -> np.ndarray:
     stopping = Stopping(tolerance=1e-4, gap=1e-2, max_rounds=60)
     how = FastSolver(weights, stopping, FastSettings(coarsest_pixels=30))
-    images = [np.ascontiguousarray(image[:, c], np.float32) for c in range(3)]
-    return albedo_under_light(views, images, shading, trusted, edges, how, 1, lambda: None).albedo
+    return albedo_under_light(views, image, shading, trusted, edges, how, 1, lambda: None).albedo
 
 
 def test_under_the_true_light_the_true_albedo_comes_back(lit):

@@ -21,7 +21,7 @@ from stages.evaluation.scaled_error import least_squares_scale  # noqa: E402
 from stages.photometry.joint.fast_alternation import (  # noqa: E402
     FastDescent,
     FastSolver,
-    finish,
+    descend,
     solve,
     start,
     steps_of,
@@ -65,7 +65,7 @@ def solve_from(name: str, problem: RaceProblem, threads: int) -> FastDescent:
     if name == "constant":
         descent = constant(descent)
     use_threads(threads_for(problem.pixels, threads))
-    return finish(views, images, descent, solver, lambda: None)
+    return descend(descent, solver, lambda: None).evaluated(views, images)
 
 
 def constant(descent: PrimalDual) -> PrimalDual:

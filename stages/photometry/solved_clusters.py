@@ -27,6 +27,7 @@ from stages.photometry.energy_history import rounds_under_light_as_json
 from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.paper.alternation import worse
 from stages.scene.cameras import Camera
+from stages.solvers.kernels.arrays_in_files import in_file
 from stages.solvers.kernels.pixelwise import on_threads
 from stages.solvers.kernels.threading_layer import use_threads
 
@@ -105,14 +106,21 @@ def _smooth_file(task: ClusterTask, cluster: Cluster) -> Path:
 
 
 def _opened(cluster: Cluster, task: ClusterTask, threads: int) -> OpenedCluster:
-    """Open masks, correspondences, shading and observations of a cluster."""
+    """Open masks, correspondences, shading and observations of a cluster, all in files.
+
+    Solving and detail each use some of it for a while, and the solver needs the memory.
+    """
     use_threads(threads)
+    folder = task.parts.folder
     give_back_garbage()  # of the cluster before: the solver's arrays are elsewhere
     light = read_light(task.inputs["found_light"])
     views = open_cluster(task.inputs, task.cameras, cluster, task.graph.side, on_threads)
+    views = replace(views, stack=views.stack.in_file(folder))
     shading = views.maps(task.inputs["shading"], on_threads) / light.mean_shading.astype(np.float32)
     kept = views.arrays(task.inputs["observations"], BY_PIXEL, on_threads)
-    observed = AlbedoData(**kept, glossy=light.glossy)
+    shading, *observations = in_file([shading, *kept.values()], folder)
+    observed = AlbedoData(**dict(zip(kept, observations, strict=True)), glossy=light.glossy)
+    del kept
     return OpenedCluster(views, light, shading, observed, _part(views, shading, observed, task), threads)
 
 
@@ -138,6 +146,7 @@ def _smooth(
         opened.part.typical.light,
         opened.threads,
         step,
+        task.parts.folder,
     )
     of_energy = np.maximum(smooth.alike.albedo, 0) * _unit(opened)
     task.parts.keep(cluster, opened.views, {"albedo_tv": of_energy})
@@ -159,6 +168,7 @@ def _with_detail(
         task.settings.detail,
         opened.part,
         common,
+        task.parts.folder,
     )
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
 
 from stages.formats.artefacts.view_files import Each, images_of
 from stages.photometry.paper.harmonics import shading_basis
+from stages.solvers.kernels.arrays_in_files import in_file
 from stages.solvers.least_squares.correspondence_operator import (
     Correspondences,
     check_correspondences,
@@ -85,6 +87,16 @@ class StackedViews:
         """List row and column of every pixel in its own view, shape (N, 2), int32."""
         return np.concatenate([np.argwhere(mask).astype(np.int32) for mask in self.masks])
 
+    def in_file(self, folder: Path) -> StackedViews:
+        """Move the correspondences to a file in a folder; see `arrays_in_files`."""
+        blocks = self.correspondences.values()
+        arrays = in_file([part for block in blocks for part in _parts(block)], folder)
+        moved = {
+            pair: sp.csr_array(tuple(arrays[3 * k : 3 * k + 3]), shape=block.shape, copy=False)
+            for k, (pair, block) in enumerate(self.correspondences.items())
+        }
+        return replace(self, correspondences=moved)
+
     def neighbours(self) -> Iterator[Pixels]:
         """Iterate over pairs of adjacent pixels: those of D_x, then those of D_y, view by view."""
         for mask, first in zip(self.masks, self.starts[:-1].tolist(), strict=True):
@@ -129,6 +141,10 @@ class StackedViews:
     def _differences(self) -> tuple[sp.csr_array, sp.csr_array]:
         d_x, d_y = difference_matrices(self.masks)
         return without_empty_rows(d_x), without_empty_rows(d_y)
+
+
+def _parts(block: sp.csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return block.data, block.indices, block.indptr
 
 
 def stack_views(

@@ -2,7 +2,7 @@
 
 BYTES_OF_LIBRARIES = 250_000_000
 BYTES_HELD_BEFORE = 700_000_000  # of the libraries of earlier stages, by the time that the light is estimated
-BYTES_PER_PIXEL_OF_CLUSTER = 650  # that takes part, its correspondences included
+BYTES_PER_PIXEL_OF_CLUSTER = 480  # that takes part, its correspondences included
 PART_FOR_MESH = 5  # of the memory, one part in so many: the mesh, visibility and form factors of its vertices
 FEWER_PIXELS = "set raycast.reduce=2, or choose fewer views (raycast.views)"
 FEWER_OR_SMALLER_VIEWS = (

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from stages.photometry.chromaticity import in_white_light
 from stages.photometry.joint.fast_alternation import FastDescent, FastSolver
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights
 from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.arrays_in_files import in_file
 from stages.solvers.kernels.threading_layer import use_threads
 
 
@@ -45,6 +47,7 @@ def smooth_albedos_under_light(
     typical_light: float,
     threads: int,
     step: Callable[[], None],
+    folder: Path | None = None,
 ) -> SmoothAlbedos:
     """Estimate the smooth albedo under a known light: ρ of Eq. 2, and ρ with weights per edge.
 
@@ -64,16 +67,19 @@ def smooth_albedos_under_light(
         Never changes the result.
     step : callable
         Called after every round.
+    folder : Path or None
+        Where weights wait, and the first albedo while the second is solved; None: in memory.
     """
     use_threads(threads)
     by_edge = _weights_of_edges(views, shading, data, edges, descent.weights.consistency, typical_light)
-    channels = list(np.ascontiguousarray(data.diffuse.T))
-    return SmoothAlbedos(
-        *(
-            albedo_under_light(views, channels, shading, data.trusted, each, descent, threads, step)
-            for each in (ALIKE, by_edge)
-        )
-    )
+    by_edge = by_edge.in_file(folder)
+
+    def solved(weights: EdgeWeights) -> FastDescent:
+        return albedo_under_light(views, data.diffuse, shading, data.trusted, weights, descent, threads, step)
+
+    alike = solved(ALIKE)
+    alike = replace(alike, albedo=in_file([alike.albedo], folder)[0])
+    return SmoothAlbedos(alike, solved(by_edge))
 
 
 def _weights_of_edges(

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.process.free_memory import large_blocks_apart
-from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, finish, from_coarse_to_fine
+from pipeline.process.free_memory import give_back_free_memory, large_blocks_apart
+from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, descend, from_coarse_to_fine
 from stages.photometry.joint.problem_assembly import EdgeWeights, finest_level
 from stages.photometry.stack import StackedViews
 
@@ -16,7 +16,7 @@ from stages.photometry.stack import StackedViews
 @large_blocks_apart()
 def albedo_under_light(
     views: StackedViews,
-    images: list[np.ndarray],
+    image: np.ndarray,
     shading: np.ndarray,
     trusted: np.ndarray,
     edges: EdgeWeights,
@@ -30,8 +30,8 @@ def albedo_under_light(
     ----------
     views : StackedViews
         The basis is not used.
-    images : list of 3 ndarray, shape (N,)
-        Scaled.
+    image : ndarray, shape (N, 3)
+        I, scaled.
     shading : ndarray, shape (N, 3)
         S.
     trusted : ndarray, shape (N,), bool
@@ -50,16 +50,18 @@ def albedo_under_light(
     median of I/S, robust to highlights in a few views and to the noisy quotients of dark pixels. No gauge is
     needed, since the light fixes the scale. This is Eq. 10 under a fixed light.
     """
-    kept = trusted[:, None]
-    basis = np.where(kept, np.maximum(shading, 0), 0).astype(np.float32)[:, None, :]
-    images = [np.where(trusted, image, 0).astype(np.float32) for image in images]
-    views = replace(views, basis=basis)
     light = np.ones((views.view_count, 3, 1))
-    found = finish(  # a named level or descent would stay in memory
-        views,
-        images,
-        from_coarse_to_fine(finest_level(views, images, solver.weights, edges), solver.how, threads, light),
+
+    def data() -> tuple[StackedViews, list[np.ndarray]]:
+        """Prepare the data term; twice, since it would take memory in vain while the solver runs."""
+        basis = np.where(trusted[:, None], np.maximum(shading, 0), 0).astype(np.float32)[:, None, :]
+        images = [np.where(trusted, channel, 0).astype(np.float32) for channel in image.T]
+        return replace(views, basis=basis), images
+
+    give_back_free_memory()  # what the weights of the edges were found from
+    settled = descend(  # a named level or descent would stay in memory
+        from_coarse_to_fine(finest_level(*data(), solver.weights, edges), solver.how, threads, light),
         solver,
         step,
     )
-    return replace(found, shading=shading)
+    return replace(settled.evaluated(*data()), shading=shading)

@@ -8,9 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from pipeline.process.free_memory import give_back_free_memory
 from stages.photometry.albedo_data import UNLIT
 from stages.photometry.detail.detail_octaves import (
     AXES,
@@ -33,6 +35,7 @@ from stages.photometry.detail.scene_statistics import (
 )
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.arrays_in_files import in_file
 from stages.solvers.kernels.pixelwise import pixelwise
 
 
@@ -63,6 +66,7 @@ def with_detail(
     how: DetailSettings,
     part: PartOfScene | None = None,
     known: DetailStatistics | None = None,
+    folder: Path | None = None,
 ) -> Detail:
     """Add the photo's detail to a smooth albedo, except what noise and shading error explain.
 
@@ -81,6 +85,8 @@ def with_detail(
         What part of a scene these pixels are; None: they are all of it.
     known : DetailStatistics or None
         Of the scene; None: they are measured.
+    folder : Path or None
+        Where the model waits until its octaves are filtered; None: in memory.
 
     Notes
     -----
@@ -102,7 +108,7 @@ def with_detail(
     """
     part = part or whole_scene(shading, image, how.log_offset, how.sample_pixels)
     least = UNLIT * max(part.typical.light, 1e-6)
-    light, smooth, explained = pixelwise(partial(_model, least), albedo, shading)
+    light, smooth, explained = in_file(pixelwise(partial(_model, least), albedo, shading), folder)
     scene = DetailScene(views, image, light, explained, trusted, how, part, known)
     kept, variance, octaves, alone = _kept(scene)
     filled, has_value = scene.others.filled_in(np.column_stack([kept, variance]))
@@ -168,6 +174,7 @@ def _kept(
     sampled: list[SampledOctave] = []
     octaves = enumerate(pairwise(scene.pixels.octaves(scene.maps, how.sigmas_px)))
     for number, ((bands, sigma_px), (coarser, _)) in octaves:
+        give_back_free_memory()
         octave = DetailOctave.of(scene, number, bands, sigma_px)
         if scene.known is not None:
             now = scene.known.octaves[number]

@@ -93,8 +93,9 @@ class KnownPixels:
         finer = values.astype(np.float32)
         for sigma_px in sigmas_px:
             coarser = self.mean(values, sigma_px)
-            yield pixelwise(_difference_where, known, finer, coarser), sigma_px
-            finer = coarser
+            band = pixelwise(_difference_where, known, finer, coarser)
+            finer = coarser  # before others compute with the band: the one before takes memory
+            yield band, sigma_px
         yield np.where(known, finer, 0), np.inf
 
 

@@ -41,9 +41,9 @@ class OtherViews:
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Average over the corresponding pixels, (N, c), float32; 0 where there is none."""
-        known = pixelwise(_values_where, self.trusted, values)
-        total = _sum_over_correspondences(self.views, known)
-        return pixelwise(_quotient, total, self.correspondences)
+        total = _sum_over_correspondences(self.views, pixelwise(_values_where, self.trusted, values))
+        total /= np.maximum(self.correspondences, 1)[:, None]
+        return total
 
     def with_own(self, values: np.ndarray) -> np.ndarray:
         """Average over a pixel and its correspondences, (N, c), float32."""
@@ -86,10 +86,6 @@ def _sum_over_correspondences(views: StackedViews, values: np.ndarray) -> np.nda
 
 def _values_where(known: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.where(known[:, None], values, 0).astype(np.float32)
-
-
-def _quotient(total: np.ndarray, count: np.ndarray) -> np.ndarray:
-    return total / np.maximum(count, 1)[:, None]
 
 
 def _mean_with_others(values: np.ndarray, count: np.ndarray, others: np.ndarray) -> np.ndarray:

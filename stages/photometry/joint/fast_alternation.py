@@ -65,6 +65,22 @@ class FastDescent:
     outcome: Outcome
 
 
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Where the fast solver has come to; as of `FastDescent`, before its energy is evaluated term by term."""
+
+    albedo: np.ndarray
+    light: np.ndarray
+    rounds: tuple[Round, ...]
+    outcome: Outcome
+
+    def evaluated(self, views: StackedViews, images: list[np.ndarray]) -> FastDescent:
+        """Evaluate the sums of Eq. 2, of 3 images (N,), and the shading."""
+        shading = views.shadings(self.light)
+        terms = channel_terms(views, images, self.albedo, shading)
+        return FastDescent(self.albedo, self.light, shading, terms, self.rounds, self.outcome)
+
+
 @large_blocks_apart()
 def solve(
     views: StackedViews,
@@ -86,13 +102,10 @@ def solve(
     step : callable
         Called after every round.
     """
-    return finish(  # intermediates have no name: a named level or descent would stay in memory
-        views,
-        images,
-        from_coarse_to_fine(finest_level(views, images, solver.weights), solver.how, threads),
-        solver,
-        step,
+    settled = descend(  # intermediates have no name: a named level or descent would stay in memory
+        from_coarse_to_fine(finest_level(views, images, solver.weights), solver.how, threads), solver, step
     )
+    return settled.evaluated(views, images)
 
 
 def from_coarse_to_fine(
@@ -104,6 +117,7 @@ def from_coarse_to_fine(
     """
     levels = pyramid(finest, how.coarsest_pixels)
     del finest  # frees each level once it is arranged
+    give_back_free_memory()
     groups = [level.group for level in levels if level.group is not None]  # the finest has none
     use_threads(threads_for(levels[0].pixels, threads))
     descent = start(levels.pop(0), how) if light is None else under(light, levels.pop(0), how)
@@ -147,17 +161,11 @@ def threads_for(pixels: int, threads: int) -> int:
     return min(threads, 1 + pixels // PIXELS_PER_THREAD)
 
 
-def finish(
-    views: StackedViews,
-    images: list[np.ndarray],
-    descent: PrimalDual,
-    solver: FastSolver,
-    step: Callable[[], None],
-) -> FastDescent:
+def descend(descent: PrimalDual, solver: FastSolver, step: Callable[[], None]) -> Settled:
     """Iterate in rounds on the finest level until the stopping rule holds.
 
     Without convergence, the best state is returned. If the caller holds no reference to the descent, its
-    memory is freed before the final evaluation.
+    memory is freed at the end.
     """
     stopping, how = solver.stopping, solver.how
     rounds = [_evaluated(descent, how)]
@@ -180,9 +188,7 @@ def finish(
     albedo, light = descent.problem.slices.collect(kept[0]), kept[1]
     del descent, kept
     give_back_garbage()
-    shading = views.shadings(light)
-    terms = channel_terms(views, images, albedo, shading)
-    return FastDescent(albedo, light, shading, terms, tuple(rounds), outcome or Outcome.LIMIT_REACHED)
+    return Settled(albedo, light, tuple(rounds), outcome or Outcome.LIMIT_REACHED)
 
 
 def steps_of(how: FastSettings) -> Steps:

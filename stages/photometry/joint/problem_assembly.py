@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from stages.photometry.joint.pyramid import Level
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.arrays_in_files import in_file
 from stages.solvers.primal_dual.half_edges import HalfEdges, from_edges
 from stages.solvers.primal_dual.problem import Problem
 from stages.solvers.primal_dual.sliced_graph import sliced_graph, slices_of
@@ -30,6 +32,12 @@ class EdgeWeights:
 
     smoothness: np.ndarray | None = None
     agreement: np.ndarray | None = None
+
+    def in_file(self, folder: Path | None) -> EdgeWeights:
+        """Move both, if they are there, to a file in a folder; see `arrays_in_files`."""
+        if self.smoothness is None or self.agreement is None:
+            return self
+        return EdgeWeights(*in_file([self.smoothness, self.agreement], folder))
 
 
 ALIKE = EdgeWeights()
@@ -52,15 +60,21 @@ def finest_level(
 
 def graph_of(views: StackedViews, weights: EnergyWeights, edges: EdgeWeights = ALIKE) -> HalfEdges:
     """Write λ times Eq. 4 plus μ times Eq. 5 as a graph of the pixels."""
-    touching, linked = list(views.neighbours()), list(views.linked_pixels())
-    tails, heads = zip(*touching, *linked, strict=True)
-    counts = sum(p.size for p, _ in touching), sum(p.size for p, _ in linked)
+    tail, head, touching = _ends(views)
+    counts = touching, tail.size - touching
     weight = np.repeat(np.array([weights.smoothness, weights.consistency], np.float32), counts)
     if edges.smoothness is not None:
-        weight[: counts[0]] = edges.smoothness
+        weight[:touching] = edges.smoothness
     if edges.agreement is not None:
-        weight[counts[0] :] = edges.agreement
-    return from_edges(int(views.starts[-1]), np.concatenate(tails), np.concatenate(heads), weight)
+        weight[touching:] = edges.agreement
+    return from_edges(int(views.starts[-1]), tail, head, weight)
+
+
+def _ends(views: StackedViews) -> tuple[np.ndarray, np.ndarray, int]:
+    """List both pixels of every edge, (E,) each, neighbours first, and count these."""
+    touching, linked = list(views.neighbours()), list(views.linked_pixels())
+    tails, heads = zip(*touching, *linked, strict=True)
+    return np.concatenate(tails), np.concatenate(heads), sum(p.size for p, _ in touching)
 
 
 def _linked_views(views: StackedViews) -> np.ndarray:

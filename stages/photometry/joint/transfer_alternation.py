@@ -11,7 +11,7 @@ from pipeline.process.free_memory import large_blocks_apart
 from stages.photometry.joint.fast_alternation import (
     FastDescent,
     FastSolver,
-    finish,
+    descend,
     from_coarse_to_fine,
 )
 from stages.photometry.joint.problem_assembly import finest_level
@@ -71,4 +71,4 @@ def solve_with_transfer(
         descent.iterate(how.refresh_iterations)
         step()
     views = replace(views, basis=basis)
-    return finish(views, images, descent, solver, step), views
+    return descend(descent, solver, step).evaluated(views, images), views

@@ -55,8 +55,8 @@ class ChromaticityClusters:
         """
         albedo = _albedo_over_views(views, image, shading, trusted, how.min_shading)
         typical = float(np.median(albedo[trusted].mean(axis=1)))
-        seeds = _colours(albedo[trusted], typical, how)
-        seeds = seeds[:: max(1, len(seeds) // how.samples)]
+        seen = np.flatnonzero(trusted)
+        seeds = _colours(albedo[seen[:: max(1, len(seen) // how.samples)]], typical, how)
         palette, _ = kmeans(seeds, min(how.count, len(seeds)), iter=how.runs, rng=0)
         found = cls(palette, typical, how)
         return found, found._assigned(views, albedo)
@@ -82,7 +82,8 @@ def _albedo_over_views(
     views: StackedViews, image: np.ndarray, shading: np.ndarray, trusted: np.ndarray, min_shading: float
 ) -> np.ndarray:
     """Divide image by shading, both summed over a pixel and its correspondences, (N, 3)."""
-    own = np.concatenate([np.maximum(image, 0), shading], axis=1) * trusted[:, None]
+    own = np.concatenate([np.maximum(image, 0), shading], axis=1)
+    own *= trusted[:, None]
     together = own.copy()
     for (i, j), block in views.correspondences.items():
         together[views.view(i)] += block @ own[views.view(j)]

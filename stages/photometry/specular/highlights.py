@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from stages.photometry.neighbourhoods import add_at, means_around, patch_means
 from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSettings, LinkedPatchSettings
 from stages.photometry.stack import Pixels, StackedViews
+from stages.solvers.kernels.pixelwise import pixelwise
 
 
 def without_highlights(linked: LinkedPatches, image: np.ndarray, how: HighlightSettings) -> np.ndarray:
@@ -38,22 +40,35 @@ def without_highlights(linked: LinkedPatches, image: np.ndarray, how: HighlightS
     does not become green. Fine texture misregistered by half a pixel differs equally in both directions, and
     is kept. Highlights of a few pixels are halved.
     """
-    seen = np.maximum(image, 0)
     floor = linked.patches.log_floor
-    before = np.log(seen + floor)
-    after = before
+    after = pixelwise(partial(_log_of, floor), image)
     for _ in range(how.rounds):
         excess = np.stack([linked.excess(channel) for channel in after.T], axis=1)
         misfit = np.stack(
             [_misfit(linked.views, channel, how.min_negative_share) for channel in excess.T], axis=1
         )
-        above = np.maximum(excess, 0)
-        beyond = np.maximum(excess - misfit - how.tolerance, 0).sum(axis=1, keepdims=True)
-        share = beyond / np.maximum(above.sum(axis=1, keepdims=True), 1e-9)
-        after = (after - share * above).astype(np.float32)
-    gloss = (seen + floor) * (1 - np.exp(after - before))
+        after = pixelwise(partial(_lowered, how.tolerance), after, excess, misfit)
+    return pixelwise(partial(_without_gloss, floor), image, after, linked.trusted)
+
+
+def _log_of(floor: float, image: np.ndarray) -> np.ndarray:
+    return np.log(np.maximum(image, 0) + floor)
+
+
+def _lowered(tolerance: float, logs: np.ndarray, excess: np.ndarray, misfit: np.ndarray) -> np.ndarray:
+    """Lower logarithms by their excess beyond the misfit, in all channels by the same share of it."""
+    above = np.maximum(excess, 0)
+    beyond = np.maximum(excess - misfit - tolerance, 0).sum(axis=1, keepdims=True)
+    share = beyond / np.maximum(above.sum(axis=1, keepdims=True), 1e-9)
+    return (logs - share * above).astype(np.float32)
+
+
+def _without_gloss(floor: float, image: np.ndarray, logs: np.ndarray, trusted: np.ndarray) -> np.ndarray:
+    """Darken trusted pixels to their lowered logarithms; nothing below 0 but what was."""
+    seen = np.maximum(image, 0)
+    gloss = (seen + floor) * (1 - np.exp(logs - np.log(seen + floor)))
     diffuse = np.maximum(image - gloss, np.minimum(image, 0))
-    return np.where(linked.trusted[:, None], diffuse, image).astype(np.float32)
+    return np.where(trusted[:, None], diffuse, image).astype(np.float32)
 
 
 def brightening(linked: LinkedPatches, image: np.ndarray) -> float:

@@ -39,16 +39,16 @@ def from_edges(size: int, tail: np.ndarray, head: np.ndarray, weight: np.ndarray
     They are summed in the order of the edges, at both ends, so that both weights agree to the last bit. Edges
     of weight 0 are dropped. Every thread scans all edges for those that end among the pixels it owns, and
     sorts a pixel's by insertion: linear in the edges while pixels have a few dozen each, quadratic in those
-    of a single pixel. Where edges are merged, the result is briefly stored twice.
+    of a single pixel. Where edges are merged or dropped, the arrays begin larger ones.
     """
     tail, head = tail.astype(np.int32, copy=False), head.astype(np.int32, copy=False)
     owned = _shares(size)
     first = _from_degrees(_degrees(owned, tail, head))
     neighbour, own = _at_both_ends(owned, first, tail, head, weight)
     kept = _from_degrees(_merge(first, neighbour, own))
-    if kept[-1] == first[-1]:
-        return HalfEdges(first, neighbour, own)
-    return HalfEdges(kept, *_closed_up(first, kept, neighbour, own))
+    if kept[-1] < first[-1]:
+        _close_up(first, kept, neighbour, own)
+    return HalfEdges(kept, neighbour[: kept[-1]], own[: kept[-1]])
 
 
 def aggregated(graph: HalfEdges, group: np.ndarray, count: int, factor: float = 1.0) -> HalfEdges:
@@ -58,13 +58,16 @@ def aggregated(graph: HalfEdges, group: np.ndarray, count: int, factor: float = 
     ----------
     group : ndarray, shape (N,), int32
         Group of every pixel, below `count`.
+
+    Notes
+    -----
+    Parallel edges are merged at the lower group before they are listed: there are several times as many.
     """
-    owned = _shares(graph.size)
-    begin = _from_degrees(_crossing(owned, graph.first, graph.neighbour, group))
-    edges = _between_groups(
-        owned, begin, graph.first, graph.neighbour, graph.weight, group, np.float32(factor)
-    )
-    return from_edges(count, *edges)
+    begin, pixels = _members(group, count)
+    owned = _shares(count)
+    of_graph = graph.first, graph.neighbour, graph.weight, group, np.float32(factor)
+    first = _from_degrees(_degrees_upwards(owned, begin, pixels, *of_graph))
+    return from_edges(count, *_between_groups(owned, first, begin, pixels, *of_graph))
 
 
 def _shares(size: int) -> np.ndarray:
@@ -139,38 +142,89 @@ def _sort_by_neighbour(other, weight, begin, end):
         other[at], weight[at] = key, own
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
-def _closed_up(first, kept, other, weight):
-    """Compact neighbours and weights of the remaining half-edges."""
-    neighbour, own = np.empty(kept[-1], np.int32), np.empty(kept[-1], np.float32)
-    for pixel in numba.prange(first.size - 1):
-        p = np.int64(pixel)
+@numba.njit(cache=True, nogil=True)
+def _close_up(first, kept, other, weight):
+    """Move the remaining half-edges together, in place: a second copy would be the peak of the memory."""
+    for p in range(first.size - 1):
         for k in range(kept[p + 1] - kept[p]):
-            neighbour[kept[p] + k], own[kept[p] + k] = other[first[p] + k], weight[first[p] + k]
-    return neighbour, own
+            other[kept[p] + k], weight[kept[p] + k] = other[first[p] + k], weight[first[p] + k]
+
+
+@numba.njit(cache=True, nogil=True)
+def _members(group, count):
+    """List the pixels of every group, ascending: those of group g are ``pixels[begin[g]:begin[g + 1]]``."""
+    begin, pixels = np.zeros(count + 1, np.int64), np.empty(group.size, np.int32)
+    for p in range(group.size):
+        begin[group[p] + 1] += 1
+    for g in range(count):
+        begin[g + 1] += begin[g]
+    filled = begin[:-1].copy()
+    for p in range(group.size):
+        pixels[filled[group[p]]] = p
+        filled[group[p]] += 1
+    return begin, pixels
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _crossing(owned, first, neighbour, group):
-    """Count the edges between groups per share of pixels, each at its lower group."""
-    count = np.zeros(owned.size - 1, np.int64)
+def _degrees_upwards(owned, begin, pixels, first, neighbour, weight, group, factor):
+    """Count the groups above each that edges lead to."""
+    degree = np.empty(owned[-1], np.int32)
     for share in numba.prange(owned.size - 1):
-        for p in range(owned[share], owned[share + 1]):
-            for k in range(first[p], first[p + 1]):
-                count[share] += group[p] < group[neighbour[k]]
+        above, sums = np.empty(0, np.int32), np.empty(0, np.float32)
+        for g in range(owned[share], owned[share + 1]):
+            own = pixels[begin[g] : begin[g + 1]]
+            above, sums = _with_room(above, sums, own, first)
+            degree[g] = _edges_upwards(g, own, first, neighbour, weight, group, factor, above, sums)
+    return degree
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _between_groups(owned, at, begin, pixels, first, neighbour, weight, group, factor):
+    """List the edges between groups, each once, at its lower group: both groups, and the weight."""
+    tail = np.empty(at[-1], np.int32)
+    head, merged = np.empty(at[-1], np.int32), np.empty(at[-1], np.float32)
+    for share in numba.prange(owned.size - 1):
+        above, sums = np.empty(0, np.int32), np.empty(0, np.float32)
+        for g in range(owned[share], owned[share + 1]):
+            own = pixels[begin[g] : begin[g + 1]]
+            above, sums = _with_room(above, sums, own, first)
+            count = _edges_upwards(g, own, first, neighbour, weight, group, factor, above, sums)
+            for k in range(count):
+                tail[at[g] + k], head[at[g] + k], merged[at[g] + k] = g, above[k], sums[k]
+    return tail, head, merged
+
+
+@numba.njit(cache=True, nogil=True)
+def _with_room(above, sums, pixels, first):
+    """Replace the two buffers by larger ones if these pixels have more half-edges."""
+    most = 0
+    for p in pixels:
+        most += first[p + 1] - first[p]
+    if most <= above.size:
+        return above, sums
+    return np.empty(2 * most, np.int32), np.empty(2 * most, np.float32)
+
+
+@numba.njit(cache=True, nogil=True)
+def _edges_upwards(g, pixels, first, neighbour, weight, group, factor, above, sums):
+    """List the groups above g that edges lead to, ascending, and their summed weights; returns how many.
+
+    They are summed in the order of the pixels and their edges.
+    """
+    count = 0
+    for p in pixels:
+        for k in range(first[p], first[p + 1]):
+            other = group[neighbour[k]]
+            if other <= g:
+                continue
+            at = count
+            while at > 0 and above[at - 1] > other:
+                at -= 1
+            if at > 0 and above[at - 1] == other:
+                sums[at - 1] += factor * weight[k]
+                continue
+            for moved in range(count, at, -1):
+                above[moved], sums[moved] = above[moved - 1], sums[moved - 1]
+            above[at], sums[at] = other, factor * weight[k]
+            count += 1
     return count
-
-
-@numba.njit(parallel=True, cache=True, nogil=True)
-def _between_groups(owned, begin, first, neighbour, weight, group, factor):
-    """List the edges between groups, each once: both groups, and the weight."""
-    count = begin[-1]
-    tail, head, own = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count, np.float32)
-    for share in numba.prange(owned.size - 1):
-        at = begin[share]
-        for p in range(owned[share], owned[share + 1]):
-            for k in range(first[p], first[p + 1]):
-                if group[p] < group[neighbour[k]]:
-                    tail[at], head[at], own[at] = group[p], group[neighbour[k]], factor * weight[k]
-                    at += 1
-    return tail, head, own

@@ -1,0 +1,103 @@
+"""Arrays in files are what they were, take no memory while they are not used, and change no result."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from stages.photometry.albedo.albedo_given_light import smooth_albedos_under_light
+from stages.photometry.albedo.settings import EdgeSettings
+from stages.photometry.albedo_data import AlbedoData
+from stages.photometry.detail.albedo_detail import with_detail
+from stages.photometry.detail.settings import DetailSettings
+from stages.photometry.joint.fast_alternation import FastSolver
+from stages.photometry.joint.settings import FastSettings, Stopping
+from stages.photometry.paper.energy import EnergyWeights
+from stages.solvers.kernels.arrays_in_files import in_file
+from tests.sphere_scene import sphere_scene
+
+ROOT = Path(__file__).resolve().parent.parent
+
+RESIDENT = """
+import sys
+from pathlib import Path
+import numpy as np
+from pipeline.process.free_memory import give_back_free_memory
+from stages.solvers.kernels.arrays_in_files import in_file
+
+def resident_mib():
+    status = Path("/proc/self/status").read_text().splitlines()
+    return int(next(line for line in status if line.startswith("VmRSS")).split()[1]) / 1024
+
+before = resident_mib()
+arrays = in_file([np.arange(2**23), np.ones(2**22, np.float32)], Path(sys.argv[1]))
+read = [float(array.sum()) for array in arrays]
+used = resident_mib() - before
+give_back_free_memory()
+waiting = resident_mib() - before
+assert read == [float(array.sum()) for array in arrays]
+del arrays
+print(used, waiting)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
+def test_they_take_memory_only_while_they_are_used(tmp_path):
+    """80 MiB."""
+    command = [sys.executable, "-c", RESIDENT, str(tmp_path)]
+    told = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    used, waiting = map(float, told.split())
+    assert used > 75 and waiting < 10
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("folder", [True, False])
+def test_values_shapes_and_types_stay(tmp_path, folder):
+    rng = np.random.default_rng(3)
+    given = [
+        rng.random((5, 3)).astype(np.float32),
+        np.zeros((0, 3), np.int64),
+        rng.random((4, 6)).T,  # of another order in memory
+        rng.random(7) < 0.5,
+    ]
+    back = in_file(given, tmp_path if folder else None)
+    for one, other in zip(given, back, strict=True):
+        assert one.dtype == other.dtype and np.array_equal(one, other)
+    assert in_file([], tmp_path) == []
+
+
+def test_correspondences_stay(tmp_path):
+    views = sphere_scene(view_count=3).stacked()
+    moved = views.in_file(tmp_path)
+    assert moved.correspondences.keys() == views.correspondences.keys()
+    for pair, block in views.correspondences.items():
+        own = moved.correspondences[pair]
+        assert isinstance(own, sp.csr_array) and (own != block).nnz == 0 and own.shape == block.shape
+
+
+def test_albedo_and_detail_are_the_same_to_the_last_bit(tmp_path):
+    rng = np.random.default_rng(4)
+    views = sphere_scene(view_count=3).stacked()
+    shading = rng.uniform(0.3, 1, (int(views.starts[-1]), 3)).astype(np.float32)
+    image = (shading * rng.choice([0.2, 0.6], (len(shading), 1))).astype(np.float32)
+    trusted = rng.random(len(image)) < 0.95
+    data = AlbedoData(image, image, trusted, glossy=0.0)
+    stopping = Stopping(tolerance=1e-3, gap=1e-2, max_rounds=3)
+    solver = FastSolver(EnergyWeights(0.02, 0.1), stopping, FastSettings(coarsest_pixels=30))
+
+    def solved(folder: Path | None) -> list[np.ndarray]:
+        own = views if folder is None else views.in_file(folder)
+        smooth = smooth_albedos_under_light(
+            own, shading, data, EdgeSettings(), solver, 0.6, 1, lambda: None, folder
+        )
+        albedo = smooth.by_edge.albedo
+        detail = with_detail(own, albedo, image, shading, trusted, DetailSettings(), folder=folder)
+        return [smooth.alike.albedo, albedo, detail.albedo, detail.variance]
+
+    for one, other in zip(solved(None), solved(tmp_path), strict=True):
+        assert np.array_equal(one, other)
