@@ -67,32 +67,24 @@ class ViewFiles:
     side: float
     how: TrustedPixelSettings
 
-    def read(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Read a view: linear values, normals, ways to the camera, (N, 3) each; unclipped, off outlines."""
-        import numpy as np
-
+    def read(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Read a view: linear values, normals, ways to the camera, (N, 3) each; and what is not clipped."""
         from stages.formats.artefacts.view_files import read_views, ways_to_cameras
-        from stages.formats.images.exr import read_exr
-        from stages.photometry.lighting.trusted_pixels import on_outline, unclipped
+        from stages.photometry.lighting.trusted_pixels import unclipped
 
         ((mask, normal, linear),) = read_views(self.paths, [camera])
-        towards = ways_to_cameras([camera], [mask])
-        normals, inner = normal[mask], np.ones(len(linear), bool)
-        if self.how.outline_px:
-            depth = read_exr(self.paths["depth"] / f"{camera.name}.exr")
-            inner = ~on_outline(camera, mask, depth, np.einsum("nk,nk->n", normals, towards), self.how)
-        return linear, normals, towards, unclipped(linear, self.how), inner
+        return linear, normal[mask], ways_to_cameras([camera], [mask]), unclipped(linear, self.how)
 
-    def viewing(self, whole: np.ndarray, normals: np.ndarray, towards: np.ndarray) -> Viewing:
+    def viewing(self, unclipped: np.ndarray, normals: np.ndarray, towards: np.ndarray) -> Viewing:
         """Tell which pixels count."""
         from stages.photometry.lighting.trusted_pixels import Viewing
 
-        return Viewing.of(whole, normals, towards, self.how)
+        return Viewing.of(unclipped, normals, towards, self.how)
 
     def trusted(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Read linear values and normals, (N, 3) each, of a view, and which of its pixels count, (N,)."""
-        linear, normals, towards, unclipped, inner = self.read(camera)
-        return linear, normals, self.viewing(unclipped & inner, normals, towards).trusted
+        linear, normals, towards, unclipped = self.read(camera)
+        return linear, normals, self.viewing(unclipped, normals, towards).trusted
 
     def open(self, cluster: Cluster, scale: float | None, each: Each = map) -> Opened:
         """Open the pixels of a cluster; without a scale, images are divided by their own."""
@@ -105,10 +97,10 @@ class ViewFiles:
         parts = []
         for kept, view in zip(views.kept, each(self.read, views.cameras), strict=True):
             parts.append([values[kept] for values in view])
-        pixels, normals, towards, unclipped, inner = (np.concatenate(own) for own in zip(*parts, strict=True))
+        pixels, normals, towards, unclipped = (np.concatenate(own) for own in zip(*parts, strict=True))
         del parts
         images, scale = scaled_channels(pixels, scale)
-        viewing = self.viewing(unclipped & inner, normals, towards)
+        viewing = self.viewing(unclipped, normals, towards)
         return Opened(views, images, scale, normals, viewing, unclipped)
 
 

@@ -105,22 +105,6 @@ class TrustedPixelSettings(Settings):
         ge=0,
         lt=1,
     )
-    outline_px: int = setting(
-        0,
-        "Distance from an outline, where surface ends or another begins, up to which pixels carry no data: "
-        "they mix what is in front with what is behind. 1 makes textures agree better with the views (33 to "
-        "34 dB on the sample); 0 by default, for in small pictures the light misses these pixels.",
-        unit="px",
-        ge=0,
-        le=8,
-    )
-    outline_slope: float = setting(
-        2.0,
-        "Change of depth from pixel to pixel, beyond that of the surface's own slope, from which another "
-        "surface begins.",
-        unit="pixel footprints",
-        gt=0,
-    )
     unlit: float = setting(
         0.02,
         "Pixels with no more shading have no data for the albedo: a quotient by less is mostly noise.",
