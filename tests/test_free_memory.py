@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from pipeline import UserError
-from pipeline.process.meter import kilobytes, measured
+from pipeline.process.meter import kilobytes, measured, resident_bytes
 from pipeline.process.own_process import in_own_process
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.decimation.proxy import roughly_decimated
@@ -101,6 +101,15 @@ def test_a_process_of_its_own_gives_back_the_result_or_the_error():
     with pytest.raises(ZeroDivisionError):
         in_own_process("that divides", divmod, 17, 0)
     assert in_own_process("that tells its number", os.getpid) != os.getpid()
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
+def test_a_process_of_its_own_does_not_count_what_this_one_holds_as_its_peak():
+    """`ru_maxrss` of a new process begins at what the one before held: 400 MB would count twice."""
+    held = np.ones(50_000_000)
+    with measured() as reading:
+        in_own_process("that tells its number", os.getpid)
+    assert held.nbytes < reading.peak_bytes < resident_bytes() + held.nbytes // 2
 
 
 def test_a_process_that_the_system_ends_is_a_sentence():

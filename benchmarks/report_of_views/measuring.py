@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -11,12 +10,11 @@ from pathlib import Path
 
 from pipeline import Job, Silence
 from pipeline.cache.record import Record
+from pipeline.process.meter import peak_bytes
 from pipeline.request import Result
 from stages.report import REPORT
 from stages.reporting.document.page import HTML, summary
 from stages.reporting.parts import read_content
-
-KIBIBYTE = 1024  # the unit of `ru_maxrss` on Linux
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ def measured(places: dict[str, Path], folder: Path, threads: int) -> Taken:
         seconds,
         cpu_seconds,
         time.perf_counter() - began,
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * KIBIBYTE,
+        peak_bytes(),
         content["longest_side_px"],
         len(page),
     )

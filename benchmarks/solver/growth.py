@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -79,6 +78,7 @@ def measure(pixels: int, threads: int, most_rounds: int) -> Grown:
     from benchmarks.solver.corrugated_plane import corrugated_plane
     from benchmarks.solver.ours import endless, timed
     from pipeline.process.free_memory import give_back_free_memory
+    from pipeline.process.meter import peak_bytes
     from stages.photometry.joint.fast_alternation import FastSolver
     from stages.photometry.joint.settings import USUAL
 
@@ -100,20 +100,6 @@ def measure(pixels: int, threads: int, most_rounds: int) -> Grown:
         peak_bytes=peak_bytes() - before,
         given_bytes=given,
     )
-
-
-def peak_bytes() -> int:
-    """Read the peak resident memory of this process.
-
-    ``VmHWM`` where there is one: ``ru_maxrss`` survives an exec, so that a child would start with its
-    parent's.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        line = next(one for one in status.read_text().splitlines() if one.startswith("VmHWM"))
-        return 1024 * int(line.split()[1])
-    unit = 1 if sys.platform == "darwin" else 1024
-    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 if __name__ == "__main__":

@@ -45,13 +45,13 @@ def measured() -> Iterator[Reading]:
     finally:
         reading.seconds = round(time.perf_counter() - clock, 3)
         reading.cpu_seconds = round(_cpu_seconds() - cpu, 3)
-        reading.peak_bytes = max(_peak_bytes(), _beside_bytes)
+        reading.peak_bytes = max(peak_bytes(), _beside_bytes)
 
 
-def count_process(peak_bytes: int) -> None:
+def count_process(its_peak_bytes: int) -> None:
     """Count the peak of a process that has ended beside the memory that this one has now."""
     global _beside_bytes
-    _beside_bytes = max(_beside_bytes, peak_bytes + resident_bytes())
+    _beside_bytes = max(_beside_bytes, its_peak_bytes + resident_bytes())
 
 
 def resident_bytes() -> int:
@@ -72,15 +72,15 @@ def _reset_peak() -> None:
         return
 
 
-def _peak_bytes() -> int:
+def peak_bytes() -> int:
+    """Look up the peak of this process since it was last reset, or began, bytes.
+
+    Where the system has no ``VmHWM``, the peak of `getrusage`, which a new process inherits from the one that
+    began it.
+    """
     peak = kilobytes(_STATUS, "VmHWM")
     if peak is not None:
         return 1024 * peak
-    return peak_so_far()
-
-
-def peak_so_far() -> int:
-    """Look up the peak of this process since it began, bytes."""
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 

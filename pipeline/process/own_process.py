@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from pipeline.errors import UserError
 from pipeline.process.child import die_with
-from pipeline.process.meter import count_process, peak_so_far
+from pipeline.process.meter import count_process, peak_bytes
 
 Made = TypeVar("Made")
 
@@ -37,16 +37,16 @@ def in_own_process(what: str, work: Callable[..., Made], *arguments: Any) -> Mad
     spawned = get_context("spawn")
     with ProcessPoolExecutor(1, spawned, initializer=die_with, initargs=(os.getpid(),)) as executor:
         try:
-            made, peak_bytes = executor.submit(_measured, work, *arguments).result()
+            made, its_peak = executor.submit(_measured, work, *arguments).result()
         except BrokenProcessPool as error:
             raise UserError(
                 f"The process {what} ended before its time. Where memory is full, the system ends what takes "
                 "most of it: close other programs, or give less to do at once."
             ) from error
-    count_process(peak_bytes)
+    count_process(its_peak)
     return made
 
 
 def _measured(work: Callable[..., Made], *arguments: Any) -> tuple[Made, int]:
     """Do the work; returns the peak of this process as well, bytes."""
-    return work(*arguments), peak_so_far()
+    return work(*arguments), peak_bytes()
