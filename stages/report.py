@@ -166,12 +166,13 @@ def _kept(
 def _compare_albedo(
     views: list[dict[str, Any]], compared: list[np.ndarray], settings: ReportSettings
 ) -> None:
-    """Add to each view's description how bright its albedo is beside the others', in stops, or None."""
+    """Add to each view's description how its albedo differs from the others', in stops, or None."""
     from stages.reporting.content.view_brightness import brightness_beside_others
 
     found = brightness_beside_others(compared, settings.surface.fewest_compared) or [None] * len(views)
-    for view, stops in zip(views, found, strict=True):
-        view["albedo_stops"] = stops
+    for view, beside in zip(views, found, strict=True):
+        view["albedo_stops"] = beside and beside.stops
+        view["albedo_spread_stops"] = beside and beside.spread_stops
 
 
 def _sides(
@@ -270,7 +271,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 REPORT = Stage(
     name="report",
-    version=2,
+    version=3,
     about="Pictures, figures and a model for the report, which is written from them and all records.",
     settings=ReportSettings,
     takes=(

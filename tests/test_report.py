@@ -28,7 +28,7 @@ from stages.reporting.content.pictures import (
     srgb_picture,
 )
 from stages.reporting.content.sides_seen import roundness, widest_gap
-from stages.reporting.content.view_brightness import brightness_beside_others
+from stages.reporting.content.view_brightness import BesideOthers, brightness_beside_others
 from stages.reporting.content.view_figures import SampledView, share_of_light
 from stages.reporting.document.markup import tag
 from stages.reporting.parts import read_content
@@ -188,11 +188,27 @@ def test_the_view_whose_albedo_is_darker_than_that_of_the_others_is_named_and_no
     assert named["views"] == ["b"]
 
 
+def test_a_view_that_was_lit_from_elsewhere_is_named_and_no_other(tmp_path, make_job):
+    """As bright as the others on the whole, but darker on one side, and brighter on the other."""
+    places = written_scene(tmp_path, names=("a", "b", "c", "d"))
+    other = places["albedo"] / "c.exr"
+    albedo = read_exr(other)
+    across = np.linspace(0.8, 1.25, albedo.shape[1], dtype=np.float32)[:, None]
+    write_exr(other, across * albedo)
+    told = json.loads(page_of(reported(make_job, tmp_path, places))["report.json"])
+    spreads = [view["albedo_spread_stops"] for view in told["views"]]
+    assert spreads[2] > 0.06 and max(spreads[0], spreads[1], spreads[3]) < 0.02
+    (named,) = [one for one in told["warnings"] if "the albedo is" in one["text"]]
+    assert named["text"].startswith("View c: the albedo is darker in some places, and brighter in others")
+    assert named["views"] == ["c"]
+
+
 def test_of_two_views_that_differ_none_is_the_odd_one():
     one = np.full(500, 0.4)
     assert brightness_beside_others([one, 0.5 * one], fewest_points=100) == [None, None]
     three = [one, 0.5 * one, one]
-    assert brightness_beside_others(three, fewest_points=100) == [0, -1, 0]
+    found = brightness_beside_others(three, fewest_points=100)
+    assert found == [BesideOthers(0, 0), BesideOthers(-1, 0), BesideOthers(0, 0)]
     three[2] = np.where(np.arange(500) < 50, one, 0)  # it shares fifty points only
     assert brightness_beside_others(three, fewest_points=100) == [None, None, None]
     assert brightness_beside_others([], fewest_points=100) == []

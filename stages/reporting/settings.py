@@ -118,6 +118,20 @@ class RemarkSettings(Settings):
         unit="stops",
         gt=0,
     )
+    most_albedo_spread_stops: float = setting(
+        0.06,
+        "How much a view's albedo may be brighter than the other views' in some places and darker in others "
+        "(median of the difference), whatever the other views do.",
+        unit="stops",
+        gt=0,
+    )
+    most_albedo_spread_ratio: float = setting(
+        3.0,
+        "How many times as much as in the middle one of the views that must be as well for a view to be "
+        "named: a lamp that was moved for it leaves shading in its albedo, errors of the mesh leave as much "
+        "in all views.",
+        gt=1,
+    )
     widest_gap_deg: float = setting(
         120.0,
         "Angle between neighbouring views around the surface, seen from above, from which on the side "

@@ -88,6 +88,7 @@ def _of_figures(told: Told) -> list[Remark]:
             "has a light of its own, set lighting.lights=per-view.",
             lambda view: _brighter(view["albedo_stops"]),
         ),
+        _of_spread(told, bounds["most_albedo_spread_stops"], bounds["most_albedo_spread_ratio"]),
         _of_sides(told),
     ]
     return [remark for remark in found if remark is not None]
@@ -106,6 +107,21 @@ def _of_views(
     figures = ", ".join(figure(told.views[number]) for number in numbers[:most])
     noun = "View" if len(numbers) == 1 else "Views"
     return Remark(f"{noun} {names}{more}: {what.format(figures)}", "report", tuple(numbers[:most]))
+
+
+def _of_spread(told: Told, most_stops: float, most_ratio: float) -> Remark | None:
+    """Name the views whose albedo is brighter in some places and darker in others than the other views'."""
+    spreads = [view["albedo_spread_stops"] or 0 for view in told.views]
+    most = max(most_stops, most_ratio * median(spreads)) if spreads else most_stops
+    return _of_views(
+        told,
+        lambda view: (view["albedo_spread_stops"] or 0) > most,
+        "the albedo is darker in some places, and brighter in others, than where other views show the same "
+        "surface (by {} on average): the light came from elsewhere in this photo. A lamp was moved, the sun "
+        "went on, a cloud passed. Take it again in the light of the others, or leave it out (raycast.views); "
+        "where every photo has a light of its own, set lighting.lights=per-view.",
+        lambda view: percent(2 ** view["albedo_spread_stops"] - 1),
+    )
 
 
 def _brighter(stops: float) -> str:
