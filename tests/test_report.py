@@ -201,6 +201,7 @@ def test_a_view_that_was_lit_from_elsewhere_is_named_and_no_other(tmp_path, make
     (named,) = [one for one in told["warnings"] if "the albedo is" in one["text"]]
     assert named["text"].startswith("View c: the albedo is darker in some places, and brighter in others")
     assert named["views"] == ["c"]
+    assert not [one for one in told["warnings"] if "c" in one["views"] and one is not named]
 
 
 def test_of_two_views_that_differ_none_is_the_odd_one():
@@ -307,7 +308,7 @@ def test_the_verdict_is_three_sentences_of_figures(texts):
 
 def test_warnings_say_what_to_do_and_which_view_shows_it(texts):
     told = json.loads(texts["report.json"])
-    of_sfm, of_gain, of_sides = told["warnings"]
+    of_sides, of_gain, of_sfm = told["warnings"]
     assert (of_sfm["stage"], of_sfm["views"]) == ("sfm", [NAMES[3]])
     assert of_gain["views"] == [NAMES[3]]
     assert "exposed otherwise than the rest (times 2.00)" in of_gain["text"]

@@ -132,6 +132,14 @@ class RemarkSettings(Settings):
         "in all views.",
         gt=1,
     )
+    photo_every_deg: float = setting(
+        15.0,
+        "Angle between photos around a subject that is advised where a side is missing: each overlaps its "
+        "neighbours, and texture is found again.",
+        unit="°",
+        gt=0,
+        le=45,
+    )
     widest_gap_deg: float = setting(
         120.0,
         "Angle between neighbouring views around the surface, seen from above, from which on the side "

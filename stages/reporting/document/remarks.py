@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from math import log2
 from statistics import median
@@ -11,6 +11,11 @@ from typing import Any
 
 from stages.reporting.document.told import Told
 from stages.reporting.document.wording import percent
+
+IN_THE_LIGHT_OF_THE_OTHERS = (
+    "Take it again in the light of the others, or leave it out (raycast.views); where every photo has a "
+    "light of its own, set lighting.lights=per-view."
+)
 
 
 @dataclass(frozen=True)
@@ -33,13 +38,13 @@ class Remark:
 
 
 def remarks(told: Told) -> list[Remark]:
-    """Collect the warnings, those of the stages first."""
+    """Collect the warnings, those that the figures give first: they name causes that people see."""
     of_stages = [
         Remark(sentence, record.stage, _named_in(sentence, told))
         for record in told.records.values()
         for sentence in record.warnings
     ]
-    return of_stages + _of_figures(told)
+    return _of_figures(told) + of_stages
 
 
 def _named_in(sentence: str, told: Told) -> tuple[int, ...]:
@@ -52,9 +57,22 @@ def _named_in(sentence: str, told: Told) -> tuple[int, ...]:
 
 
 def _of_figures(told: Told) -> list[Remark]:
-    """Name the views whose figures stand out."""
+    """Name the views whose figures stand out; those in another light for nothing that follows from it."""
     bounds = told.content["remarks"]
+    brightness = _of_views(
+        told,
+        lambda view: abs(view["albedo_stops"] or 0) > bounds["most_albedo_stops"],
+        "the albedo is {} than where other views show the same surface. The light was another in this "
+        "photo, by more than its exposure: a lamp was moved, a cloud passed, somebody cast a shadow. "
+        + IN_THE_LIGHT_OF_THE_OTHERS,
+        lambda view: _brighter(view["albedo_stops"]),
+    )
+    spread = _of_spread(told, bounds["most_albedo_spread_stops"], bounds["most_albedo_spread_ratio"])
+    otherwise_lit = {number for one in (brightness, spread) if one is not None for number in one.views}
     found = [
+        brightness,
+        spread,
+        _of_sides(told),
         _of_views(
             told,
             lambda view: view["coverage"] < bounds["least_coverage"],
@@ -64,41 +82,36 @@ def _of_figures(told: Told) -> list[Remark]:
         ),
         _of_views(
             told,
+            lambda view: (view["residual"] or 0) > bounds["most_residual"],
+            "not explained by albedo and shading (median residual {}). Look at the residual: something "
+            "moved, a highlight, or a surface that is not in the mesh; masks take such places out.",
+            lambda view: percent(view["residual"]),
+            but=otherwise_lit,
+        ),
+        _of_views(
+            told,
             lambda view: (
                 (view["confident"] or 0) < bounds["least_confident"] and view["confident"] is not None
             ),
             "the albedo is mostly uncertain ({} of it is known well). Look where the confidence "
             "is black: grazing surface and highlights gain from photos taken from more in front.",
             lambda view: percent(view["confident"]),
-        ),
-        _of_views(
-            told,
-            lambda view: (view["residual"] or 0) > bounds["most_residual"],
-            "not explained by albedo and shading (median residual {}). Look at the residual: something "
-            "moved, a highlight, or a surface that is not in the mesh; masks take such places out.",
-            lambda view: percent(view["residual"]),
+            but=otherwise_lit,
         ),
         _of_gains(told, bounds["most_gain_stops"]),
-        _of_views(
-            told,
-            lambda view: abs(view["albedo_stops"] or 0) > bounds["most_albedo_stops"],
-            "the albedo is {} than where other views show the same surface. The light was another in this "
-            "photo, by more than its exposure: a lamp was moved, a cloud passed, somebody cast a shadow. "
-            "Take it again in the light of the others, or leave it out (raycast.views); where every photo "
-            "has a light of its own, set lighting.lights=per-view.",
-            lambda view: _brighter(view["albedo_stops"]),
-        ),
-        _of_spread(told, bounds["most_albedo_spread_stops"], bounds["most_albedo_spread_ratio"]),
-        _of_sides(told),
     ]
     return [remark for remark in found if remark is not None]
 
 
 def _of_views(
-    told: Told, stands_out: Callable[[Any], bool], what: str, figure: Callable[[Any], str]
+    told: Told,
+    stands_out: Callable[[Any], bool],
+    what: str,
+    figure: Callable[[Any], str],
+    but: Collection[int] = (),
 ) -> Remark | None:
-    """Name the views that stand out by one reason, with their figures."""
-    numbers = [number for number, view in enumerate(told.views) if stands_out(view)]
+    """Name the views that stand out by one reason, with their figures; none of those in `but`."""
+    numbers = [number for number, view in enumerate(told.views) if stands_out(view) and number not in but]
     if not numbers:
         return None
     most = told.content["remarks"]["most_named"]
@@ -118,8 +131,7 @@ def _of_spread(told: Told, most_stops: float, most_ratio: float) -> Remark | Non
         lambda view: (view["albedo_spread_stops"] or 0) > most,
         "the albedo is darker in some places, and brighter in others, than where other views show the same "
         "surface (by {} on average): the light came from elsewhere in this photo. A lamp was moved, the sun "
-        "went on, a cloud passed. Take it again in the light of the others, or leave it out (raycast.views); "
-        "where every photo has a light of its own, set lighting.lights=per-view.",
+        "went on, a cloud passed. " + IN_THE_LIGHT_OF_THE_OTHERS,
         lambda view: percent(2 ** view["albedo_spread_stops"] - 1),
     )
 
@@ -138,7 +150,9 @@ def _of_sides(told: Told) -> Remark | None:
         return None
     ends = sorted(set(sides["between"]))
     names = " and ".join(told.views[number]["name"] for number in ends)
-    where = f"between views {names}" if len(ends) > 1 else f"all but where view {names} is"
+    where = f"the row ends at views {names}" if len(ends) > 1 else f"all but where view {names} is"
+    every = bounds["photo_every_deg"]
+    more = int(sides["gap_deg"] / every)
     lost = len(told.left_out)
     photos = "a photo that has" if lost == 1 else f"{lost} photos that have"
     also = (
@@ -151,7 +165,8 @@ def _of_sides(told: Told) -> Remark | None:
         f"No view shows the surface from one side: seen from above, {sides['gap_deg']:.0f}° of the circle "
         f"around it are without a camera, {where}. What only photos from there would show, as its back, is "
         f"missing from the model, or grey and made up.{also} If it should be there, walk on around it from "
-        "the last photos, one every 15°, so that each overlaps its neighbours.",
+        f"the last photos: about {more} more, one every {every:g}°, so that each overlaps its "
+        "neighbours.",
         "report",
         tuple(ends),
     )

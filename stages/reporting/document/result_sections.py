@@ -134,7 +134,7 @@ def graph_section(told: Told) -> Markup:
         (
             tag("a", f"{number + 1}: {names[number]}", href=f"#view-{number + 1}"),
             ", ".join(
-                f"{other + 1} ({count:,})".replace(",", " ")
+                f"{names[other]} ({count:,})".replace(",", " ")
                 for other, count in sorted(own.items(), key=lambda item: -item[1])[:8]
             )
             or NOTHING,

@@ -232,7 +232,15 @@ def _table_of_views(told: Told) -> Markup:
         )
         for number, view in enumerate(told.views)
     ]
-    headings = ["view", "pixels", "surface", "known well", "residual", "gain r, g, b", "linked views"]
+    headings = [
+        "view",
+        "pixels",
+        "surface",
+        "known well",
+        "residual",
+        "gain r, g, b (below 1: darker)",
+        "linked views",
+    ]
     return table(headings, rows, "Every view in figures", class_="figures")
 
 
