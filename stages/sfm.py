@@ -314,8 +314,9 @@ def _adjust(job: Job[SfmSettings], model: pycolmap.Reconstruction) -> pycolmap.R
         job.note(principal_point=f"left at the image's centre: {outcome.refused}")
         if outcome.suspicious:
             job.warn(
-                f"The principal point was left at the image's centre: {outcome.refused}. That is right, "
-                "as a rule, for whole photos; where they were cropped, give them whole, or sfm.camera_params."
+                "The axis of the lens was taken to meet the middle of the photos (the principal point: "
+                f"{outcome.refused}). Of whole photos that is true, and there is nothing to do; were they "
+                "cropped, give them whole, or the camera's own values (sfm.camera_params)."
             )
     job.note(principal_point_shift_px=round(outcome.shift_px, 3))
     return outcome.model
