@@ -68,14 +68,17 @@ def smooth_albedos_under_light(
     step : callable
         Called after every round.
     folder : Path or None
-        Where weights wait, and the first albedo while the second is solved; None: in memory.
+        Where weights and coarse levels wait, and the first albedo while the second is solved; None: in
+        memory.
     """
     use_threads(threads)
     by_edge = _weights_of_edges(views, shading, data, edges, descent.weights.consistency, typical_light)
     by_edge = by_edge.in_file(folder)
 
     def solved(weights: EdgeWeights) -> FastDescent:
-        return albedo_under_light(views, data.diffuse, shading, data.trusted, weights, descent, threads, step)
+        return albedo_under_light(
+            views, data.diffuse, shading, data.trusted, weights, descent, threads, step, folder
+        )
 
     alike = solved(ALIKE)
     alike = replace(alike, albedo=in_file([alike.albedo], folder)[0])

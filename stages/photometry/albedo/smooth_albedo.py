@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -23,6 +24,7 @@ def albedo_under_light(
     solver: FastSolver,
     threads: int,
     step: Callable[[], None],
+    folder: Path | None = None,
 ) -> FastDescent:
     """Minimise ``Σ_p |I − ρ S| + Σ λ_pq |ρ_p − ρ_q| + Σ μ_pq |ρ_p^i − ρ_q^j|`` over ρ.
 
@@ -43,6 +45,8 @@ def albedo_under_light(
         Never changes the result.
     step : callable
         Called after every round.
+    folder : Path or None
+        Where states of coarse levels wait; None: in memory.
 
     Notes
     -----
@@ -60,7 +64,7 @@ def albedo_under_light(
 
     give_back_free_memory()  # what the weights of the edges were found from
     settled = descend(  # a named level or descent would stay in memory
-        from_coarse_to_fine(finest_level(*data(), solver.weights, edges), solver.how, threads, light),
+        from_coarse_to_fine(finest_level(*data(), solver.weights, edges), solver.how, threads, light, folder),
         solver,
         step,
     )

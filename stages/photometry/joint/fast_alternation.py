@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -109,11 +110,16 @@ def solve(
 
 
 def from_coarse_to_fine(
-    finest: Level, how: FastSettings, threads: int, light: np.ndarray | None = None
+    finest: Level,
+    how: FastSettings,
+    threads: int,
+    light: np.ndarray | None = None,
+    folder: Path | None = None,
 ) -> PrimalDual:
     """Descend on every coarser level, coarsest first; returns the finest, initialised from them.
 
-    A given light, (n, 3, K), is held fixed.
+    A given light, (n, 3, K), is held fixed. In a folder, if there is one, the state of a level waits until
+    the next is arranged.
     """
     levels = pyramid(finest, how.coarsest_pixels)
     del finest  # frees each level once it is arranged
@@ -123,9 +129,10 @@ def from_coarse_to_fine(
     descent = start(levels.pop(0), how) if light is None else under(light, levels.pop(0), how)
     while levels:
         descent.iterate(how.coarse_iterations * 2 ** (len(levels) - 1))
-        coarse = descent.coarse_state()
+        coarse = descent.coarse_state().in_file(folder)
         del descent  # before the finer level takes its place
         use_threads(threads_for(levels[0].pixels, threads))
+        give_back_free_memory()
         problem = problem_of(levels.pop(0))
         give_back_free_memory()
         descent = PrimalDual.from_coarse(coarse, problem, groups[0])

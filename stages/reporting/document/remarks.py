@@ -13,8 +13,8 @@ from stages.reporting.document.told import Told
 from stages.reporting.document.wording import percent
 
 IN_THE_LIGHT_OF_THE_OTHERS = (
-    "Take it again in the light of the others, or leave it out (raycast.views); where every photo has a "
-    "light of its own, set lighting.lights=per-view."
+    "Take it again in the light of the others, or leave it out (name the others in raycast.views); where "
+    "every photo has a light of its own, set lighting.lights=per-view."
 )
 
 
@@ -150,7 +150,9 @@ def _of_sides(told: Told) -> Remark | None:
         return None
     ends = sorted(set(sides["between"]))
     names = " and ".join(told.views[number]["name"] for number in ends)
-    where = f"the row ends at views {names}" if len(ends) > 1 else f"all but where view {names} is"
+    where = (
+        f"beyond views {names}, where the photos end" if len(ends) > 1 else f"all but where view {names} is"
+    )
     every = bounds["photo_every_deg"]
     more = int(sides["gap_deg"] / every)
     lost = len(told.left_out)

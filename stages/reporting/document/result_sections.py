@@ -18,7 +18,7 @@ from stages.scene.wording import listed
 ABSENT = "absent"  # what records say of a library that is not installed
 DECISIONS = {  # facts of the records by which a stage chose, and what they are
     "light_distance": "distance of the light",
-    "disagreement": "disagreement of similar pixels, by distance of the light (least wins)",
+    "disagreement": "disagreement by distance of the light (the first wins, unless another is clearly less)",
     "lights": "lights",
     "lights_apart": "how far views have lights of their own: 0 one light, 1 each its own",
     "spread_between_views": "difference of the light between views",

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.process.free_memory import give_back_free_memory
 from stages.solvers.kernels.simd import COUNT
 from stages.solvers.primal_dual.anchor import NOWHERE, Anchor
 from stages.solvers.primal_dual.duality_gap import Bounds, bounds
@@ -37,6 +38,8 @@ class PrimalDual:
     steps : Steps
     free_light : bool
         Whether the light is optimised; if not, no gauge is needed or kept.
+    duals : tuple of ndarray, shapes (3 · R · 8,), int16, and (S, 3, 8), float32, or None
+        Initial values of edges and data, updated in place; None: 0.
 
     Notes
     -----
@@ -67,16 +70,21 @@ class PrimalDual:
     """
 
     def __init__(
-        self, problem: Problem, albedo: np.ndarray, light: np.ndarray, steps: Steps, free_light: bool = True
+        self,
+        problem: Problem,
+        albedo: np.ndarray,
+        light: np.ndarray,
+        steps: Steps,
+        free_light: bool = True,
+        duals: tuple[np.ndarray, np.ndarray] | None = None,
     ):
         self.problem, self._steps, self._free, self.iterations = problem, steps, free_light, 0
         self.albedo, self.light = albedo, light.astype(np.float64)
         self._ahead = np.zeros((COUNT * problem.slices.count, 4), np.float32)  # one load per neighbour
         interleave(self.albedo.ravel(), self._ahead.ravel())
-        self._ahead_next = np.zeros_like(self._ahead)
+        self._ahead_next = np.zeros(self._ahead.shape, np.float32)  # no memory yet, unlike `zeros_like`
         self._light_ahead = self.light.copy()
-        self.edge_dual = np.zeros(3 * problem.graph.weight.size, np.int16)
-        self._data_dual = np.zeros_like(self.albedo)
+        self.edge_dual, self._data_dual = duals or (_no_edge_duals(problem), np.zeros_like(self.albedo))
         self._multiplier = np.zeros_like(problem.wanted)
         self._mobility = np.zeros((*light.shape, light.shape[2]))
 
@@ -92,23 +100,20 @@ class PrimalDual:
         group : ndarray, shape (N,), int32
             Group of every pixel: a pixel of the coarser level.
         """
-        finer = cls(
-            problem,
-            np.zeros_like(problem.image),
-            coarse.light,
-            coarse.steps,
-            coarse.free_light,
-        )
         own, other = problem.graph, coarse.graph
+        edge_dual = _no_edge_duals(problem)
         places = problem.slices.spread_numbers(coarse.slices.places[group])
-        prolong_pixels(places, coarse.albedo.ravel(), finer.albedo.ravel())
-        prolong_pixels(places, coarse.data_dual.ravel(), finer._data_dual.ravel())
         prolong_edges(
             places,
             (other.first, other.neighbour, other.weight, coarse.edge_dual),
-            (own.first, own.neighbour, own.weight, finer.edge_dual),
+            (own.first, own.neighbour, own.weight, edge_dual),
         )
-        interleave(finer.albedo.ravel(), finer._ahead.ravel())
+        give_back_free_memory()  # of coarse edges, before what pixels need
+        albedo, data_dual = np.zeros_like(problem.image), np.zeros_like(problem.image)
+        prolong_pixels(places, coarse.albedo.ravel(), albedo.ravel())
+        prolong_pixels(places, coarse.data_dual.ravel(), data_dual.ravel())
+        duals = edge_dual, data_dual
+        finer = cls(problem, albedo, coarse.light, coarse.steps, coarse.free_light, duals)
         finer._multiplier = coarse.multiplier
         return finer
 
@@ -244,3 +249,7 @@ class PrimalDual:
         rescale(blocks.view, blocks.begin, blocks.end, factors.astype(np.float32), *both)
         self.light = self.light / factors[:, :, None]
         self._light_ahead = self._light_ahead / factors[:, :, None]
+
+
+def _no_edge_duals(problem: Problem) -> np.ndarray:
+    return np.zeros(3 * problem.graph.weight.size, np.int16)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numba
 import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401
+from stages.solvers.kernels.arrays_in_files import in_file
 from stages.solvers.kernels.sliced_ellpack import Slices, held_at
 from stages.solvers.primal_dual.problem import Steps
 from stages.solvers.primal_dual.sliced_graph import SlicedGraph
@@ -26,6 +28,16 @@ class CoarseState:
     multiplier: np.ndarray
     steps: Steps
     free_light: bool
+
+    def in_file(self, folder: Path | None) -> CoarseState:
+        """Move what is of every pixel or edge to a file in a folder; see `arrays_in_files`."""
+        graph = self.graph
+        neighbour, weight, *rest = in_file(
+            [graph.neighbour, graph.weight, self.albedo, self.edge_dual, self.data_dual], folder
+        )
+        albedo, edge_dual, data_dual = rest
+        graph = replace(graph, neighbour=neighbour, weight=weight)
+        return replace(self, graph=graph, albedo=albedo, edge_dual=edge_dual, data_dual=data_dual)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
