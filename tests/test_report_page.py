@@ -136,7 +136,7 @@ def test_every_view_is_reached_by_its_small_picture_with_a_picture_of_its_own(op
 @of_the_small_report
 def test_links_of_warnings_and_of_elsewhere_lead_to_their_view(open_at):
     shown = open_at(360)
-    shown.page.click(".remarks a")
+    shown.page.click(".remarks a[href='#view-3']")
     shown.page.wait_for_function("() => document.getElementById('which-view').value === '2'")
     assert open_at(360, "#view-3").page.input_value("#which-view") == "2"
 
