@@ -28,21 +28,18 @@ import sys
 from pathlib import Path
 import numpy as np
 from pipeline.process.free_memory import give_back_free_memory
+from pipeline.process.meter import resident_bytes
 from stages.solvers.kernels.arrays_in_files import in_file
 
-def resident_mib():
-    status = Path("/proc/self/status").read_text().splitlines()
-    return int(next(line for line in status if line.startswith("VmRSS")).split()[1]) / 1024
-
-before = resident_mib()
+before = resident_bytes()
 arrays = in_file([np.arange(2**23), np.ones(2**22, np.float32)], Path(sys.argv[1]))
 read = [float(array.sum()) for array in arrays]
-used = resident_mib() - before
+used = resident_bytes() - before
 give_back_free_memory()
-waiting = resident_mib() - before
+waiting = resident_bytes() - before
 assert read == [float(array.sum()) for array in arrays]
 del arrays
-print(used, waiting)
+print(used / 2**20, waiting / 2**20)
 """
 
 

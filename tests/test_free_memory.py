@@ -28,13 +28,9 @@ ROOT = Path(__file__).resolve().parent.parent
 # there when it is let go, since a small one lies above it.
 LEFT_BEHIND = """
 import ctypes, sys
-from pathlib import Path
 from contextlib import ExitStack
 from pipeline.process.free_memory import give_back_free_memory, large_blocks_apart
-
-def resident_mib():
-    status = Path("/proc/self/status").read_text().splitlines()
-    return int(next(line for line in status if line.startswith("VmRSS")).split()[1]) / 1024
+from pipeline.process.meter import resident_bytes
 
 libc = ctypes.CDLL(None)
 libc.malloc.restype, libc.malloc.argtypes = ctypes.c_void_p, [ctypes.c_size_t]
@@ -45,14 +41,14 @@ if "apart" in sys.argv or "after" in sys.argv:
 if "after" in sys.argv:
     apart.close()
 libc.free(libc.malloc(30 << 20))
-before = resident_mib()
+before = resident_bytes()
 large = libc.malloc(16 << 20)
 ctypes.memset(large, 1, 16 << 20)
 small = libc.malloc(100_000)
 libc.free(large)
 if "trim" in sys.argv:
     give_back_free_memory()
-print(resident_mib() - before)
+print((resident_bytes() - before) / 2**20)
 """
 
 

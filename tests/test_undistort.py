@@ -16,7 +16,6 @@ from stages.formats.images.photos import encode_srgb8, read_mask, read_photo, wr
 from stages.geometry.undistortion import oversampling, resample
 from stages.geometry.working_size import AutoSizeSettings, affordable_size, expected_minutes, working_size
 from stages.scene.cameras import pixel_centres
-from stages.scene.memory_of_views import BYTES_PER_PIXEL_OF_CLUSTER
 from stages.undistort import UNDISTORT, UndistortSettings, within
 from tests import painted_corner
 from tests.raw_exr import write_raw_exr
@@ -97,7 +96,7 @@ def test_little_memory_lowers_the_automatic_size_and_no_other():
     ]
     assert sizes == sorted(sizes) and sizes[0] < sizes[-1]
     width, height = working_size(4000, 3000, sizes[1])
-    assert 3 * BYTES_PER_PIXEL_OF_CLUSTER * width * height <= 2e9
+    assert 3 * 480 * width * height <= 2e9
 
 
 def test_an_automatic_size_is_told_with_what_it_will_take(tmp_path, make_job):

@@ -174,7 +174,7 @@ def _kept(
     sampled: list[SampledOctave] = []
     octaves = enumerate(pairwise(scene.pixels.octaves(scene.maps, how.sigmas_px)))
     for number, ((bands, sigma_px), (coarser, _)) in octaves:
-        give_back_free_memory()
+        give_back_free_memory()  # what the octave before has read of the model
         octave = DetailOctave.of(scene, number, bands, sigma_px)
         if scene.known is not None:
             now = scene.known.octaves[number]

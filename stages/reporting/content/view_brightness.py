@@ -40,9 +40,9 @@ def brightness_beside_others(shown: Sequence[np.ndarray], fewest_points: int) ->
 
     Notes
     -----
-    Of log2 of the view's value over the median of all views there. One view in many
-    hardly moves a median, so the odd one has the whole difference. Small differences come out as 0: at every
-    point with an odd number of views one of them is the median itself.
+    Of log2 of the view's value over the median of all views there. One view in many hardly moves a median,
+    so the odd one has the whole difference. Small differences come out as 0: at every point with an odd
+    number of views one of them is the median itself.
     """
     if not shown:
         return []

@@ -130,7 +130,7 @@ def _of_spread(told: Told, most_stops: float, most_ratio: float) -> Remark | Non
         told,
         lambda view: (view["albedo_spread_stops"] or 0) > most,
         "the albedo is darker in some places, and brighter in others, than where other views show the same "
-        "surface (by {} on average): the light came from elsewhere in this photo. A lamp was moved, the sun "
+        "surface (typically by {}): the light came from elsewhere in this photo. A lamp was moved, the sun "
         "went on, a cloud passed. " + IN_THE_LIGHT_OF_THE_OTHERS,
         lambda view: percent(2 ** view["albedo_spread_stops"] - 1),
     )

@@ -1,4 +1,4 @@
-"""Arrays in files: they take no memory while they are not used."""
+"""Memory-mapped arrays: they are in files, and take no memory while they are not used."""
 
 from __future__ import annotations
 

@@ -63,7 +63,8 @@ def aggregated(graph: HalfEdges, group: np.ndarray, count: int, factor: float = 
     -----
     Parallel edges are merged at the lower group before they are listed: there are several times as many.
     """
-    begin, pixels = _members(group, count)
+    pixels = np.argsort(group, kind="stable").astype(np.int32)  # those of every group, ascending
+    begin = _from_degrees(np.bincount(group, minlength=count))
     owned = _shares(count)
     of_graph = graph.first, graph.neighbour, graph.weight, group, np.float32(factor)
     first = _from_degrees(_degrees_upwards(owned, begin, pixels, *of_graph))
@@ -148,21 +149,6 @@ def _close_up(first, kept, other, weight):
     for p in range(first.size - 1):
         for k in range(kept[p + 1] - kept[p]):
             other[kept[p] + k], weight[kept[p] + k] = other[first[p] + k], weight[first[p] + k]
-
-
-@numba.njit(cache=True, nogil=True)
-def _members(group, count):
-    """List the pixels of every group, ascending: those of group g are ``pixels[begin[g]:begin[g + 1]]``."""
-    begin, pixels = np.zeros(count + 1, np.int64), np.empty(group.size, np.int32)
-    for p in range(group.size):
-        begin[group[p] + 1] += 1
-    for g in range(count):
-        begin[g + 1] += begin[g]
-    filled = begin[:-1].copy()
-    for p in range(group.size):
-        pixels[filled[group[p]]] = p
-        filled[group[p]] += 1
-    return begin, pixels
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
