@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
     from stages.photometry.lighting.opened_views import Opened, ViewFiles
+    from stages.photometry.sun.pixel_rays import PixelRays
+    from stages.photometry.sun.settings import SunSettings
     from stages.photometry.transport.lit_scenes import LitScene
     from stages.photometry.transport.sky_visibility import VisibilityProbes
     from stages.scene.cameras import Camera
@@ -53,6 +55,7 @@ class Scene:
     stored : StoredTransfer
     short : ShortEdged
         The mesh, with edges as short as those of the transfer.
+    sun : SunSettings
     """
 
     cameras: list[Camera]
@@ -60,6 +63,7 @@ class Scene:
     graph: ViewGraph
     stored: StoredTransfer
     short: ShortEdged
+    sun: SunSettings
 
     def blend(self, cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> sp.csr_array:
         """Interpolate the proxy's vertices at the masked pixels of cameras, (N, P)."""
@@ -68,6 +72,25 @@ class Scene:
 
         points = read_surface_points(self.files.paths, cameras, masks)
         return pixels_on_proxy_of(self.short, self.stored, points)
+
+    def rays(self, cameras: Sequence[Camera], masks: Sequence[np.ndarray], threads: int) -> PixelRays:
+        """Make rays from the masked pixels of cameras to suns, which the mesh may block."""
+        import numpy as np
+
+        from stages.formats.artefacts.view_files import read_surface_points
+        from stages.formats.meshes.triangle_meshes import read_mesh
+        from stages.geometry.smooth_surface import SmoothSurface
+        from stages.photometry.sun.pixel_rays import PixelRays
+
+        def prepared() -> SmoothSurface:
+            return SmoothSurface(read_mesh(self.files.paths["mesh"]), threads)
+
+        def points_of(view: int) -> tuple[np.ndarray, np.ndarray]:
+            faces, barycentric = read_surface_points(self.files.paths, [cameras[view]], [masks[view]])
+            return faces[0], barycentric[0]
+
+        starts = np.cumsum([0, *(np.count_nonzero(mask) for mask in masks)])
+        return PixelRays(prepared, points_of, starts, self.sun)
 
 
 def run(job: Job[LightingSettings]) -> None:
@@ -83,7 +106,7 @@ def run(job: Job[LightingSettings]) -> None:
     short = with_short_edges(read_mesh(job.inputs["mesh"]), float(stored.longest_edge))
     graph = view_graph(job.inputs, cameras)
     files = ViewFiles(dict(job.inputs), cameras, graph.side, job.settings.trusted_pixels)
-    scene = Scene(cameras, files, graph, stored, short)
+    scene = Scene(cameras, files, graph, stored, short, job.settings.sun)
     if _has_room(job.settings, job.inputs, graph):
         _from_all(job, scene)
     elif not _from_some(job, scene):
@@ -144,7 +167,10 @@ def _from_all(job: Job[LightingSettings], scene: Scene) -> None:
             )
     else:
         with job.progress("steps", _steps(how, len(scenes))) as step:
-            found = find_illumination(*seen, scenes, opened.viewing, how, job.threads, step, None, exposures)
+            rays = scene.rays(cameras, opened.views.masks, job.threads)
+            found = find_illumination(
+                *seen, scenes, opened.viewing, how, job.threads, step, None, exposures, rays
+            )
     trusted = opened.viewing.trusted & found.observations.trusted
     record.note_light(job, scene.stored, found, int(np.count_nonzero(~trusted)))
     record.report_light(job, scene.stored, found)
@@ -173,7 +199,10 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
     scale, gains = opened.scale, gains_of_all(job, scene.files, opened.scale)
     scenes, seen = _scenes(job, opened, scene), (opened.views.stack, opened.images)
     with job.progress("steps", _steps(how, len(scenes))) as step:
-        found = find_illumination(*seen, scenes, opened.viewing, how, job.threads, step, gains[list(some)])
+        rays = scene.rays(opened.views.cameras, opened.views.masks, job.threads)
+        found = find_illumination(
+            *seen, scenes, opened.viewing, how, job.threads, step, gains[list(some)], None, rays
+        )
     if found.apart:
         return False
     job.note(light_found_on=[cameras[view].name for view in some])
@@ -209,7 +238,9 @@ def _light_all(
     )
     tell_too_large(job, clusters, job.settings.clusters)
     parts = Parts(job.scratch, scene.files.paths, scene.cameras, clusters)
-    task = LightTask(scene.files, scene.blend, scene.stored.normals, parts, found, typical, gains, scale)
+    task = LightTask(
+        scene.files, scene.blend, scene.rays, scene.stored.normals, parts, found, typical, gains, scale
+    )
     every = range(len(scene.cameras))
     with job.progress("bounces", len(every)) as step:
         seen = counted(job.tasks.small(seen_vertices, every, task), step)
@@ -230,6 +261,7 @@ def _steps(how: LightingSettings, scenes: int) -> int:
     search = how.search
     return (
         len(search.scales) * (scenes + 1)
+        + 1  # suns
         + 2 * _tries(how)
         + how.specular.alternations
         + search.refined_scales
@@ -293,12 +325,14 @@ def within(settings: LightingSettings, memory: int) -> LightingSettings:
 def in_words(facts: Mapping[str, Any]) -> str:
     """Tell in a few words what was found."""
     gloss = "specular reflection" if facts["specular"] else "no specular reflection"
-    return f"light from {facts['directions']} directions, {gloss}"
+    suns = len(facts["suns"])
+    small = ", 1 sun" if suns == 1 else f", {suns} suns" if suns else ""
+    return f"light from {facts['directions'] - suns} directions{small}, {gloss}"
 
 
 LIGHTING = Stage(
     name="lighting",
-    version=13,
+    version=14,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=(

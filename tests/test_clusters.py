@@ -349,9 +349,11 @@ def test_further_views_are_lit_as_those_that_the_light_was_found_on(gloss, tmp_p
     short = with_short_edges(read_mesh(done.paths["mesh"]), float(stored.longest_edge))
     files = ViewFiles(inputs, cameras, graph.side, how.trusted_pixels)
     opened = files.open(Cluster.whole(range(6), 0), None)
-    scenes = lighting._scenes(job, opened, Scene(cameras, files, graph, stored, short))
+    scene = Scene(cameras, files, graph, stored, short, how.sun)
+    scenes, rays = lighting._scenes(job, opened, scene), scene.rays(cameras, opened.views.masks, 2)
     seen = opened.views.stack, opened.images
-    found = find_illumination(*seen, scenes, opened.viewing, how, 2, lambda: None)
+    found = find_illumination(*seen, scenes, opened.viewing, how, 2, lambda: None, rays=rays)
+    suns = found.explained.scene.suns
     shading, data = further_pixels(
         found.without_pixels(),
         float(np.median(found.light.shading)),
@@ -360,8 +362,10 @@ def test_further_views_are_lit_as_those_that_the_light_was_found_on(gloss, tmp_p
         opened.viewing,
         opened.normals,
         scenes[0].pixels.blend,
+        rays.see(suns, None, opened.normals),
         found.gains.gains,
     )
+    assert len(suns) == 1
     assert (found.specular is not None) == (gloss > 0)
     np.testing.assert_allclose(shading, found.light.shading, rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(data.observed, found.observations.observed, rtol=1e-5, atol=1e-7)

@@ -95,9 +95,10 @@ def _front(half: float) -> Surface:
 
 
 def _distance(x: np.ndarray, half: float) -> np.ndarray:
-    """Evaluate the signed distance of the relief, repeated along the street."""
+    """Evaluate the signed distance of the relief, repeated from the begin of the street, as its paint is."""
     folded = x.copy()
-    folded[:, 0] -= np.float32(BAY) * np.round(x[:, 0] / np.float32(BAY))
+    along = x[:, 0] + np.float32(half)
+    folded[:, 0] = along - np.float32(BAY) * np.round(along / np.float32(BAY))
     return np.maximum(relief_distances(folded).min(axis=0), np.abs(x[:, 0]) - np.float32(half))
 
 

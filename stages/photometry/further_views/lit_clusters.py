@@ -19,6 +19,7 @@ from stages.photometry.lighting.trusted_pixels import Viewing, unlit
 from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.specular.specular_reflection import SpecularReflection
 from stages.photometry.stack import StackedViews
+from stages.photometry.sun.pixel_rays import PixelRays
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.pixel_transfer import without_opposed
 from stages.scene.cameras import Camera
@@ -35,6 +36,8 @@ class LightTask:
     files : ViewFiles
     blend : callable
         Interpolates the proxy's vertices at the masked pixels of cameras: (N, P).
+    rays : callable
+        Makes their rays, of masked pixels of cameras and with a number of threads.
     vertex_normals : ndarray, shape (P, 3)
     parts : Parts
         Where shading and data of the pixels are kept, until they are put together view by view.
@@ -50,6 +53,7 @@ class LightTask:
 
     files: ViewFiles
     blend: Callable[[Sequence[Camera], Sequence[np.ndarray]], sp.csr_array]
+    rays: Callable[[Sequence[Camera], Sequence[np.ndarray], int], PixelRays]
     vertex_normals: np.ndarray
     parts: Parts
     found: Illumination
@@ -65,7 +69,8 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
     blend, _ = without_opposed(
         opened.normals, task.blend(opened.views.cameras, opened.views.masks), task.vertex_normals
     )
-    image = np.stack(opened.images, axis=1)
+    image, scene = np.stack(opened.images, axis=1), task.found.explained.scene
+    rays = task.rays(opened.views.cameras, opened.views.masks, threads)
     shading, data = further_pixels(
         task.found,
         task.typical,
@@ -74,6 +79,7 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
         opened.viewing,
         opened.normals,
         blend,
+        rays.see(scene.suns, scene.sphere, opened.normals),
         task.gains[opened.views.numbers],
     )
     task.parts.keep(cluster, opened.views, {"shading": shading, **data.by_pixel()})
@@ -91,6 +97,7 @@ def further_pixels(
     viewing: Viewing,
     normals: np.ndarray,
     blend: sp.csr_array,
+    traced: np.ndarray,
     gains: np.ndarray,
 ) -> tuple[np.ndarray, AlbedoData]:
     """Compute shading and data for the albedo, of pixels that the light was not estimated from.
@@ -108,6 +115,8 @@ def further_pixels(
     normals : ndarray, shape (N, 3)
     blend : csr_array, shape (N, P)
         Of the proxy's vertices; empty where the back of the mesh is seen.
+    traced : ndarray, shape (N, k), uint8
+        Visibility of the suns.
     gains : ndarray, shape (n, 3)
 
     Returns
@@ -124,7 +133,7 @@ def further_pixels(
     if found.apart:
         raise ValueError("further views have the light of the others only if that is one for all")
     of_pixel = np.repeat(gains, np.diff(views.starts), axis=0).astype(np.float32)
-    scene = own.scene.with_pixels(normals, blend)
+    scene = own.scene.with_pixels(normals, blend, traced)
     shading = light.shading(scene, views.starts, np.zeros(views.view_count, np.int64))
     photos = _observed(own, views, (image / of_pixel).astype(np.float32), viewing)
     if viewing.trusted.any():
@@ -155,7 +164,8 @@ def _without_gloss(
     blend: sp.csr_array,
 ) -> Observations:
     """Remove the reflection of the light that it was estimated with."""
-    scene, light = removed_under[0].with_pixels(normals, blend), removed_under[1]
+    no_suns = np.zeros((len(normals), 0), np.uint8)  # it was estimated before these
+    scene, light = removed_under[0].with_pixels(normals, blend, no_suns), removed_under[1]
     here = replace(specular, glossy=_glossy(specular, photos, scene))
     return photos.without_specular(here, photos.mirror(scene, light))
 

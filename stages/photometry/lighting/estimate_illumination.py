@@ -23,6 +23,8 @@ from stages.photometry.lighting.shared_or_own_lights import mixed_with_own_light
 from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.specular.view_differences import Differences
 from stages.photometry.stack import StackedViews
+from stages.photometry.sun.pixel_rays import PixelRays
+from stages.photometry.sun.sun_search import with_suns
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.solvers.kernels.threading_layer import use_threads
 
@@ -39,6 +41,7 @@ def find_illumination(
     step: Step,
     known_gains: np.ndarray | None = None,
     exposures: np.ndarray | None = None,
+    rays: PixelRays | None = None,
 ) -> Illumination:
     """Estimate light, its distance, view gains, specular reflection, and the pixels' data for the albedo.
 
@@ -61,6 +64,8 @@ def find_illumination(
         Gains of the views, estimated from more views.
     exposures : ndarray, shape (n,), or None
         Of the views, by their photos' EXIF data.
+    rays : PixelRays or None
+        From the pixels to suns; None: these are not looked for.
     """
     use_threads(threads)
     photos = ObservationsWithGains.of(views, images, viewing, settings, known_gains, exposures)
@@ -69,6 +74,8 @@ def find_illumination(
     if now.reflectance is not None and now.light is not far.light:
         now = _with_reflectance(now, step)
     now = _in_finer_directions(now, now.light is not far.light, step)
+    if rays is not None and now.photos.share_a_light:
+        now = _with_suns(now, rays, step)
     now = _mixed_with_own_lights(now, photos.as_seen, step)
     light = LightAndShading.of_mean_one(now.light.radiance, now.shading() * photos.of_pixel)
     return Illumination.of(now, photos, light, brightest_of(settings, now.reflectance))
@@ -180,6 +187,13 @@ def _in_finer_directions(now: Explanation, changed: bool, step: Step) -> Explana
     if not changed and finer is now.scene:
         return now
     return replace(now, scene=finer, light=now.photos.light(finer, step, near=near))
+
+
+def _with_suns(now: Explanation, rays: PixelRays, step: Step) -> Explanation:
+    """Replace bright cells by suns where that explains the photos better."""
+    scene, light = with_suns(now.scene, now.light, now.photos, rays, _unnoticed)
+    step()
+    return replace(now, scene=scene, light=light)
 
 
 def _mixed_with_own_lights(now: Explanation, as_seen: Observations, step: Step) -> Explanation:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Job
 from stages.photometry.lighting.settings import LightingSettings
@@ -51,6 +51,7 @@ def note_light(
         light_distance=float(distance) if np.isfinite(distance) else "infinitely far",
         disagreement=dict(zip(map(str, stored.radii.tolist()), found.disagreements, strict=True)),
         directions=len(found.directions),
+        suns=_suns(found),
         lights=int(found.light_of_view.max()) + 1,
         lights_apart=round(found.apart, 3),
         spread_between_views=round(found.gains.spread, 4),
@@ -59,6 +60,16 @@ def note_light(
         **({} if found.reflectance is None else {"brightest": found.reflectance.as_json()}),
         untrusted_pixels=untrusted_pixels,
     )
+
+
+def _suns(found: Illumination) -> list[dict[str, Any]]:
+    """List the direction of every sun, and its share of all light from everywhere."""
+    flux = (found.light.radiance[0] * found.cells[:, None]).sum(axis=1)
+    suns = found.explained.scene.suns
+    return [
+        {"direction": direction.tolist(), "share_of_light": round(float(own / flux.sum()), 4)}
+        for direction, own in zip(suns, flux[len(flux) - len(suns) :], strict=True)
+    ]
 
 
 def report_light(job: Job[LightingSettings], stored: StoredTransfer, found: Illumination) -> None:

@@ -11,6 +11,7 @@ from pipeline import Settings, UserError, group, setting
 from stages.photometry.clusters.settings import LEAST_PIXELS, ClusterSettings
 from stages.photometry.light_search.settings import LightSearchSettings
 from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSettings, SpecularSettings
+from stages.photometry.sun.settings import SunSettings
 from stages.photometry.transport.settings import (
     EnvironmentMapSettings,
     LightPictureSettings,
@@ -171,6 +172,9 @@ class LightingSettings(LightSearchSettings):
         "none: two thirds of `moving_light`.",
         unit="typical difference of the logarithms",
         ge=0,
+    )
+    sun: SunSettings = group(
+        SunSettings, "Suns and lamps in place of bright directions, with shadows as sharp as the photos'."
     )
     known_turn_deg: float | None = setting(
         None,

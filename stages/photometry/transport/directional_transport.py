@@ -51,6 +51,18 @@ def offsets_in(sphere: Sphere | None, positions: np.ndarray) -> np.ndarray:
     return offsets * np.minimum(1, FARTHEST / np.maximum(length, FARTHEST))
 
 
+def arriving(normals: np.ndarray, offsets: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Compute irradiance from small sources in directions on the unit sphere, facing its centre.
+
+    As the loops do: at points (n, 3) from directions (k, 3), nothing in between; (n, k), float32.
+    """
+    received = np.einsum("nk,nk->n", normals, offsets)[:, None]
+    received = normals @ directions.T - received
+    sent = np.maximum(1 - offsets @ directions.T, 0)
+    squared = 1 - 2 * (offsets @ directions.T) + np.einsum("nk,nk->n", offsets, offsets)[:, None]
+    return (np.maximum(received, 0) * sent / squared**2).astype(np.float32)
+
+
 def even_directions(count: int) -> np.ndarray:
     """Distribute unit vectors evenly over the sphere on a spiral, from the zenith (+z) down, (count, 3)."""
     place = np.arange(count) + 0.5
@@ -91,14 +103,17 @@ class DirectionalTransport:
         Of `sky_visibility.visible_directions`.
     directions : ndarray, shape (M, 3), float32
     cells : ndarray, shape (M,), float32
-        Solid angle of each direction as a share of the sphere; sums to 1.
+        Solid angle of each direction as a share of the sphere; sums to 1, suns apart.
+    traced : ndarray, shape (N, k), uint8
+        Visibility of the last k directions, the suns, from the points themselves, in 255ths.
 
     Notes
     -----
     ``S(p) = 1/π ∫ V L max(0, n·ω) dω ≈ 4 Σ_d c_d V_d(p) max(0, n_p·ω_d) L_d``, c the cells: the shading of
-    Eq. 1, with all frequencies of the light that M directions resolve. V is interpolated between vertices;
-    the cosine is the point's own. Light from a finite sphere comes from small sources that face its centre:
-    it varies with position, by the angle and the inverse square of the distance.
+    Eq. 1, with all frequencies of the light that M directions resolve. V is interpolated between vertices,
+    but for suns, whose shadows have sharp edges; the cosine is the point's own. Light from a finite sphere
+    comes from small sources that face its centre: it varies with position, by the angle and the inverse
+    square of the distance.
     """
 
     normals: np.ndarray
@@ -107,6 +122,7 @@ class DirectionalTransport:
     visible: np.ndarray
     directions: np.ndarray
     cells: np.ndarray
+    traced: np.ndarray
 
     @classmethod
     def of(
@@ -114,18 +130,24 @@ class DirectionalTransport:
     ) -> DirectionalTransport:
         """Build the transport to points with unit normals (N, 3) from `count` directions of equal cells."""
         directions, cells = even_directions(count).astype(np.float32), np.full(count, 1 / count, np.float32)
-        return cls(np.ascontiguousarray(normals, np.float32), offsets, blend, visible, directions, cells)
+        normals, no_suns = np.ascontiguousarray(normals, np.float32), np.zeros((len(normals), 0), np.uint8)
+        return cls(normals, offsets, blend, visible, directions, cells, no_suns)
 
     def at(self, points: np.ndarray) -> DirectionalTransport:
         """Select some of the points."""
         return replace(
-            self, normals=self.normals[points], offsets=self.offsets[points], blend=self.blend[points]
+            self,
+            normals=self.normals[points],
+            offsets=self.offsets[points],
+            blend=self.blend[points],
+            traced=self.traced[points],
         )
 
     def shares(self, points: np.ndarray) -> np.ndarray:
         """Compute the shading of chosen points per unit of radiance from each direction, (n, M), float32."""
         out = np.empty((len(points), len(self.directions)), np.float32)
-        gather_shares(np.asarray(points), *self.geometry, out)
+        where = self.normals, self.offsets, self._blend, self.visible, self.traced
+        gather_shares(np.asarray(points), *where, self.directions, out)
         out *= self._weight
         return out
 
@@ -136,9 +158,8 @@ class DirectionalTransport:
         out = np.empty((max(0, end - begin), 3), np.float32)
         own = (first[begin : end + 1], vertex, weight)
         light = np.ascontiguousarray(radiance * self._weight[:, None], np.float32)
-        gather_irradiance(
-            self.normals[begin:end], self.offsets[begin:end], own, self.visible, self.directions, light, out
-        )
+        where = self.normals[begin:end], self.offsets[begin:end], own, self.visible, self.traced[begin:end]
+        gather_irradiance(*where, self.directions, light, out)
         return out
 
     @property

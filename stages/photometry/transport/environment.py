@@ -31,10 +31,18 @@ def picture_of_light(
 
     Every pixel is a Gaussian blend of the directions around it, as wide as their spacing. Each direction has
     a cell, its share of the sphere, (M,); None: all equal. Where some cells are finer, the others are
-    subdivided as well, since their broader Gaussians would dim bright directions.
+    subdivided as well, since their broader Gaussians would dim bright directions. Suns, whose cells are
+    smaller than a pixel, light the pixel that they lie in.
     """
     rows = how.rows
     towards = directions_of_picture(rows).reshape(-1, 3)
+    suns = np.zeros(len(directions), bool) if cells is None else cells < 1 / len(towards)
+    sunlight = np.zeros((len(towards), radiance.shape[1]))
+    if cells is not None and suns.any():
+        pixel = np.argmax(directions[suns] @ towards.T, axis=1)
+        angle = np.pi * np.sqrt(1 - towards[pixel, 2] ** 2) / (2 * len(towards))  # as a share of the sphere
+        np.add.at(sunlight, pixel, radiance[suns] * (cells[suns] / angle)[:, None])
+        directions, radiance, cells = directions[~suns], radiance[~suns], cells[~suns]
     if cells is not None:
         coarse = np.flatnonzero(cells > 2 * np.min(cells))
         around = honeycomb(directions[coarse], cells[coarse] / (AROUND + 1))
@@ -42,7 +50,7 @@ def picture_of_light(
         radiance = np.concatenate([radiance, radiance[np.repeat(coarse, AROUND)]])
     radius = how.blur / np.sqrt(len(directions))  # radians; they are √(4π/M) apart
     weight = np.exp((towards @ np.asarray(directions, np.float64).T - 1) / (0.5 * radius**2))
-    blended = (weight @ radiance) / weight.sum(axis=1, keepdims=True)
+    blended = (weight @ radiance) / weight.sum(axis=1, keepdims=True) + sunlight
     return blended.reshape(rows, 2 * rows, -1).astype(np.float32)
 
 

@@ -13,13 +13,14 @@ BITS = np.unpackbits(np.arange(256, dtype=np.uint8)).astype(np.float32)  # of ea
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def gather_irradiance(normals, offsets, blend, visible, directions, radiance, out):
+def gather_irradiance(normals, offsets, blend, visible, traced, directions, radiance, out):
     """Gather ``Σ_d V_d g_d e_d`` at every point in three channels, (N, 3), with g of `_arriving`."""
     x, y, z = directions[:, 0].copy(), directions[:, 1].copy(), directions[:, 2].copy()  # to be vectorised
     for chunk in numba.prange((len(normals) + CHUNK - 1) // CHUNK):
         seen = np.empty(8 * visible.shape[1], np.float32)
         for p in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(normals))):
             blended_visibility(p, blend, visible, seen)
+            _seen_from_itself(traced[p], len(directions), seen)
             normal, offset = normals[p], offsets[p]
             for d in range(len(directions)):  # apart from the sums, whose order is fixed
                 seen[d] *= _arriving(normal, offset, x[d], y[d], z[d])
@@ -32,7 +33,7 @@ def gather_irradiance(normals, offsets, blend, visible, directions, radiance, ou
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def gather_shares(points, normals, offsets, blend, visible, directions, out):
+def gather_shares(points, normals, offsets, blend, visible, traced, directions, out):
     """Compute ``V_d g_d`` of chosen points and all directions, (n, M), with g of `_arriving`."""
     x, y, z = directions[:, 0].copy(), directions[:, 1].copy(), directions[:, 2].copy()  # to be vectorised
     for chunk in numba.prange((len(points) + CHUNK - 1) // CHUNK):
@@ -40,6 +41,7 @@ def gather_shares(points, normals, offsets, blend, visible, directions, out):
         for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(points))):
             p = points[k]
             blended_visibility(p, blend, visible, seen)
+            _seen_from_itself(traced[p], len(directions), seen)
             normal, offset = normals[p], offsets[p]
             for d in range(len(directions)):
                 out[k, d] = seen[d] * _arriving(normal, offset, x[d], y[d], z[d])
@@ -59,6 +61,13 @@ def blended_visibility(point, blend, visible, seen):
             bits = np.int64(visible[vertex[k], byte])
             total = total + spread(weight[k]) * load(BITS, 8 * bits)
         store(seen, 8 * byte, total)
+
+
+@numba.njit(nogil=True)
+def _seen_from_itself(traced, directions, seen):
+    """Replace V of the last directions by that found from the point itself, in 255ths."""
+    for k in range(len(traced)):
+        seen[directions - len(traced) + k] = np.float32(traced[k]) / np.float32(255)
 
 
 @numba.njit(inline="always", error_model="numpy")

@@ -64,11 +64,18 @@ class LitScene:
             sphere=sphere,
         )
 
-    def with_pixels(self, normals: np.ndarray, blend: sp.csr_array) -> LitScene:
-        """Replace the pixels by others, of normals (N, 3) and a blend of vertices (N, P)."""
+    def with_pixels(self, normals: np.ndarray, blend: sp.csr_array, traced: np.ndarray) -> LitScene:
+        """Replace the pixels: normals (N, 3), blend of vertices (N, P), visibility of the suns (N, k)."""
         offsets = blend @ offsets_in(self.sphere, self.proxy.positions)
         normals = np.ascontiguousarray(normals, np.float32)
-        return replace(self, pixels=replace(self.pixels, normals=normals, offsets=offsets, blend=blend))
+        there = {"normals": normals, "offsets": offsets, "blend": blend, "traced": traced}
+        return replace(self, pixels=replace(self.pixels, **there))
+
+    @property
+    def suns(self) -> np.ndarray:
+        """Directions of the suns, (k, 3): the last ones."""
+        directions = self.pixels.directions
+        return directions[len(directions) - self.pixels.traced.shape[1] :]
 
     def at(self, pixels: np.ndarray) -> LitScene:
         """Select some of the pixels."""

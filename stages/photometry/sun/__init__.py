@@ -1,0 +1,1 @@
+"""Suns and lamps: small sources of light, whose shadows have sharp edges."""
