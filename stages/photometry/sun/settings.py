@@ -21,6 +21,13 @@ class SunSettings(Settings):
     bright: float = setting(
         3.0, "Brighter directions may be those of a sun.", unit="times the mean radiance", gt=0
     )
+    least_share: float = setting(
+        0.05,
+        "Least part of a sun in all light from everywhere: weaker ones throw no shadow that one sees.",
+        unit="share of the light",
+        ge=0,
+        lt=1,
+    )
     within_deg: Angle = setting(
         12.0,
         "Bright directions this near to their middle are tried as one sun: in cells of 5°, and with shadows "

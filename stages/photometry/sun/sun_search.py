@@ -108,7 +108,10 @@ class BrightGroup:
     def of(
         cls, light: np.ndarray, scene: LitScene, how: SunSettings, among: np.ndarray
     ) -> BrightGroup | None:
-        """Choose the directions around the greatest flux of a light, (M, 3), among some, (M,), bool."""
+        """Choose the directions around the greatest flux of a light, (M, 3), among some, (M,), bool.
+
+        None where none is bright, or all of them together are weak.
+        """
         directions, cells = scene.pixels.directions, scene.pixels.cells
         brightness = light.sum(axis=1)
         among = among & (brightness > how.bright * (brightness @ cells) / cells.sum())
@@ -117,6 +120,8 @@ class BrightGroup:
         flux = np.where(among, brightness * cells, 0)
         near = directions @ directions.T > np.cos(np.deg2rad(how.within_deg))
         chosen = among & near[np.argmax(np.where(among, near @ flux, 0))]
+        if flux[chosen].sum() < how.least_share * (brightness @ cells):
+            return None
         middle = flux[chosen] @ directions[chosen]
         return cls(chosen, middle / np.linalg.norm(middle), (light * cells[:, None])[chosen].sum(axis=0))
 
