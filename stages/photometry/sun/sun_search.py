@@ -62,8 +62,8 @@ def with_suns(
     vertices are blurred: the light that explains the photos best then covers several cells, and its middle is
     degrees off. Instead of a group of bright cells one source is tried, in some hundred directions around
     their middle, with the shadow that the pixels themselves see, for that under which pairs of equal albedo
-    disagree least; all light is then estimated anew, and the sun's direction once more, nearby. It is kept if
-    pairs disagree less than under the group by `sun.gain`. The next is looked for until one is not.
+    disagree least; all light is then estimated anew. The sun is kept if pairs now disagree less than under
+    the group by `sun.gain`, its direction found once more, nearby, and the next is looked for.
     """
     how = rays.how
     tried = np.zeros(len(found.radiance[0]), bool)
@@ -71,19 +71,18 @@ def with_suns(
         bright = BrightGroup.of(found.radiance[0], scene, how, ~tried)
         if bright is None:
             break
-        sun = _Trial.of(photos.search(scene), found, bright, rays).best(
-            (how.within_deg, *how.steps_deg), how.brightness
-        )
+        trial = _Trial.of(photos.search(scene), found, bright, rays)
+        sun = trial.best((how.within_deg, *how.steps_deg), how.brightness)
         other, light = _with_sun(scene, found, bright, sun, rays)
-        light = photos.light(other, step, near=light)
-        alone = BrightGroup.alone(len(tried), light.radiance[0], other)
-        sun = _Trial.of(photos.search(other), light, alone, rays).best(how.steps_deg, (1.0,))
-        other, light = _with_sun(other, light, alone, sun, rays, kept=~alone.chosen)
         light = photos.light(other, step, near=light)
         before, after = photos.disagreements([scene, other], [found, light])
         if after > (1 - how.gain) * before:
             break
         scene, found, tried = other, light, np.append(tried | bright.chosen, True)
+        alone = BrightGroup.alone(len(tried) - 1, found.radiance[0], scene)
+        sun = _Trial.of(photos.search(scene), found, alone, rays).best(how.steps_deg, (1.0,))
+        scene, found = _with_sun(scene, found, alone, sun, rays, kept=~alone.chosen)
+        found = photos.light(scene, step, near=found)
     return scene, found
 
 
