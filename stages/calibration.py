@@ -169,7 +169,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 CALIBRATION = Stage(
     name="calibration",
-    version=1,
+    version=2,
     about="Absolute scale and white balance from a grey card or a colour chart, where one is given.",
     settings=CalibrationSettings,
     takes=(

@@ -187,7 +187,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 DECOMPOSITION = Stage(
     name="decomposition",
-    version=19,
+    version=20,
     about="Albedo, shading and light of each view, from all views together.",
     settings=DecompositionSettings,
     takes=("linear", "normal", "mask", "cameras", "correspondences"),

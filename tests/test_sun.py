@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import trimesh
+from PIL import Image
 
 import stages
 from benchmarks.paper.laboratory import results_of
 from pipeline.command.terminal import Terminal
 from stages.formats.artefacts.light_npz import read_light
+from stages.formats.artefacts.view_files import write_pictures_of_light
+from stages.formats.images.exr import read_exr
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.smooth_surface import SmoothSurface
 from stages.photometry.sun.pixel_rays import WHOLE, PixelRays
@@ -116,6 +119,15 @@ def test_the_picture_of_the_light_holds_the_sun():
         )
         held = (solid * picture.reshape(-1, 3)).sum(axis=0)
         assert held == pytest.approx(np.array([1.1, 1.05, 1.0]), rel=1e-3)
+
+
+def test_the_picture_for_people_shows_the_sky_beside_the_sun(tmp_path):
+    sky = np.linspace(0.5, 1, 64 * 128).reshape(64, 128, 1).repeat(3, axis=2)
+    sky[20, 30] = 5000
+    write_pictures_of_light(tmp_path, {"shared": sky.astype(np.float32)})
+    shown = np.asarray(Image.open(tmp_path / "shared.png"))
+    assert shown[20, 30].min() == 255 and 150 < np.median(shown) < 255
+    np.testing.assert_allclose(read_exr(tmp_path / "shared.exr"), sky, rtol=1e-3)
 
 
 def lit(workspace, light: str):

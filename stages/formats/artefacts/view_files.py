@@ -217,8 +217,12 @@ def write_previews(
 
 
 def write_pictures_of_light(folder: Path, pictures: Mapping[str, np.ndarray]) -> None:
-    """Write pictures of all directions as EXR, linear, and as PNG, the brightest of all being white."""
-    white = max((float(picture.max()) for picture in pictures.values()), default=1.0)
+    """Write pictures of all directions as EXR, linear, and as PNG, the brightest hundredth being white.
+
+    A sun in one pixel is a thousand times as bright as the sky.
+    """
+    every = [picture.max(axis=2).ravel() for picture in pictures.values()]
+    white = float(np.quantile(np.concatenate(every), PREVIEW_WHITE)) if every else 1.0
     for name, picture in pictures.items():
         write_exr(folder / f"{name}.exr", picture)
         write_png_srgb8(folder / f"{name}.png", np.maximum(picture, 0) / max(white, 1e-12))
