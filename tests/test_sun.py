@@ -66,9 +66,7 @@ def test_the_shadow_of_a_roof_ends_where_the_sun_says_with_a_penumbra_of_its_dis
 def test_a_lamp_on_a_sphere_throws_its_shadow_from_where_it_is():
     x = np.linspace(-1.5, 1.5, 601)
     normals = np.tile(UP.astype(np.float32), (len(x), 1))
-    lamp = of_unit(
-        np.array([[0.0, 0, 1.0]])
-    )  # on a sphere of radius 3 around (1, 0, 0): straight above x = 1
+    lamp = of_unit(np.array([[0.0, 0, 1.0]]))  # straight above x = 1, on a sphere of radius 3 around it
     seen = rays_on_ground(x).see(lamp, Sphere((1.0, 0.0, 0.0), 3.0), normals)[:, 0]
     edge = x[np.argmax(seen == WHOLE)]  # through (1, 3) and the roof's edge at (0, 1)
     assert edge == pytest.approx(-0.5, abs=0.02)
@@ -116,9 +114,16 @@ def test_the_picture_of_the_light_holds_the_sun():
             np.vstack([light, [[2e4, 1e4, 0]]]),
             LightPictureSettings(),
             cells,
+            suns=1,
         )
         held = (solid * picture.reshape(-1, 3)).sum(axis=0)
         assert held == pytest.approx(np.array([1.1, 1.05, 1.0]), rel=1e-3)
+
+
+def test_a_picture_of_few_pixels_takes_no_cell_for_a_sun():
+    directions, light = even_directions(256), np.ones((256, 3))
+    picture = picture_of_light(directions, light, LightPictureSettings(rows=4), np.full(256, 1 / 256))
+    np.testing.assert_allclose(picture, 1, rtol=1e-6)
 
 
 def test_the_picture_for_people_shows_the_sky_beside_the_sun(tmp_path):

@@ -157,8 +157,9 @@ def write_light_of(
     write_light(job.outputs["found_light"], stored_light)
     names = [camera.name for camera in every.cameras] if len(lights) > 1 else ["shared"]
     upright = directions @ upright_from_world(every.cameras, job.settings.upright_within_deg).T
+    suns = len(found.explained.scene.suns)
     pictures = {
-        name: picture_of_light(upright, one, job.settings.light_pictures, found.cells)
+        name: picture_of_light(upright, one, job.settings.light_pictures, found.cells, suns)
         for name, one in zip(names, lights, strict=True)
     }
     write_pictures_of_light(job.outputs["light_pictures"], pictures)

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from stages.photometry.sun.settings import SunSettings
-from stages.photometry.transport.directional_transport import Sphere, offsets_in
+from stages.photometry.transport.directional_transport import Sphere, axes_across, offsets_in
 
 WHOLE = np.iinfo(np.uint8).max  # visibility of a sun that nothing hides
 AT_ONCE = 200_000  # points: 30 MB
@@ -127,10 +127,7 @@ class PixelRays:
 
 def _across(direction: np.ndarray, radius: float, count: int) -> np.ndarray:
     """Compute offsets from a direction to a square grid on its disc, (count², 3), float32."""
-    aside = np.eye(3)[np.argmin(np.abs(direction))]
-    one = np.cross(direction, aside)
-    one /= np.linalg.norm(one)
-    other = np.cross(direction, one)
+    one, other = axes_across(direction[None])
     at = radius * ((2 * np.arange(count) + 1) / count - 1)
     x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(at, at))
     return (x * one + y * other).astype(np.float32)

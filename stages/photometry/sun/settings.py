@@ -55,7 +55,6 @@ class SunSettings(Settings):
         ge=0,
         lt=1,
     )
-    rounds: int = setting(2, "Rounds in which suns, then the light beside them, are estimated.", ge=1, le=10)
     rays_across: int = setting(
         2, "Rays across a sun's disc, both ways: shades of a penumbra, and its cost.", unit="rays", ge=1, le=8
     )

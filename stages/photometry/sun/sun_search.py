@@ -15,7 +15,7 @@ from stages.photometry.light_search.pair_sampling import Pairs
 from stages.photometry.light_search.search import Search
 from stages.photometry.sun.pixel_rays import WHOLE, PixelRays
 from stages.photometry.sun.settings import SunSettings
-from stages.photometry.transport.directional_transport import arriving
+from stages.photometry.transport.directional_transport import arriving, axes_across
 from stages.photometry.transport.lit_scenes import LitScene
 
 
@@ -194,11 +194,9 @@ def directions_around(middle: np.ndarray, radius_deg: float, step_deg: float) ->
     row, column = (grid.ravel() for grid in np.mgrid[-rows : rows + 1, -rows - 1 : rows + 2])
     across, up = step_deg * (column + row % 2 / 2), step_deg * row * np.sqrt(3) / 2
     inside = np.hypot(across, up) <= radius_deg
-    aside = np.eye(3)[np.argmin(np.abs(middle))]
-    one = np.cross(middle, aside)
-    one /= np.linalg.norm(one)
+    one, other = axes_across(middle[None])
     across, up = (np.deg2rad(part[inside])[:, None] for part in (across, up))
-    found = middle + across * one + up * np.cross(middle, one)
+    found = middle + across * one + up * other
     return (found / np.linalg.norm(found, axis=1, keepdims=True)).astype(np.float32)
 
 

@@ -71,6 +71,14 @@ def even_directions(count: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
+def axes_across(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Build two unit vectors at right angles to each direction and to each other, (n, 3) each."""
+    aside = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
+    one = np.cross(directions, aside)
+    one /= np.linalg.norm(one, axis=1, keepdims=True)
+    return one, np.cross(directions, one)
+
+
 def honeycomb(directions: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Place six directions, (6 n, 3), around each given one, (n, 3), at the spacing of cells of that size.
 
@@ -78,10 +86,7 @@ def honeycomb(directions: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """
     directions = directions.astype(np.float64)
     width = np.sqrt(2 / np.sqrt(3) * 4 * np.pi * cells.astype(np.float64))[:, None, None]
-    aside = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
-    one = np.cross(directions, aside)
-    one /= np.linalg.norm(one, axis=1, keepdims=True)
-    other = np.cross(directions, one)
+    one, other = axes_across(directions)
     turn = 2 * np.pi * np.arange(AROUND)[None, :, None] / AROUND
     off = np.cos(turn) * one[:, None] + np.sin(turn) * other[:, None]
     return (np.cos(width) * directions[:, None] + np.sin(width) * off).reshape(-1, 3).astype(np.float32)

@@ -25,25 +25,28 @@ def directions_of_picture(rows: int) -> np.ndarray:
 
 
 def picture_of_light(
-    directions: np.ndarray, radiance: np.ndarray, how: LightPictureSettings, cells: np.ndarray | None = None
+    directions: np.ndarray,
+    radiance: np.ndarray,
+    how: LightPictureSettings,
+    cells: np.ndarray | None = None,
+    suns: int = 0,
 ) -> np.ndarray:
     """Render light (M, C) from directions (M, 3) as an environment map, (rows, 2 · rows, C), float32.
 
     Every pixel is a Gaussian blend of the directions around it, as wide as their spacing. Each direction has
     a cell, its share of the sphere, (M,); None: all equal. Where some cells are finer, the others are
-    subdivided as well, since their broader Gaussians would dim bright directions. Suns, whose cells are
-    smaller than a pixel, light the pixel that they lie in.
+    subdivided as well, since their broader Gaussians would dim bright directions. The last
+    `suns` directions light the pixel that they lie in.
     """
     rows = how.rows
     towards = directions_of_picture(rows).reshape(-1, 3)
-    suns = np.zeros(len(directions), bool) if cells is None else cells < 1 / len(towards)
     sunlight = np.zeros((len(towards), radiance.shape[1]))
-    if cells is not None and suns.any():
-        pixel = np.argmax(directions[suns] @ towards.T, axis=1)
-        angle = np.pi * np.sqrt(1 - towards[pixel, 2] ** 2) / (2 * len(towards))  # as a share of the sphere
-        np.add.at(sunlight, pixel, radiance[suns] * (cells[suns] / angle)[:, None])
-        directions, radiance, cells = directions[~suns], radiance[~suns], cells[~suns]
     if cells is not None:
+        spread = len(directions) - suns
+        pixel = np.argmax(directions[spread:] @ towards.T, axis=1)
+        angle = np.pi * np.sqrt(1 - towards[pixel, 2] ** 2) / (2 * len(towards))  # as a share of the sphere
+        np.add.at(sunlight, pixel, radiance[spread:] * (cells[spread:] / angle)[:, None])
+        directions, radiance, cells = directions[:spread], radiance[:spread], cells[:spread]
         coarse = np.flatnonzero(cells > 2 * np.min(cells))
         around = honeycomb(directions[coarse], cells[coarse] / (AROUND + 1))
         directions = np.concatenate([directions, around])
