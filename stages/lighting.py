@@ -172,7 +172,9 @@ def _from_all(job: Job[LightingSettings], scene: Scene) -> None:
                 *seen, scenes, opened.viewing, how, job.threads, step, None, exposures, rays
             )
     trusted = opened.viewing.trusted & found.observations.trusted
-    record.note_light(job, scene.stored, found, int(np.count_nonzero(~trusted)))
+    shadowed = found.explained.shadowed
+    dark = 0 if shadowed is None else int(np.count_nonzero(shadowed))
+    record.note_light(job, scene.stored, found, int(np.count_nonzero(~trusted)), dark)
     record.report_light(job, scene.stored, found)
     record.write_pixels(job, cameras, opened.views.masks, found.light.shading, found.observations)
     views = record.AllViews(
@@ -208,9 +210,9 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
     job.note(light_found_on=[cameras[view].name for view in some])
     typical, found = float(np.median(found.light.shading)), found.without_pixels()
     del opened, scenes, seen
-    clipped, untrusted, usable = _light_all(job, scene, found, typical, gains, scale)
+    clipped, untrusted, usable, shadowed = _light_all(job, scene, found, typical, gains, scale)
     record.warn_of_clipping(job, clipped, int(scene.graph.pixels.sum()))
-    record.note_light(job, scene.stored, found, untrusted)
+    record.note_light(job, scene.stored, found, untrusted, shadowed)
     record.report_light(job, scene.stored, found)
     views = record.AllViews(cameras, np.zeros(len(cameras), np.int64), gains, usable > 0)
     record.write_light_of(job, scene.stored, found, views, scale)
@@ -224,8 +226,8 @@ def _light_all(
     typical: float,
     gains: np.ndarray,
     scale: float,
-) -> tuple[int, int, int]:
-    """Light the pixels of all views, in clusters; count the clipped, untrusted and usable ones."""
+) -> tuple[int, int, int, int]:
+    """Light the pixels of all views, in clusters; count the clipped, untrusted, usable and shadowed ones."""
     from stages.photometry.clusters.cluster_views import divided_surface
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.clusters.surface_clusters import tell_too_large
@@ -251,8 +253,8 @@ def _light_all(
     with job.progress("views", len(scene.cameras)) as step:
         for _ in job.tasks.small(write_view, every, parts, *folders):
             step()
-    clipped, untrusted, usable = (sum(column) for column in zip(*counts, strict=True))
-    return clipped, untrusted, usable
+    clipped, untrusted, usable, shadowed = (sum(column) for column in zip(*counts, strict=True))
+    return clipped, untrusted, usable, shadowed
 
 
 def _steps(how: LightingSettings, scenes: int) -> int:
@@ -261,7 +263,7 @@ def _steps(how: LightingSettings, scenes: int) -> int:
     search = how.search
     return (
         len(search.scales) * (scenes + 1)
-        + 1  # suns
+        + 2  # suns, and shadows of what the mesh does not have
         + 2 * _tries(how)
         + how.specular.alternations
         + search.refined_scales
@@ -332,7 +334,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 LIGHTING = Stage(
     name="lighting",
-    version=14,
+    version=15,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=(

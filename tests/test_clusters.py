@@ -354,7 +354,7 @@ def test_further_views_are_lit_as_those_that_the_light_was_found_on(gloss, tmp_p
     seen = opened.views.stack, opened.images
     found = find_illumination(*seen, scenes, opened.viewing, how, 2, lambda: None, rays=rays)
     suns = found.explained.scene.suns
-    shading, data = further_pixels(
+    shading, data, _ = further_pixels(
         found.without_pixels(),
         float(np.median(found.light.shading)),
         opened.views.stack,

@@ -19,6 +19,7 @@ from stages.photometry.lighting.trusted_pixels import Viewing, unlit
 from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.specular.specular_reflection import SpecularReflection
 from stages.photometry.stack import StackedViews
+from stages.photometry.sun.cast_shadows import hidden_further, with_cast_shadows
 from stages.photometry.sun.pixel_rays import PixelRays
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.pixel_transfer import without_opposed
@@ -62,8 +63,8 @@ class LightTask:
     scale: float
 
 
-def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int, int, int]:
-    """Light a cluster, and keep its own pixels; count clipped, untrusted, usable ones. Picklable."""
+def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int, int, int, int]:
+    """Light a cluster, and keep its pixels; count clipped, untrusted, usable, shadowed ones. Picklable."""
     use_threads(threads)
     opened = task.files.open(cluster, task.scale, on_threads)
     blend, _ = without_opposed(
@@ -71,7 +72,7 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
     )
     image, scene = np.stack(opened.images, axis=1), task.found.explained.scene
     rays = task.rays(opened.views.cameras, opened.views.masks, threads)
-    shading, data = further_pixels(
+    shading, data, shadowed = further_pixels(
         task.found,
         task.typical,
         opened.views.stack,
@@ -84,9 +85,9 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
     )
     task.parts.keep(cluster, opened.views, {"shading": shading, **data.by_pixel()})
     own, usable = opened.views.own, opened.viewing.trusted
-    chosen = ~opened.unclipped & own, ~(usable & data.trusted) & own, usable & own
-    clipped, untrusted, used = (int(np.count_nonzero(pixels)) for pixels in chosen)
-    return clipped, untrusted, used
+    chosen = ~opened.unclipped & own, ~(usable & data.trusted) & own, usable & own, shadowed & own
+    clipped, untrusted, used, dark = (int(np.count_nonzero(pixels)) for pixels in chosen)
+    return clipped, untrusted, used, dark
 
 
 def further_pixels(
@@ -99,7 +100,7 @@ def further_pixels(
     blend: sp.csr_array,
     traced: np.ndarray,
     gains: np.ndarray,
-) -> tuple[np.ndarray, AlbedoData]:
+) -> tuple[np.ndarray, AlbedoData, np.ndarray]:
     """Compute shading and data for the albedo, of pixels that the light was not estimated from.
 
     Parameters
@@ -121,8 +122,8 @@ def further_pixels(
 
     Returns
     -------
-    tuple of ndarray, shape (N, 3), float32, and AlbedoData
-        View gains included.
+    tuple of ndarray, shape (N, 3), float32, AlbedoData, and ndarray, shape (N,), bool
+        Shading and data, view gains included; pixels in the shadow of what the mesh does not have.
 
     Raises
     ------
@@ -140,9 +141,16 @@ def further_pixels(
         photos = photos.in_one_light(LinkedPatches.of(views, viewing.trusted, photos.settings.highlights))
         if own.specular is not None and own.removed_under is not None:
             photos = _without_gloss(own.specular, own.removed_under, photos, normals, blend)
+    how, by_mesh = photos.settings, scene
+    if how.sun.shadows.find and traced.shape[1]:
+        seen = photos.diffuse, photos.viewing.trusted, views.masks
+        scene = with_cast_shadows(by_mesh, light, shading, *seen, how.pairs, how.sun.shadows)
+        shading = light.shading(scene, views.starts, np.zeros(views.view_count, np.int64))
+    shadowed = np.any(hidden_further(by_mesh, scene), axis=1)
     shading = (shading * of_pixel / found.light.unit).astype(np.float32)
     lit = photos.viewing.trusted & ~unlit(shading, typical_shading, photos.settings.trusted_pixels)
-    return shading, AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit, own.glossy)
+    data = AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit, own.glossy)
+    return shading, data, shadowed
 
 
 def _observed(own: Explanation, views: StackedViews, image: np.ndarray, viewing: Viewing) -> Observations:

@@ -23,8 +23,10 @@ from stages.photometry.lighting.shared_or_own_lights import mixed_with_own_light
 from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.specular.view_differences import Differences
 from stages.photometry.stack import StackedViews
+from stages.photometry.sun.cast_shadows import hidden_further, with_cast_shadows
 from stages.photometry.sun.pixel_rays import PixelRays
-from stages.photometry.sun.sun_search import with_suns
+from stages.photometry.sun.settings import ShadowSettings
+from stages.photometry.sun.sun_search import aimed_anew, with_suns
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.solvers.kernels.threading_layer import use_threads
 
@@ -76,6 +78,7 @@ def find_illumination(
     now = _in_finer_directions(now, now.light is not far.light, step)
     if rays is not None and now.photos.share_a_light:
         now = _with_suns(now, rays, step)
+        now = _with_cast_shadows(now, rays, step)
     now = _mixed_with_own_lights(now, photos.as_seen, step)
     light = LightAndShading.of_mean_one(now.light.radiance, now.shading() * photos.of_pixel)
     return Illumination.of(now, photos, light, brightest_of(settings, now.reflectance))
@@ -194,6 +197,30 @@ def _with_suns(now: Explanation, rays: PixelRays, step: Step) -> Explanation:
     scene, light = with_suns(now.scene, now.light, now.photos, rays, _unnoticed)
     step()
     return replace(now, scene=scene, light=light)
+
+
+def _with_cast_shadows(now: Explanation, rays: PixelRays, step: Step) -> Explanation:
+    """Hide the suns where the photos are in shadow; find shadows, light and directions in turn."""
+    how, by_mesh = rays.how.shadows, now.scene
+    if how.find and len(by_mesh.suns):
+        for last in range(how.rounds - 1, -1, -1):
+            now = _as_shadowed(now, by_mesh, how.roughly())
+            now = replace(now, light=now.photos.light(now.scene, _unnoticed, near=now.light))
+            if last:
+                hidden = hidden_further(by_mesh, now.scene)
+                by_mesh, light = aimed_anew(by_mesh, now.light, now.photos, rays, hidden)
+                now = replace(now, light=light)
+        now = _as_shadowed(now, by_mesh, how)
+    step()
+    return now
+
+
+def _as_shadowed(now: Explanation, by_mesh: LitScene, how: ShadowSettings) -> Explanation:
+    """Find the shadows under the current light."""
+    photos, shading = now.photos, now.photos.shading(by_mesh, now.light)
+    seen = photos.diffuse, photos.viewing.trusted, photos.views.masks
+    scene = with_cast_shadows(by_mesh, now.light, shading, *seen, photos.settings.pairs, how)
+    return replace(now, scene=scene, shadowed=np.any(hidden_further(by_mesh, scene), axis=1))
 
 
 def _mixed_with_own_lights(now: Explanation, as_seen: Observations, step: Step) -> Explanation:

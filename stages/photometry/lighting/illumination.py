@@ -83,6 +83,8 @@ class Explanation:
         One per scene.
     removed_under : tuple of LitScene and LightEstimate, or None
         Scene and light of the reflection that was removed from the photos.
+    shadowed : ndarray, shape (N,), bool, or None
+        Pixels in the shadow of what the mesh does not have; None: not looked for.
     """
 
     photos: Observations
@@ -94,6 +96,7 @@ class Explanation:
     number: int = 0
     disagreements: list[float] = field(default_factory=list)
     removed_under: tuple[LitScene, LightEstimate] | None = None
+    shadowed: np.ndarray | None = None
 
     @property
     def glossy(self) -> float:
@@ -241,7 +244,7 @@ class Illumination:
             self,
             light=replace(self.light, shading=nothing),
             observations=AlbedoData(nothing, nothing, none.astype(bool), self.observations.glossy),
-            explained=replace(explained, photos=photos, scene=scene, removed_under=removed),
+            explained=replace(explained, photos=photos, scene=scene, removed_under=removed, shadowed=None),
         )
 
 

@@ -39,7 +39,11 @@ class AllViews:
 
 
 def note_light(
-    job: Job[LightingSettings], stored: StoredTransfer, found: Illumination, untrusted_pixels: int
+    job: Job[LightingSettings],
+    stored: StoredTransfer,
+    found: Illumination,
+    untrusted_pixels: int,
+    shadowed_pixels: int,
 ) -> None:
     """Record the estimated light and the figures that it was decided by."""
     import numpy as np
@@ -59,6 +63,7 @@ def note_light(
         specular=[found.specular.as_json()] if found.specular else [],
         **({} if found.reflectance is None else {"brightest": found.reflectance.as_json()}),
         untrusted_pixels=untrusted_pixels,
+        shadowed_pixels=shadowed_pixels,
     )
 
 

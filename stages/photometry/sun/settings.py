@@ -6,10 +6,74 @@ from typing import Annotated
 
 from pydantic import Field
 
-from pipeline import Settings, setting
+from pipeline import Settings, group, setting
 
 Angle = Annotated[float, Field(gt=0, le=45)]
 Factor = Annotated[float, Field(gt=0)]
+
+
+class ShadowSettings(Settings):
+    """Settings of the search for shadows of what the mesh does not have: a tree, a tower."""
+
+    find: bool = setting(True, "Find them; else a sun is hidden by the mesh alone.")
+    rounds: int = setting(
+        2,
+        "Rounds in which shadows, light and directions of suns are found under each other.",
+        unit="rounds",
+        ge=1,
+        le=10,
+    )
+    coarsest_side: int = setting(
+        60,
+        "Least shorter side of the grid that the search begins on. Its cost grows with the square of it.",
+        unit="cells",
+        ge=8,
+    )
+    distances: tuple[Annotated[int, Field(ge=1)], ...] = setting(
+        (1, 2, 4, 8, 16, 32),
+        "Distances of the pixels whose albedo is compared: across an edge of any width, and past the joints "
+        "of masonry.",
+        unit="cells",
+        min_length=1,
+    )
+    penumbra: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = setting(
+        (0.5, 0.25, 0.75),
+        "Shares of the sun that pixels may see, beside none and all.",
+        unit="share of the sun",
+    )
+    step: Factor = setting(
+        0.3,
+        "Difference of log albedo from which on two pixels are of different albedo, whose pair says nothing.",
+        unit="logarithm",
+    )
+    chroma_weight: float = setting(
+        6.0,
+        "Weight of a difference of chromaticity relative to one of brightness. Larger than in the light "
+        "search, for the light is known: the edge of its shadow has a colour of its own.",
+        ge=0,
+    )
+    edge: float = setting(
+        0.4,
+        "Price of the edge of a shadow, for every cell along it, as a share of all that a cell can disagree: "
+        "joints and stains are smaller than shadows.",
+        ge=0,
+    )
+    shade: float = setting(
+        0.01,
+        "Price of a cell in the shadow of nothing that is known, in the same unit, where nothing else "
+        "decides.",
+        ge=0,
+    )
+    margin: int = setting(
+        3,
+        "Cells beside an edge that may be in penumbra, and are decided anew on the next finer grid.",
+        unit="cells",
+        ge=1,
+    )
+
+    def roughly(self) -> ShadowSettings:
+        """Make them those of shadows without penumbra, which the light is estimated with."""
+        return self.model_copy(update={"penumbra": ()})
 
 
 class SunSettings(Settings):
@@ -64,4 +128,7 @@ class SunSettings(Settings):
         unit="degrees",
         gt=0,
         le=5,
+    )
+    shadows: ShadowSettings = group(
+        ShadowSettings, "The search for shadows of what the mesh does not have: a tree, a tower."
     )

@@ -86,6 +86,30 @@ def with_suns(
     return scene, found
 
 
+def aimed_anew(
+    scene: LitScene, found: LightEstimate, photos: Photos, rays: PixelRays, hidden: np.ndarray
+) -> tuple[LitScene, LightEstimate]:
+    """Search the directions of the suns of a scene once more, nearby, given what hides them.
+
+    Parameters
+    ----------
+    scene : LitScene
+        Its suns are hidden by the mesh alone.
+    found : LightEstimate
+    photos : Photos
+    rays : PixelRays
+    hidden : ndarray, shape (N, k), bool
+        Pixels from which something else hides a sun.
+    """
+    for number in range(hidden.shape[1]):  # each becomes the last one
+        first = len(scene.pixels.directions) - hidden.shape[1]
+        alone = BrightGroup.alone(first, found.radiance[0], scene)
+        trial = _Trial.of(photos.search(scene), found, alone, rays, hidden[:, number])
+        sun = trial.best(rays.how.steps_deg, (1.0,))
+        scene, found = _with_sun(scene, found, alone, sun, rays, kept=~alone.chosen)
+    return scene, found
+
+
 @dataclass(frozen=True, eq=False)
 class BrightGroup:
     """Bright directions that may be one sun.
@@ -149,15 +173,25 @@ class _Trial:
     pairs: Pairs
     group: BrightGroup
     rest: np.ndarray  # shading without the group, (n, 3)
+    unhidden: np.ndarray  # where nothing but the mesh may hide it, (n,)
     before: float  # disagreement with it
 
     @classmethod
-    def of(cls, search: Search, found: LightEstimate, group: BrightGroup, rays: PixelRays) -> _Trial:
+    def of(
+        cls,
+        search: Search,
+        found: LightEstimate,
+        group: BrightGroup,
+        rays: PixelRays,
+        hidden: np.ndarray | None = None,
+    ) -> _Trial:
         light, sample = found.radiance[0].astype(np.float32), search.sample
         pairs = search.pairs(found, search.settings.finest_scale)
         rest = sample.shares @ np.where(group.chosen[:, None], 0, light) + search.bounce(found)
-        own = sample.shares[:, group.chosen] @ light[group.chosen]
-        trial = cls(search, rays, pairs, group, rest, 0.0)
+        every = np.ones(len(rest), bool)
+        unhidden = (every if hidden is None else ~hidden[search.drawn.pixels]).astype(np.float32)
+        own = unhidden[:, None] * (sample.shares[:, group.chosen] @ light[group.chosen])
+        trial = cls(search, rays, pairs, group, rest, unhidden, 0.0)
         return replace(trial, before=trial._disagreement(rest + own))
 
     def best(self, steps_deg: Sequence[float], brightness: Sequence[float]) -> Sun:
@@ -181,7 +215,8 @@ class _Trial:
         pixels = self.search.drawn.pixels
         where = self.search.part.pixels.at(self.search.among)
         seen = self.rays.see(directions, self.search.part.sphere, where.normals, pixels, 1)
-        return 4 * arriving(where.normals, where.offsets, directions) * (seen / np.float32(WHOLE))
+        received = 4 * arriving(where.normals, where.offsets, directions) * (seen / np.float32(WHOLE))
+        return received * self.unhidden[:, None]
 
     def _disagreement(self, shading: np.ndarray) -> float:
         how = self.search.settings

@@ -1,0 +1,115 @@
+"""Shadows of suns that no ray explains: what hides them was not reconstructed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stages.photometry.light_search.light_estimate import LightEstimate
+from stages.photometry.light_search.settings import PairSettings
+from stages.photometry.sun.pixel_rays import WHOLE
+from stages.photometry.sun.settings import ShadowSettings
+from stages.photometry.sun.shadow_labels import SunlitView, sun_seen
+from stages.photometry.transport.directional_transport import arriving
+from stages.photometry.transport.lit_scenes import LitScene
+from stages.solvers.kernels.pixelwise import on_threads
+from stages.solvers.kernels.sparse_rows import product
+
+
+def with_cast_shadows(
+    scene: LitScene,
+    light: LightEstimate,
+    shading: np.ndarray,
+    image: np.ndarray,
+    trusted: np.ndarray,
+    masks: Sequence[np.ndarray],
+    pairs: PairSettings,
+    how: ShadowSettings,
+) -> LitScene:
+    """Hide suns from the pixels that are in a shadow by the photos, sun by sun and view by view.
+
+    Parameters
+    ----------
+    scene : LitScene
+        Its suns are hidden by the mesh alone.
+    light : LightEstimate
+        One light for all pixels.
+    shading : ndarray, shape (N, 3), float32
+        By this light.
+    image : ndarray, shape (N, 3), float32
+        Gains of the views divided out.
+    trusted : ndarray, shape (N,), bool
+    masks : sequence of ndarray, shape (h_i, w_i), bool
+        Of the views: N pixels in all.
+    pairs : PairSettings
+        Noise of the image, and its darkest.
+    how : ShadowSettings
+
+    Returns
+    -------
+    LitScene
+        Its vertices are without the suns that most of their pixels do not see, too.
+    """
+    pixels, seen, shading = scene.pixels, scene.pixels.traced.copy(), shading.copy()
+    suns = range(len(pixels.directions) - seen.shape[1], len(pixels.directions))
+    starts = np.cumsum([0, *(np.count_nonzero(mask) for mask in masks)])
+
+    def hide(view: int) -> None:
+        own = slice(starts[view], starts[view + 1])
+        for number, sun in enumerate(suns):
+            facing = arriving(pixels.normals[own], pixels.offsets[own], pixels.directions[[sun]])
+            unhidden = 4 * facing * (pixels.cells[sun] * light.radiance[0, sun] / WHOLE).astype(np.float32)
+            by_sun = seen[own, number, None] * unhidden
+            rest = shading[own] - by_sun
+            sunlit = _sunlit_view(masks[view], image[own], trusted[own], rest, by_sun, pairs)
+            seen[own, number] = np.rint(seen[own, number] * sun_seen(sunlit, how)[masks[view]])
+            shading[own] = rest + seen[own, number, None] * unhidden
+
+    on_threads(hide, range(len(masks)))
+    return _seen(scene, seen)
+
+
+def hidden_further(by_mesh: LitScene, scene: LitScene) -> np.ndarray:
+    """Find the pixels of a scene that see less of each sun than the mesh lets them, (N, k), bool."""
+    return scene.pixels.traced < by_mesh.pixels.traced
+
+
+def _sunlit_view(
+    mask: np.ndarray,
+    image: np.ndarray,
+    trusted: np.ndarray,
+    rest: np.ndarray,
+    by_sun: np.ndarray,
+    how: PairSettings,
+) -> SunlitView:
+    """Lay out the pixels of a view, (n, ...)."""
+    rest, dimmest = np.maximum(rest, how.darkest), image.min(axis=1)
+    values = {
+        "shaded": np.log(np.maximum(image, how.darkest) / rest),
+        "gain": by_sun / rest,
+        "weight": (trusted * (dimmest / (dimmest + 2 * how.noise)) ** 2).astype(np.float32),
+        "free": by_sun.any(axis=1),
+    }
+    laid_out = {}
+    for name, value in values.items():
+        laid_out[name] = np.zeros((*mask.shape, *value.shape[1:]), value.dtype)
+        laid_out[name][mask] = value
+    return SunlitView(**laid_out)
+
+
+def _seen(scene: LitScene, seen: np.ndarray) -> LitScene:
+    """Set how much of the suns the pixels see, (N, k), and which of them the vertices see: most pixels'."""
+    count = len(scene.pixels.directions)
+    by_vertices = np.unpackbits(scene.vertices.visible, axis=1, count=count)
+    weight = product(scene.to_vertices, np.ones((len(seen), 1), np.float32))
+    share = product(scene.to_vertices, (seen > WHOLE // 2).astype(np.float32))
+    hidden = (weight > 0) & (share < weight / 2)
+    by_vertices[:, count - seen.shape[1] :] &= ~hidden
+    visible = np.packbits(by_vertices, axis=1)
+    return replace(
+        scene,
+        pixels=replace(scene.pixels, traced=seen, visible=visible),
+        vertices=replace(scene.vertices, visible=visible),
+    )

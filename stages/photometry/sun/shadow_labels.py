@@ -1,0 +1,167 @@
+"""How much of a sun the pixels of a view see, by graph cuts: shadows of what was not reconstructed, too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+from stages.photometry.sun.choice_kernels import pair_costs
+from stages.photometry.sun.settings import ShadowSettings
+
+ALONG = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows and columns from a pixel to its partners, at distance 1
+UNIT = 4000  # of a maximum flow, which is found in integers, per pixel
+
+
+@dataclass(frozen=True, eq=False)
+class SunlitView:
+    """A view's pixels, (h, w), under a sun and all other light.
+
+    Attributes
+    ----------
+    shaded : ndarray, shape (h, w, 3), float32
+        Log albedo in full shadow.
+    gain : ndarray, shape (h, w, 3), float32
+        Irradiance by the sun over that by all other light.
+    weight : ndarray, shape (h, w), float32
+        Reliability, 0 to 1; 0 outside the mask.
+    free : ndarray, shape (h, w), bool
+        The sun may reach the pixel, as far as the mesh is known.
+    """
+
+    shaded: np.ndarray
+    gain: np.ndarray
+    weight: np.ndarray
+    free: np.ndarray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.free.shape[0], self.free.shape[1]
+
+    def albedo(self, seen: np.ndarray) -> np.ndarray:
+        """Compute the log albedo where a share of the sun, (h, w), is seen: (h, w, 3)."""
+        return self.shaded - np.log1p(seen[..., None] * self.gain)
+
+    def halved(self) -> SunlitView:
+        """Average squares of four pixels; free where half of their weight is."""
+        total = _sum_of_four(self.weight)
+        own = np.maximum(total, np.float32(1e-9))
+        shaded, gain = (
+            _sum_of_four(values * self.weight[..., None]) / own[..., None]
+            for values in (self.shaded, self.gain)
+        )
+        return SunlitView(shaded, gain, total / 4, _sum_of_four(self.weight * self.free) > own / 2)
+
+
+def sun_seen(view: SunlitView, how: ShadowSettings) -> np.ndarray:
+    """Find the share of a sun that each pixel sees, (h, w), float32: from coarse to fine, by minimum cuts.
+
+    Notes
+    -----
+    Shares m of a few levels minimise ``Σ_pq w_pq u/(1 + u) + edge Σ_pq |m_p − m_q| + shade Σ_p (1 − m_p)``:
+    pairs of pixels at several distances should agree in albedo, ``u = (μ² + chroma_weight² ν) / step²`` with
+    μ and ν the channels' mean and variance of the difference of their log albedos. A pair of different paints
+    disagrees whatever its shadows and says nothing. Where the mesh hides the sun, the share is known: 0.
+
+    Level by level all pixels choose between theirs and that one, which is a minimum cut where
+    ``E(0,0) + E(1,1) ≤ E(0,1) + E(1,0)`` (Boykov, Veksler and Zabih, Fast Approximate Energy Minimization via
+    Graph Cuts, 2001); where a pair's costs are not so, the dearer of its unlike choices is made dearer. A
+    finer grid decides only the pixels beside the borders of the coarser one.
+    """
+    sure = view.free & (view.weight > 0)
+    if min(view.shape) >= 2 * how.coarsest_side:
+        coarse = sun_seen(view.halved(), how)
+        seen = cv2.resize(coarse, view.shape[::-1], interpolation=cv2.INTER_NEAREST) * view.free
+        seen = _chosen(view, seen, _border(seen, sure, how.margin), (0.0, 1.0), how)
+    else:
+        seen = _chosen(view, view.free.astype(np.float32), sure, (0.0,), how)
+    return _chosen(view, seen, _border(seen, sure, how.margin), how.penumbra, how)
+
+
+def _border(seen: np.ndarray, free: np.ndarray, margin: int) -> np.ndarray:
+    """Find the pixels, (h, w), bool, that are so near to others which see more or less, of those free to."""
+    around = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
+    most, least = np.where(free, seen, np.float32(0)), np.where(free, seen, np.float32(1))
+    return free & (cv2.dilate(most, around) > cv2.erode(least, around))
+
+
+def _chosen(
+    view: SunlitView, seen: np.ndarray, among: np.ndarray, levels: tuple[float, ...], how: ShadowSettings
+) -> np.ndarray:
+    """Let pixels, (h, w), bool, choose between what they see and every level in turn."""
+    for level in levels:
+        other = np.where(among, np.float32(level), seen)
+        changeable = other != seen
+        if changeable.any():
+            changed = minimum_cut(Choice.between(view, seen, other, changeable, how))
+            seen = seen.copy()
+            seen[changeable] = np.where(changed, np.float32(level), seen[changeable])
+    return seen
+
+
+def _sum_of_four(values: np.ndarray) -> np.ndarray:
+    rows, columns = values.shape[0], values.shape[1]
+    even = np.pad(values, [(0, rows % 2), (0, columns % 2)] + [(0, 0)] * (values.ndim - 2))
+    return even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Costs of a choice that n pixels have between staying and changing.
+
+    Attributes
+    ----------
+    change : ndarray, shape (n,)
+        Of changing, alone; below 0 if that is cheaper.
+    first, second : ndarray, shape (m,)
+        Pairs of these pixels.
+    unlike : ndarray, shape (m,)
+        If the first stays and the second changes; at least 0.
+    """
+
+    change: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    unlike: np.ndarray
+
+    @classmethod
+    def between(
+        cls, view: SunlitView, seen: np.ndarray, other: np.ndarray, free: np.ndarray, how: ShadowSettings
+    ) -> Choice:
+        """Add up the costs of all pairs of which at least one pixel may change."""
+        albedo, shares = np.stack([view.albedo(seen), view.albedo(other)]), np.stack([seen, other])
+        weight = view.weight / np.sqrt(np.float32(len(ALONG) * len(how.distances)))
+        change, unlike = how.shade * (seen - other).astype(np.float64), np.empty(view.shape)
+        number = np.cumsum(free).reshape(free.shape) - 1
+        pairs = []
+        for distance in how.distances:
+            edge = how.edge * len(how.distances) if distance == min(how.distances) else 0.0
+            for down, right in ((distance * down, distance * right) for down, right in ALONG):
+                where = albedo, shares, weight, free, down, right
+                pair_costs(*where, edge, how.chroma_weight, how.step, change, unlike)
+                rows, columns = np.nonzero(unlike)
+                first, second = number[rows, columns], number[rows + down, columns + right]
+                pairs.append((first, second, unlike[rows, columns]))
+        return cls(change[free], *(np.concatenate(part) for part in zip(*pairs, strict=True)))
+
+
+def minimum_cut(choice: Choice) -> np.ndarray:
+    """Find which pixels change, (n,), bool, at the least cost, in integers."""
+    count = len(choice.change)
+    source, sink, every = count, count + 1, np.arange(count)
+    begin = np.concatenate([np.full(count, source), every, choice.second])
+    end = np.concatenate([every, np.full(count, sink), choice.first])
+    cost = np.concatenate([np.maximum(-choice.change, 0), np.maximum(choice.change, 0), choice.unlike])
+    cost = np.rint(UNIT * cost).astype(np.int32)
+    paid = cost > 0
+    graph = sp.coo_array((cost[paid], (begin[paid], end[paid])), shape=(count + 2, count + 2)).tocsr()
+    left = graph - maximum_flow(graph, source, sink).flow
+    left.data[left.data < 0] = 0
+    left.eliminate_zeros()
+    reached = np.zeros(count + 2, bool)
+    reached[breadth_first_order(left, source, return_predecessors=False)] = True
+    return reached[:count]
