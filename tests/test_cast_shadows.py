@@ -52,7 +52,7 @@ def test_a_choice_is_made_at_the_least_cost_of_all(seed):
     view = view_of(np.exp(rng.normal(0, 0.8, (3, 4, 3))))
     how = ShadowSettings(distances=(1, 2), shade=0.02)
     stay = np.ones((3, 4), np.float32)
-    choice = Choice.between(view, stay, np.zeros_like(stay), np.ones((3, 4), bool), how)
+    choice = Choice.between(view, stay, np.zeros_like(stay), np.ones((3, 4), bool), [(0.3, 0.05)] * 2, how)
     least = min(energy_of(choice, np.array(each, bool)) for each in product((0, 1), repeat=12))
     assert energy_of(choice, minimum_cut(choice)) == pytest.approx(least, abs=12 / 1000)
 
@@ -64,8 +64,8 @@ def test_pixels_that_may_not_change_count_as_they_are(seed):
     view = view_of(np.exp(rng.normal(0, 0.5, (4, 4, 3))))
     how, stay = ShadowSettings(distances=(1,)), np.ones((4, 4), np.float32)
     free = rng.random((4, 4)) < 0.6
-    every = Choice.between(view, stay, np.zeros_like(stay), np.ones((4, 4), bool), how)
-    some = Choice.between(view, stay, np.where(free, np.float32(0), stay), free, how)
+    every = Choice.between(view, stay, np.zeros_like(stay), np.ones((4, 4), bool), [(0.3, 0.05)], how)
+    some = Choice.between(view, stay, np.where(free, np.float32(0), stay), free, [(0.3, 0.05)], how)
     for _ in range(5):
         changed = free & (rng.random((4, 4)) < 0.5)
         all_stay = np.zeros(16, bool)

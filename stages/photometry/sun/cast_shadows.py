@@ -57,14 +57,14 @@ def with_cast_shadows(
     starts = np.cumsum([0, *(np.count_nonzero(mask) for mask in masks)])
 
     def hide(view: int) -> None:
-        own = slice(starts[view], starts[view + 1])
+        own, mask = slice(starts[view], starts[view + 1]), _cropped(masks[view])
         for number, sun in enumerate(suns):
             facing = arriving(pixels.normals[own], pixels.offsets[own], pixels.directions[[sun]])
             unhidden = 4 * facing * (pixels.cells[sun] * light.radiance[0, sun] / WHOLE).astype(np.float32)
             by_sun = seen[own, number, None] * unhidden
             rest = shading[own] - by_sun
-            sunlit = _sunlit_view(masks[view], image[own], trusted[own], rest, by_sun, pairs)
-            seen[own, number] = np.rint(seen[own, number] * sun_seen(sunlit, how)[masks[view]])
+            sunlit = _sunlit_view(mask, image[own], trusted[own], rest, by_sun, pairs)
+            seen[own, number] = np.rint(seen[own, number] * sun_seen(sunlit, how)[mask])
             shading[own] = rest + seen[own, number, None] * unhidden
 
     on_threads(hide, range(len(masks)))
@@ -74,6 +74,12 @@ def with_cast_shadows(
 def hidden_further(by_mesh: LitScene, scene: LitScene) -> np.ndarray:
     """Find the pixels of a scene that see less of each sun than the mesh lets them, (N, k), bool."""
     return scene.pixels.traced < by_mesh.pixels.traced
+
+
+def _cropped(mask: np.ndarray) -> np.ndarray:
+    """Cut a mask down to where it is set: its pixels keep their order."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if len(rows) else mask[:0, :0]
 
 
 def _sunlit_view(

@@ -8,7 +8,7 @@ import stages.solvers.kernels.threading_layer  # noqa: F401
 
 
 @numba.njit(cache=True, nogil=True)
-def pair_costs(albedo, seen, weight, free, down, right, edge, chroma_weight, step, change, unlike):
+def pair_costs(albedo, seen, weight, free, down, right, edge, step, chroma_step, change, unlike):
     """Add the costs of pairs (down, right) apart, of which a pixel is free; see `Choice`.
 
     `albedo`, (2, h, w, 3), and `seen`, (2, h, w): where pixels stay, where they change. `change`, (h, w), is
@@ -24,10 +24,10 @@ def pair_costs(albedo, seen, weight, free, down, right, edge, chroma_weight, ste
             both = weight[y, x] * weight[v, u]
             if both <= 0:
                 continue
-            stay_stay = _cost(albedo, seen, 0, y, x, 0, v, u, edge, chroma_weight, step)
-            stay_change = _cost(albedo, seen, 0, y, x, 1, v, u, edge, chroma_weight, step)
-            change_stay = _cost(albedo, seen, 1, y, x, 0, v, u, edge, chroma_weight, step)
-            change_change = _cost(albedo, seen, 1, y, x, 1, v, u, edge, chroma_weight, step)
+            stay_stay = _cost(albedo, seen, 0, y, x, 0, v, u, edge, step, chroma_step)
+            stay_change = _cost(albedo, seen, 0, y, x, 1, v, u, edge, step, chroma_step)
+            change_stay = _cost(albedo, seen, 1, y, x, 0, v, u, edge, step, chroma_step)
+            change_change = _cost(albedo, seen, 1, y, x, 1, v, u, edge, step, chroma_step)
             lacking = max(stay_stay + change_change - stay_change - change_stay, 0.0)
             if stay_change >= change_stay:
                 stay_change += lacking
@@ -44,7 +44,7 @@ def pair_costs(albedo, seen, weight, free, down, right, edge, chroma_weight, ste
 
 
 @numba.njit(cache=True, nogil=True)
-def _cost(albedo, seen, a, y, x, b, v, u, edge, chroma_weight, step):
+def _cost(albedo, seen, a, y, x, b, v, u, edge, step, chroma_step):
     """Compute the disagreement of two log albedos, 0 to 1, and the price of a shadow's edge."""
     mean = 0.0
     for c in range(3):
@@ -53,5 +53,5 @@ def _cost(albedo, seen, a, y, x, b, v, u, edge, chroma_weight, step):
     for c in range(3):
         off = albedo[a, y, x, c] - albedo[b, v, u, c] - mean
         squared += off * off / 3
-    far = (mean * mean + chroma_weight * chroma_weight * squared) / (step * step)
+    far = mean * mean / (step * step) + squared / (chroma_step * chroma_step)
     return far / (1 + far) + edge * abs(seen[a, y, x] - seen[b, v, u])

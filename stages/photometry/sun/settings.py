@@ -41,16 +41,20 @@ class ShadowSettings(Settings):
         "Shares of the sun that pixels may see, beside none and all.",
         unit="share of the sun",
     )
-    step: Factor = setting(
-        0.3,
-        "Difference of log albedo from which on two pixels are of different albedo, whose pair says nothing.",
-        unit="logarithm",
+    texture: Factor = setting(
+        2.0,
+        "Pairs of pixels whose log albedos differ by more, in brightness or in chromaticity, are "
+        "of different albedo and say nothing.",
+        unit="medians of pairs at that distance",
     )
-    chroma_weight: float = setting(
-        6.0,
-        "Weight of a difference of chromaticity relative to one of brightness. Larger than in the light "
-        "search, for the light is known: the edge of its shadow has a colour of its own.",
-        ge=0,
+    least_step: Factor = setting(
+        0.1, "Least such difference of brightness: that of the shading that was found.", unit="logarithm"
+    )
+    least_chroma_step: Factor = setting(
+        0.03,
+        "Least such difference of chromaticity. A shadow has a colour of its own, for the sky is blue: where "
+        "paint varies in brightness alone, it tells them apart.",
+        unit="logarithm",
     )
     edge: float = setting(
         0.4,

@@ -14,6 +14,9 @@ from stages.photometry.sun.settings import ShadowSettings
 
 ALONG = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows and columns from a pixel to its partners, at distance 1
 UNIT = 4000  # of a maximum flow, which is found in integers, per pixel
+ENOUGH = 20_000  # pairs, for a median
+
+Scales = list[tuple[float, float]]  # of brightness and of chromaticity, for every distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,23 +66,55 @@ def sun_seen(view: SunlitView, how: ShadowSettings) -> np.ndarray:
     Notes
     -----
     Shares m of a few levels minimise ``Σ_pq w_pq u/(1 + u) + edge Σ_pq |m_p − m_q| + shade Σ_p (1 − m_p)``:
-    pairs of pixels at several distances should agree in albedo, ``u = (μ² + chroma_weight² ν) / step²`` with
-    μ and ν the channels' mean and variance of the difference of their log albedos. A pair of different paints
-    disagrees whatever its shadows and says nothing. Where the mesh hides the sun, the share is known: 0.
+    pairs of pixels at several distances should agree in albedo, ``u = μ²/s² + ν/t²`` with μ and ν the
+    channels' mean and variance of the difference of their log albedos, and s and t what is usual at that
+    distance (`texture_scales`). A pair of different paints disagrees whatever its shadows and says nothing.
+    Where the mesh hides the sun, the share is known: 0.
 
     Level by level all pixels choose between theirs and that one, which is a minimum cut where
     ``E(0,0) + E(1,1) ≤ E(0,1) + E(1,0)`` (Boykov, Veksler and Zabih, Fast Approximate Energy Minimization via
     Graph Cuts, 2001); where a pair's costs are not so, the dearer of its unlike choices is made dearer. A
     finer grid decides only the pixels beside the borders of the coarser one.
     """
-    sure = view.free & (view.weight > 0)
+    sure, scales = view.free & (view.weight > 0), texture_scales(view, how)
     if min(view.shape) >= 2 * how.coarsest_side:
         coarse = sun_seen(view.halved(), how)
         seen = cv2.resize(coarse, view.shape[::-1], interpolation=cv2.INTER_NEAREST) * view.free
-        seen = _chosen(view, seen, _border(seen, sure, how.margin), (0.0, 1.0), how)
+        seen = _chosen(view, seen, _border(seen, sure, how.margin), (0.0, 1.0), scales, how)
     else:
-        seen = _chosen(view, view.free.astype(np.float32), sure, (0.0,), how)
-    return _chosen(view, seen, _border(seen, sure, how.margin), how.penumbra, how)
+        seen = _chosen(view, view.free.astype(np.float32), sure, (0.0,), scales, how)
+    return _chosen(view, seen, _border(seen, sure, how.margin), how.penumbra, scales, how)
+
+
+def texture_scales(view: SunlitView, how: ShadowSettings) -> Scales:
+    """Find by how much the log albedo of pairs at each distance differs: its brightness, its chromaticity."""
+    albedo = view.albedo(view.free.astype(np.float32))
+    scales: Scales = []
+    for distance in how.distances:
+        differences = [
+            _differences(albedo, view.free & (view.weight > 0), distance * down, distance * right)
+            for down, right in ALONG[:2]
+        ]
+        off = np.concatenate(differences)
+        mean = off.mean(axis=1)
+        chroma = np.sqrt(((off - mean[:, None]) ** 2).mean(axis=1))
+        brightness, colour = (how.texture * _median(each) for each in (np.abs(mean), chroma))
+        scales.append((max(brightness, how.least_step), max(colour, how.least_chroma_step)))
+    return scales
+
+
+def _median(values: np.ndarray) -> float:
+    return float(np.median(values)) if len(values) else 0.0
+
+
+def _differences(albedo: np.ndarray, free: np.ndarray, down: int, right: int) -> np.ndarray:
+    """Subtract the log albedos of free pixels so far apart, (m, 3); of many pairs, some."""
+    rows, columns = free.shape
+    one = slice(0, max(rows - down, 0)), slice(0, max(columns - right, 0))
+    two = slice(down, rows), slice(right, columns)
+    pairs = np.flatnonzero(free[one] & free[two])
+    pairs = pairs[:: max(1, len(pairs) // ENOUGH)]
+    return albedo[one].reshape(-1, 3)[pairs] - albedo[two].reshape(-1, 3)[pairs]
 
 
 def _border(seen: np.ndarray, free: np.ndarray, margin: int) -> np.ndarray:
@@ -90,14 +125,19 @@ def _border(seen: np.ndarray, free: np.ndarray, margin: int) -> np.ndarray:
 
 
 def _chosen(
-    view: SunlitView, seen: np.ndarray, among: np.ndarray, levels: tuple[float, ...], how: ShadowSettings
+    view: SunlitView,
+    seen: np.ndarray,
+    among: np.ndarray,
+    levels: tuple[float, ...],
+    scales: Scales,
+    how: ShadowSettings,
 ) -> np.ndarray:
     """Let pixels, (h, w), bool, choose between what they see and every level in turn."""
     for level in levels:
         other = np.where(among, np.float32(level), seen)
         changeable = other != seen
         if changeable.any():
-            changed = minimum_cut(Choice.between(view, seen, other, changeable, how))
+            changed = minimum_cut(Choice.between(view, seen, other, changeable, scales, how))
             seen = seen.copy()
             seen[changeable] = np.where(changed, np.float32(level), seen[changeable])
     return seen
@@ -130,7 +170,13 @@ class Choice:
 
     @classmethod
     def between(
-        cls, view: SunlitView, seen: np.ndarray, other: np.ndarray, free: np.ndarray, how: ShadowSettings
+        cls,
+        view: SunlitView,
+        seen: np.ndarray,
+        other: np.ndarray,
+        free: np.ndarray,
+        scales: Scales,
+        how: ShadowSettings,
     ) -> Choice:
         """Add up the costs of all pairs of which at least one pixel may change."""
         albedo, shares = np.stack([view.albedo(seen), view.albedo(other)]), np.stack([seen, other])
@@ -138,11 +184,11 @@ class Choice:
         change, unlike = how.shade * (seen - other).astype(np.float64), np.empty(view.shape)
         number = np.cumsum(free).reshape(free.shape) - 1
         pairs = []
-        for distance in how.distances:
+        for distance, (step, chroma_step) in zip(how.distances, scales, strict=True):
             edge = how.edge * len(how.distances) if distance == min(how.distances) else 0.0
             for down, right in ((distance * down, distance * right) for down, right in ALONG):
                 where = albedo, shares, weight, free, down, right
-                pair_costs(*where, edge, how.chroma_weight, how.step, change, unlike)
+                pair_costs(*where, edge, step, chroma_step, change, unlike)
                 rows, columns = np.nonzero(unlike)
                 first, second = number[rows, columns], number[rows + down, columns + right]
                 pairs.append((first, second, unlike[rows, columns]))
