@@ -329,6 +329,8 @@ def in_words(facts: Mapping[str, Any]) -> str:
     gloss = "specular reflection" if facts["specular"] else "no specular reflection"
     suns = len(facts["suns"])
     small = ", 1 sun" if suns == 1 else f", {suns} suns" if suns else ""
+    if facts["shadowed_pixels"]:
+        small += f" ({facts['shadowed_pixels']:,} pixels in the shadow of what the mesh does not have)"
     return f"light from {facts['directions'] - suns} directions{small}, {gloss}"
 
 

@@ -21,7 +21,12 @@ FACTS = {  # of the embedded sample's stages
     "raycast": {"coverage": {"000": 0.4179, "001": 0.4363}, "mean_coverage": 0.4511},
     "correspondence": {"pairs": 66, "links": 4278151},
     "transfer": {"vertices": 200108, "mean_blocked": 0.1883},
-    "lighting": {"directions": 353, "suns": [{"share_of_light": 0.13}], "specular": []},
+    "lighting": {
+        "directions": 353,
+        "suns": [{"share_of_light": 0.13}],
+        "shadowed_pixels": 51310,
+        "specular": [],
+    },
     "decomposition": {"pixels": 932734, "links": 4278151},
     "export": {"png_white": {"albedo": 0.645534, "shading": 1.50335}},
     "report": {"share_of_light": 0.30511454074598765},
@@ -34,7 +39,8 @@ WORDS = {
     "raycast": "the surface covers 45% of 2 views",
     "correspondence": "4,278,151 corresponding pixels in 66 pairs of views",
     "transfer": "200,108 vertices, from which 19% of the sky is hidden",
-    "lighting": "light from 352 directions, 1 sun, no specular reflection",
+    "lighting": "light from 352 directions, 1 sun (51,310 pixels in the shadow of what the mesh does not have), "
+    "no specular reflection",
     "decomposition": "albedo of 932,734 pixels, which 4,278,151 correspondences tie together",
     "export": "white of the PNGs is an albedo of 0.646",
     "report": "light is 31% of the variation of brightness",

@@ -73,7 +73,7 @@ def with_suns(
             break
         trial = _Trial.of(photos.search(scene), found, bright, rays)
         sun = trial.best((how.within_deg, *how.steps_deg), how.brightness)
-        other, light = _with_sun(scene, found, bright, sun, rays)
+        other, light = _with_sun(scene, found, bright, sun, rays, across=1)  # roughly: it may not stay
         light = photos.light(other, step, near=light)
         before, after = photos.disagreements([scene, other], [found, light])
         if after > (1 - how.gain) * before:
@@ -242,8 +242,12 @@ def _with_sun(
     sun: Sun,
     rays: PixelRays,
     kept: np.ndarray | None = None,
+    across: int | None = None,
 ) -> tuple[LitScene, LightEstimate]:
-    """Add a sun as the last direction, in place of the light of a group; directions that are kept, (M,)."""
+    """Add a sun as the last direction, in place of the light of a group; directions that are kept, (M,).
+
+    `across`: as of `PixelRays.see`.
+    """
     pixels, probes = scene.pixels, scene.probes
     if probes is None:
         raise ValueError("visibility probes of the vertices, which see the sun, too")
@@ -253,7 +257,7 @@ def _with_sun(
     by_vertices = np.unpackbits(pixels.visible, axis=1, count=count)[:, kept]
     seen = np.unpackbits(probes.see(towards, scene.sphere), axis=1, count=1)
     by_vertices = np.concatenate([by_vertices, seen], axis=1)
-    traced = rays.see(towards, scene.sphere, pixels.normals)
+    traced = rays.see(towards, scene.sphere, pixels.normals, across=across)
     vertices = replace(
         scene.vertices,
         directions=np.concatenate([pixels.directions[kept], towards]),
