@@ -39,8 +39,8 @@ WORDS = {
     "raycast": "the surface covers 45% of 2 views",
     "correspondence": "4,278,151 corresponding pixels in 66 pairs of views",
     "transfer": "200,108 vertices, from which 19% of the sky is hidden",
-    "lighting": "light from 352 directions, 1 sun (51,310 pixels in the shadow of what the mesh does not have), "
-    "no specular reflection",
+    "lighting": "light from 352 directions, 1 sun (51,310 pixels in the shadow of what the mesh does not "
+    "have), no specular reflection",
     "decomposition": "albedo of 932,734 pixels, which 4,278,151 correspondences tie together",
     "export": "white of the PNGs is an albedo of 0.646",
     "report": "light is 31% of the variation of brightness",
