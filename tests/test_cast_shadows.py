@@ -84,10 +84,10 @@ def test_the_shadow_of_a_tower_across_a_wall_is_found(size):
 
 
 def test_half_a_shadow_is_half_a_shadow():
-    truth = np.ones((90, 120), np.float32)
-    truth[:, 40:], truth[:, 44:] = 0.5, 0
+    truth = np.ones((180, 300), np.float32)
+    truth[:, 140:], truth[:, 144:] = 0.5, 0
     seen = sun_seen(view_of(lit(truth, textured(truth.shape, 0.05))), ShadowSettings())
-    beside = np.abs(seen - truth)[:, 40:44]
+    beside = np.abs(seen - truth)[:, 140:144]
     assert beside.mean() < 0.15 and np.abs(seen - truth).mean() < 0.01
 
 

@@ -8,11 +8,11 @@ import stages.solvers.kernels.threading_layer  # noqa: F401
 
 
 @numba.njit(cache=True, nogil=True)
-def pair_costs(albedo, seen, weight, free, down, right, edge, step, chroma_step, change, unlike):
+def pair_costs(albedo, added, weight, free, down, right, edge, step, chroma_step, change, unlike):
     """Add the costs of pairs (down, right) apart, of which a pixel is free; see `Choice`.
 
-    `albedo`, (2, h, w, 3), and `seen`, (2, h, w): where pixels stay, where they change. `change`, (h, w), is
-    added to; `unlike`, (h, w), is set, 0 where there is no pair of free pixels.
+    `albedo`, (2, h, w, 3), and `added`, (2, h, w), shadow that the mesh does not explain: where pixels stay,
+    where they change. `change`, (h, w), is added to; `unlike`, (h, w), is set, 0 where not both are free.
     """
     rows, columns = weight.shape
     for y in range(rows):
@@ -24,10 +24,10 @@ def pair_costs(albedo, seen, weight, free, down, right, edge, step, chroma_step,
             both = weight[y, x] * weight[v, u]
             if both <= 0:
                 continue
-            stay_stay = _cost(albedo, seen, 0, y, x, 0, v, u, edge, step, chroma_step)
-            stay_change = _cost(albedo, seen, 0, y, x, 1, v, u, edge, step, chroma_step)
-            change_stay = _cost(albedo, seen, 1, y, x, 0, v, u, edge, step, chroma_step)
-            change_change = _cost(albedo, seen, 1, y, x, 1, v, u, edge, step, chroma_step)
+            stay_stay = _cost(albedo, added, 0, y, x, 0, v, u, edge, step, chroma_step)
+            stay_change = _cost(albedo, added, 0, y, x, 1, v, u, edge, step, chroma_step)
+            change_stay = _cost(albedo, added, 1, y, x, 0, v, u, edge, step, chroma_step)
+            change_change = _cost(albedo, added, 1, y, x, 1, v, u, edge, step, chroma_step)
             lacking = max(stay_stay + change_change - stay_change - change_stay, 0.0)
             if stay_change >= change_stay:
                 stay_change += lacking
@@ -44,7 +44,7 @@ def pair_costs(albedo, seen, weight, free, down, right, edge, step, chroma_step,
 
 
 @numba.njit(cache=True, nogil=True)
-def _cost(albedo, seen, a, y, x, b, v, u, edge, step, chroma_step):
+def _cost(albedo, added, a, y, x, b, v, u, edge, step, chroma_step):
     """Compute the disagreement of two log albedos, 0 to 1, and the price of a shadow's edge."""
     mean = 0.0
     for c in range(3):
@@ -54,4 +54,4 @@ def _cost(albedo, seen, a, y, x, b, v, u, edge, step, chroma_step):
         off = albedo[a, y, x, c] - albedo[b, v, u, c] - mean
         squared += off * off / 3
     far = mean * mean / (step * step) + squared / (chroma_step * chroma_step)
-    return far / (1 + far) + edge * abs(seen[a, y, x] - seen[b, v, u])
+    return far / (1 + far) + edge * abs(added[a, y, x] - added[b, v, u])

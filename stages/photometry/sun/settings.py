@@ -57,9 +57,9 @@ class ShadowSettings(Settings):
         unit="logarithm",
     )
     edge: float = setting(
-        0.4,
-        "Price of the edge of a shadow, for every cell along it, as a share of all that a cell can disagree: "
-        "joints and stains are smaller than shadows.",
+        0.3,
+        "Price of the outline of a shadow that the mesh does not explain, for every cell along it, as a share of "
+        "all that a cell can disagree: joints and stains are smaller than shadows.",
         ge=0,
     )
     shade: float = setting(
@@ -68,11 +68,16 @@ class ShadowSettings(Settings):
         "decides.",
         ge=0,
     )
+    penumbra_width: float = setting(
+        0.01,
+        "How far from the edge of a shadow they may. The sun's disc makes it a hundredth of the way to what "
+        "hides it, which is as far away as the view is wide.",
+        unit="share of a view's longer side",
+        gt=0,
+        le=0.2,
+    )
     margin: int = setting(
-        3,
-        "Cells beside an edge that may be in penumbra, and are decided anew on the next finer grid.",
-        unit="cells",
-        ge=1,
+        2, "Cells beside an edge that are decided anew on the next finer grid.", unit="cells", ge=1
     )
 
     def roughly(self) -> ShadowSettings:

@@ -65,11 +65,12 @@ def sun_seen(view: SunlitView, how: ShadowSettings) -> np.ndarray:
 
     Notes
     -----
-    Shares m of a few levels minimise ``Σ_pq w_pq u/(1 + u) + edge Σ_pq |m_p − m_q| + shade Σ_p (1 − m_p)``:
+    Shares m of a few levels minimise ``Σ_pq w_pq u/(1 + u) + edge Σ_pq |a_p − a_q| + shade Σ_p (1 − m_p)``:
     pairs of pixels at several distances should agree in albedo, ``u = μ²/s² + ν/t²`` with μ and ν the
     channels' mean and variance of the difference of their log albedos, and s and t what is usual at that
     distance (`texture_scales`). A pair of different paints disagrees whatever its shadows and says nothing.
-    Where the mesh hides the sun, the share is known: 0.
+    Where the mesh hides the sun, the share is known: 0. Elsewhere a = 1 − m is added shadow, whose outline
+    has its price, also where it meets a shadow of the mesh: else stains would grow on these.
 
     Level by level all pixels choose between theirs and that one, which is a minimum cut where
     ``E(0,0) + E(1,1) ≤ E(0,1) + E(1,0)`` (Boykov, Veksler and Zabih, Fast Approximate Energy Minimization via
@@ -83,7 +84,8 @@ def sun_seen(view: SunlitView, how: ShadowSettings) -> np.ndarray:
         seen = _chosen(view, seen, _border(seen, sure, how.margin), (0.0, 1.0), scales, how)
     else:
         seen = _chosen(view, view.free.astype(np.float32), sure, (0.0,), scales, how)
-    return _chosen(view, seen, _border(seen, sure, how.margin), how.penumbra, scales, how)
+    beside = max(1, round(how.penumbra_width * max(view.shape)))
+    return _chosen(view, seen, _border(seen, sure, beside), how.penumbra, scales, how)
 
 
 def texture_scales(view: SunlitView, how: ShadowSettings) -> Scales:
@@ -179,7 +181,10 @@ class Choice:
         how: ShadowSettings,
     ) -> Choice:
         """Add up the costs of all pairs of which at least one pixel may change."""
-        albedo, shares = np.stack([view.albedo(seen), view.albedo(other)]), np.stack([seen, other])
+        albedo, added = (
+            np.stack([view.albedo(seen), view.albedo(other)]),
+            view.free * (1 - np.stack([seen, other])),
+        )
         weight = view.weight / np.sqrt(np.float32(len(ALONG) * len(how.distances)))
         change, unlike = how.shade * (seen - other).astype(np.float64), np.empty(view.shape)
         number = np.cumsum(free).reshape(free.shape) - 1
@@ -187,7 +192,7 @@ class Choice:
         for distance, (step, chroma_step) in zip(how.distances, scales, strict=True):
             edge = how.edge * len(how.distances) if distance == min(how.distances) else 0.0
             for down, right in ((distance * down, distance * right) for down, right in ALONG):
-                where = albedo, shares, weight, free, down, right
+                where = albedo, added, weight, free, down, right
                 pair_costs(*where, edge, step, chroma_step, change, unlike)
                 rows, columns = np.nonzero(unlike)
                 first, second = number[rows, columns], number[rows + down, columns + right]
