@@ -161,7 +161,8 @@ def test_suns_are_hidden_one_by_one_from_pixels_and_from_the_vertices_that_most_
     as_is = replace(by_mesh, pixels=replace(by_mesh.pixels, traced=truth.reshape(-1, 2)))
     shading = light.shading(as_is, starts, one)
     image = (shading * textured((2 * SIDE, SIDE), 0.05).reshape(-1, 3)).astype(np.float32)
-    masks, trusted = (np.ones((SIDE, SIDE), bool),) * 2, np.ones(len(image), bool)
+    framed = np.pad(np.ones((SIDE, SIDE), bool), ((3, 5), (2, 0)))
+    masks, trusted = (framed, np.zeros((9, 9), bool), framed), np.ones(len(image), bool)
     found = with_cast_shadows(
         by_mesh,
         light,

@@ -67,7 +67,7 @@ def with_cast_shadows(
             seen[own, number] = np.rint(seen[own, number] * sun_seen(sunlit, how)[mask])
             shading[own] = rest + seen[own, number, None] * unhidden
 
-    on_threads(hide, range(len(masks)))
+    on_threads(hide, np.flatnonzero(np.diff(starts)).tolist())
     return _seen(scene, seen)
 
 
@@ -79,7 +79,7 @@ def hidden_further(by_mesh: LitScene, scene: LitScene) -> np.ndarray:
 def _cropped(mask: np.ndarray) -> np.ndarray:
     """Cut a mask down to where it is set: its pixels keep their order."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if len(rows) else mask[:0, :0]
+    return mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 
 
 def _sunlit_view(

@@ -57,9 +57,9 @@ class ShadowSettings(Settings):
         unit="logarithm",
     )
     edge: float = setting(
-        0.3,
-        "Price of the outline of a shadow that the mesh does not explain, for every cell along it, as a share of "
-        "all that a cell can disagree: joints and stains are smaller than shadows.",
+        0.4,
+        "Price of the outline of a shadow that the mesh does not explain, per cell along it, as a share of all "
+        "that a cell can disagree: joints and stains are smaller than shadows.",
         ge=0,
     )
     shade: float = setting(

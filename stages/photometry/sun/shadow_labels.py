@@ -79,8 +79,9 @@ def sun_seen(view: SunlitView, how: ShadowSettings) -> np.ndarray:
     """
     sure, scales = view.free & (view.weight > 0), texture_scales(view, how)
     if min(view.shape) >= 2 * how.coarsest_side:
+        rows, columns = view.shape
         coarse = sun_seen(view.halved(), how)
-        seen = cv2.resize(coarse, view.shape[::-1], interpolation=cv2.INTER_NEAREST) * view.free
+        seen = coarse.repeat(2, axis=0).repeat(2, axis=1)[:rows, :columns] * view.free
         seen = _chosen(view, seen, _border(seen, sure, how.margin), (0.0, 1.0), scales, how)
     else:
         seen = _chosen(view, view.free.astype(np.float32), sure, (0.0,), scales, how)
