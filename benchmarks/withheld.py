@@ -79,12 +79,12 @@ def main(argv: Sequence[str] | None = None) -> None:
         print(f"{name}: si-RMSE {' '.join(f'{one:.4f}' for one in error)}, contrast left {left:.2f}")
 
 
-def build(views: int, width_px: int, height_px: int) -> Courtyard:
+def build(views: int, width_px: int, height_px: int, spacing: float = SPACING) -> Courtyard:
     """Build the courtyard; its left arcade, where the sun stands, is withheld."""
-    built = build_courtyard(SPACING)
+    built = build_courtyard(spacing)
     points, arcades = built.surface.vertices, built.part_names.index("arcades")
     withheld = (built.parts == arcades) & (points[:, 0] < 0)
-    albedo = natural_paint(PAINT, points, Scale(3 * SPACING, 0.5), CONTRAST, seed=1)
+    albedo = natural_paint(PAINT, points, Scale(3 * spacing, 0.5), CONTRAST, seed=1)
     azimuths = np.linspace(-ARC_DEG / 2, ARC_DEG / 2, views)
     elevations = [ELEVATIONS_DEG[number % len(ELEVATIONS_DEG)] for number in range(views)]
     middle = (points.min(axis=0) + points.max(axis=0)) / 2

@@ -58,7 +58,7 @@ class ShadowSettings(Settings):
     )
     edge: float = setting(
         0.4,
-        "Price of the outline of a shadow that the mesh does not explain, per cell along it, as a share of all "
+        "Price of the outline of a shadow that the mesh does not explain, per cell of it, as a share of all "
         "that a cell can disagree: joints and stains are smaller than shadows.",
         ge=0,
     )
