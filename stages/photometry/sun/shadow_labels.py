@@ -182,13 +182,11 @@ class Choice:
         how: ShadowSettings,
     ) -> Choice:
         """Add up the costs of all pairs of which at least one pixel may change."""
-        albedo, added = (
-            np.stack([view.albedo(seen), view.albedo(other)]),
-            view.free * (1 - np.stack([seen, other])),
-        )
+        albedo = np.stack([view.albedo(seen), view.albedo(other)])
+        added = view.free * (1 - np.stack([seen, other]))
         weight = view.weight / np.sqrt(np.float32(len(ALONG) * len(how.distances)))
-        change, unlike = how.shade * (seen - other).astype(np.float64), np.empty(view.shape)
-        number = np.cumsum(free).reshape(free.shape) - 1
+        change, unlike = how.shade * (seen - other).astype(np.float64), np.empty(view.shape, np.float32)
+        number = np.cumsum(free, dtype=np.int32).reshape(free.shape) - 1
         pairs = []
         for distance, (step, chroma_step) in zip(how.distances, scales, strict=True):
             edge = how.edge * len(how.distances) if distance == min(how.distances) else 0.0

@@ -20,6 +20,8 @@ DECISIONS = {  # facts of the records by which a stage chose, and what they are
     "light_distance": "distance of the light",
     "disagreement": "disagreement by distance of the light (the first wins, unless another is clearly less)",
     "lights": "lights",
+    "suns": "suns and lamps: the direction to each, in world axes, and its share of all light",
+    "shadowed_pixels": "pixels in the shadow of something that the mesh does not have",
     "lights_apart": "how far views have lights of their own: 0 one light, 1 each its own",
     "spread_between_views": "difference of the light between views",
     "brightening_between_views": "brightness of the views beside one another",
