@@ -271,7 +271,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 REPORT = Stage(
     name="report",
-    version=3,
+    version=4,
     about="Pictures, figures and a model for the report, which is written from them and all records.",
     settings=ReportSettings,
     takes=(
