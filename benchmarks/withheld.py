@@ -3,7 +3,7 @@
 A courtyard under sun and sky, by rays of our own, without one of its two arcades in the given mesh: its
 shadow falls on the ground and on the back wall. Printed for albedo with and without `lighting.sun.shadows`:
 the si-RMSE, and how much of the contrast of those shadows' edges is left, 1 in the photos, 0 at best.
-Photos, truth and workspaces are kept in ``workspaces/withheld``.
+Photos, truth and workspaces are kept in ``workspaces/withheld``; a picture is written to ``docs/accuracy``.
 """
 
 from __future__ import annotations
@@ -23,8 +23,16 @@ from benchmarks.scale.daylight import Daylight  # noqa: E402
 from benchmarks.scale.growth import run_program  # noqa: E402
 from benchmarks.scale.photo_set import SHOT_NOISE, WHITE, PhotoSet  # noqa: E402
 from stages.formats.colmap.model import pinhole_model, write_model  # noqa: E402
+from stages.formats.images.contact_sheet import contact_sheet  # noqa: E402
 from stages.formats.images.exr import read_exr  # noqa: E402
-from stages.formats.images.photos import write_mask, write_png_srgb8  # noqa: E402
+from stages.formats.images.photos import (  # noqa: E402
+    encode_srgb8,
+    read_mask,
+    read_photo,
+    write_mask,
+    write_png8,
+    write_png_srgb8,
+)
 from stages.formats.meshes.triangle_meshes import Surface, write_mesh  # noqa: E402
 from stages.geometry.occluders import Occluders  # noqa: E402
 from stages.geometry.rays import RayCaster, Seen, vertex_normals  # noqa: E402
@@ -39,6 +47,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SPACING = 0.005  # of the mesh's grid, model units
 PAINT, CONTRAST = "rubble", 0.25
 ELEVATIONS_DEG, ARC_DEG, DISTANCE = (18.0, 32.0), 50.0, 2.0
+WHITEST = 0.99  # quantile that is shown white
 ACROSS = (2, 4, 8)  # px: pairs of pixels whose contrast is compared
 VARIANTS = {"without": ["--set", "lighting.sun.shadows.find=false"], "with": []}
 
@@ -65,6 +74,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--views", type=int, default=12)
     parser.add_argument("--size", default="640x480")
     parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "withheld")
+    parser.add_argument("--picture", type=Path, default=ROOT / "docs" / "accuracy" / "withheld.png")
     given = parser.parse_args(argv)
     photos = PhotoSet(given.workspace, given.views)
     if not (photos.folder / "finished").exists():
@@ -76,7 +86,21 @@ def main(argv: Sequence[str] | None = None) -> None:
         run_program([*map(str, inputs), *settings])
         error = albedo_error(photos, workspace / "output" / "albedo").si_rmse
         left = contrast_left(photos, workspace / "output" / "albedo")
-        print(f"{name}: si-RMSE {' '.join(f'{one:.4f}' for one in error)}, contrast left {left:.2f}")
+        print(f"{name} search: si-RMSE {' '.join(f'{one:.4f}' for one in error)}, contrast left {left:.2f}")
+    write_png8(given.picture, picture_of(photos))
+
+
+def picture_of(photos: PhotoSet) -> np.ndarray:
+    """Put a photo, the albedos with and without the search and the true one side by side: sRGB, 8 bits."""
+    name = f"{photos.views // 2:03d}"
+    mask = read_mask(photos.folder / "masks" / f"{name}.png")
+    box = tuple(slice(at.min(), at.max() + 1) for at in np.nonzero(mask))
+    shown = [read_photo(photos.photos / f"{name}.png")]
+    shown += [read_exr(photos.folder / one / "output" / "albedo" / f"{name}.exr") for one in VARIANTS]
+    shown += [photos.true_albedo(name).astype(np.float32)]
+    pictures = [encode_srgb8((one / np.quantile(one[mask], WHITEST) * mask[..., None])[box]) for one in shown]
+    heads = ["photo", *(f"albedo {one} search" for one in VARIANTS), "true albedo"]
+    return contact_sheet({name: pictures}, heads, 300)
 
 
 def build(views: int, width_px: int, height_px: int, spacing: float = SPACING) -> Courtyard:
