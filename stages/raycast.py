@@ -53,8 +53,8 @@ class RaycastSettings(Settings):
 
     views: tuple[str, ...] = setting(
         (),
-        'The views to decompose, by name without extension, as in ["001", "b*"]; * and ? allowed. Empty: '
-        "all. The other views still serve the geometry.",
+        'The views to decompose, by name without extension, as in ["001", "b*"]; * and ? allowed, and ! '
+        "before those that are left out. Empty: all. The other views still serve the geometry.",
     )
     reduce: int = setting(
         1,
@@ -72,17 +72,28 @@ class RaycastSettings(Settings):
 
 
 def chosen_views(names: list[str], patterns: tuple[str, ...]) -> list[str]:
-    """Choose the names that fit a pattern, in their own order; all for no patterns.
+    """Choose the names that fit a pattern, and none that fits one after a "!", in their own order.
+
+    Without patterns, or with such alone, all others are chosen.
 
     Raises
     ------
     UserError
-        A pattern fits no view.
+        A pattern fits no view, or none is left.
     """
-    for pattern in patterns:
+    left_out = tuple(p for p in patterns if p.startswith("!") and p not in names)
+    wanted = tuple(p for p in patterns if p not in left_out)
+    for pattern in (*wanted, *(p[1:] for p in left_out)):
         if not any(_fits(name, pattern) for name in names):
             raise UserError(f"raycast.views: no view is called {pattern!r}; {near(pattern, names)}")
-    return [name for name in names if not patterns or any(_fits(name, p) for p in patterns)]
+    chosen = [name for name in names if not wanted or any(_fits(name, p) for p in wanted)]
+    chosen = [name for name in chosen if not any(_fits(name, p[1:]) for p in left_out)]
+    if not chosen:
+        raise UserError(
+            f"raycast.views is {list(patterns)}, which leaves none of the {len(names)} views; expected at "
+            "least one. Take a pattern out of it."
+        )
+    return chosen
 
 
 def _fits(name: str, pattern: str) -> bool:

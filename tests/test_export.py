@@ -48,8 +48,17 @@ def test_views_are_chosen_by_name_and_pattern_and_a_typo_is_named():
     assert chosen_views(names, ()) == names
     assert chosen_views(names, ("b/*", "a/2")) == ["a/2", "b/1"]
     assert chosen_views(["a[1]", "b"], ("a[1]",)) == ["a[1]"]
+    assert chosen_views(names, ("!b/*",)) == [name for name in names if name[0] != "b"]
+    assert chosen_views(names, ("a/*", "!a/2")) == [
+        name for name in names if name[0] == "a" and name != "a/2"
+    ]
+    assert chosen_views(["!a", "a"], ("!a",)) == ["!a"]  # a name fits itself
     with pytest.raises(UserError, match="no view is called 'a/3'; did you mean"):
         chosen_views(names, ("a/3",))
+    with pytest.raises(UserError, match="no view is called 'a/3'"):
+        chosen_views(names, ("!a/3",))
+    with pytest.raises(UserError, match="leaves none of the 3 views"):
+        chosen_views(names, ("a/1", "!a/*"))
 
 
 def test_a_reduced_pixel_is_kept_only_if_all_of_it_is(tmp_path):

@@ -203,10 +203,10 @@ def _with_cast_shadows(now: Explanation, rays: PixelRays, step: Step) -> Explana
     """Hide the suns where the photos are in shadow; find shadows, light and directions in turn."""
     how, by_mesh = rays.how.shadows, now.scene
     if how.find and len(by_mesh.suns):
-        for last in range(how.rounds - 1, -1, -1):
+        for rounds_left in reversed(range(how.rounds)):
             now = _as_shadowed(now, by_mesh, how.roughly())
             now = replace(now, light=now.photos.light(now.scene, _unnoticed, near=now.light))
-            if last:
+            if rounds_left:
                 hidden = hidden_further(by_mesh, now.scene)
                 by_mesh, light = aimed_anew(by_mesh, now.light, now.photos, rays, hidden)
                 now = replace(now, light=light)

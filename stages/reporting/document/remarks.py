@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from stages.reporting.document.told import Told
 from stages.reporting.document.wording import percent
 
 IN_THE_LIGHT_OF_THE_OTHERS = (
-    "Take it again in the light of the others, or leave it out (name the others in raycast.views); where "
+    "Take it again in the light of the others, or leave it out (--set 'raycast.views={out}'); where "
     "every photo has a light of its own, set lighting.lights=per-view."
 )
 
@@ -77,7 +78,8 @@ def _of_figures(told: Told) -> list[Remark]:
             told,
             lambda view: view["coverage"] < bounds["least_coverage"],
             "hardly any surface ({}). If the subject fills these photos, the surface is incomplete: "
-            "add photos from nearby places; else leave them out by raycast.views, or mask the background.",
+            "add photos from nearby places; else leave them out (--set 'raycast.views={out}'), or mask the "
+            "background.",
             lambda view: percent(view["coverage"]),
         ),
         _of_views(
@@ -110,7 +112,10 @@ def _of_views(
     figure: Callable[[Any], str],
     but: Collection[int] = (),
 ) -> Remark | None:
-    """Name the views that stand out by one reason, with their figures; none of those in `but`."""
+    """Name the views that stand out by one reason, with their figures; none of those in `but`.
+
+    `what` may name the setting that leaves them out, as `{out}`.
+    """
     numbers = [number for number, view in enumerate(told.views) if stands_out(view) and number not in but]
     if not numbers:
         return None
@@ -119,7 +124,9 @@ def _of_views(
     more = f" and {len(numbers) - most} more" if len(numbers) > most else ""
     figures = ", ".join(figure(told.views[number]) for number in numbers[:most])
     noun = "View" if len(numbers) == 1 else "Views"
-    return Remark(f"{noun} {names}{more}: {what.format(figures)}", "report", tuple(numbers[:most]))
+    out = json.dumps([f"!{told.views[number]['name']}" for number in numbers], ensure_ascii=False)
+    said = what.format(figures, out=out)
+    return Remark(f"{noun} {names}{more}: {said}", "report", tuple(numbers[:most]))
 
 
 def _of_spread(told: Told, most_stops: float, most_ratio: float) -> Remark | None:
@@ -184,6 +191,7 @@ def _of_gains(told: Told, most_stops: float) -> Remark | None:
         told,
         lambda view: abs(log2(gains.get(view["name"], middle) / middle)) > most_stops,
         "exposed otherwise than the rest (times {}). Unshade has divided this out; if their light "
-        "differed as well, compare their shading, and leave them out if it looks wrong.",
+        "differed as well, compare their shading, and leave them out (--set 'raycast.views={out}') if it looks "
+        "wrong.",
         lambda view: f"{gains[view['name']] / middle:.2f}",
     )
