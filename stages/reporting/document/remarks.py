@@ -191,7 +191,7 @@ def _of_gains(told: Told, most_stops: float) -> Remark | None:
         told,
         lambda view: abs(log2(gains.get(view["name"], middle) / middle)) > most_stops,
         "exposed otherwise than the rest (times {}). Unshade has divided this out; if their light "
-        "differed as well, compare their shading, and leave them out (--set 'raycast.views={out}') if it looks "
-        "wrong.",
+        "differed as well, compare their shading, and leave them out (--set 'raycast.views={out}') if it "
+        "looks wrong.",
         lambda view: f"{gains[view['name']] / middle:.2f}",
     )
