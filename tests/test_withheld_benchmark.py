@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.scale.photo_set import PhotoSet
-from benchmarks.withheld import Courtyard, build, contrast_left, render
+from benchmarks.withheld import Courtyard, build, contrast_left, main, render
 from stages.formats.images.exr import write_exr
 from stages.formats.images.photos import read_mask, read_photo
 from stages.formats.meshes.triangle_meshes import read_mesh
@@ -51,3 +51,25 @@ def test_the_photos_have_the_whole_contrast_of_the_withheld_shadow_and_the_truth
         photo = read_photo(photos.photos / f"{camera.name}.png")
         write_exr(tmp_path / f"{camera.name}.exr", photo.astype(np.float32))
     assert contrast_left(photos, tmp_path) == pytest.approx(1, abs=0.3)
+
+
+@pytest.mark.slow
+def test_the_shadow_of_the_withheld_arcade_is_taken_out_of_the_albedo(tmp_path: Path):
+    main(
+        [
+            "--views",
+            "5",
+            "--size",
+            "240x180",
+            "--workspace",
+            str(tmp_path),
+            "--picture",
+            str(tmp_path / "a.png"),
+        ]
+    )
+    photos = PhotoSet(tmp_path, 5)
+    left = {
+        name: contrast_left(photos, tmp_path / name / "output" / "albedo") for name in ("without", "with")
+    }
+    assert left["without"] > 0.8 and left["with"] < 0.3
+    assert read_photo(tmp_path / "a.png").shape[1] > 1000
