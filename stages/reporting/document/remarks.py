@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from math import log2
 from statistics import median
 from typing import Any
 
+from pipeline import json_text
 from stages.reporting.document.told import Told
 from stages.reporting.document.wording import percent
 
@@ -124,7 +124,7 @@ def _of_views(
     more = f" and {len(numbers) - most} more" if len(numbers) > most else ""
     figures = ", ".join(figure(told.views[number]) for number in numbers[:most])
     noun = "View" if len(numbers) == 1 else "Views"
-    out = json.dumps([f"!{told.views[number]['name']}" for number in numbers], ensure_ascii=False)
+    out = json_text([f"!{told.views[number]['name']}" for number in numbers])
     said = what.format(figures, out=out)
     return Remark(f"{noun} {names}{more}: {said}", "report", tuple(numbers[:most]))
 
