@@ -21,7 +21,14 @@ import numpy as np  # noqa: E402
 from benchmarks.scale.albedo_error import albedo_error  # noqa: E402
 from benchmarks.scale.daylight import Daylight  # noqa: E402
 from benchmarks.scale.growth import run_program  # noqa: E402
-from benchmarks.scale.photo_set import SHOT_NOISE, WHITE, PhotoSet  # noqa: E402
+from benchmarks.scale.photo_set import (  # noqa: E402
+    FINISHED,
+    SHOT_NOISE,
+    WHITE,
+    PhotoSet,
+    daylight_on,
+    interpolated,
+)
 from stages.formats.colmap.model import pinhole_model, write_model  # noqa: E402
 from stages.formats.images.contact_sheet import contact_sheet  # noqa: E402
 from stages.formats.images.exr import read_exr  # noqa: E402
@@ -35,7 +42,8 @@ from stages.formats.images.photos import (  # noqa: E402
 )
 from stages.formats.meshes.triangle_meshes import Surface, write_mesh  # noqa: E402
 from stages.geometry.occluders import Occluders  # noqa: E402
-from stages.geometry.rays import RayCaster, Seen, vertex_normals  # noqa: E402
+from stages.geometry.rays import RayCaster  # noqa: E402
+from stages.geometry.surface import with_faces  # noqa: E402
 from stages.scene.cameras import Camera, back_project  # noqa: E402
 from stages.synthetic.paints.natural_paint import natural_paint  # noqa: E402
 from stages.synthetic.paints.textures.pattern import Scale  # noqa: E402
@@ -64,8 +72,7 @@ class Courtyard:
     @property
     def given(self) -> Surface:
         """The mesh without what is withheld."""
-        used, faces = np.unique(self.surface.faces[self.shown], return_inverse=True)
-        return Surface(self.surface.vertices[used], faces.reshape(-1, 3).astype(np.int32))
+        return with_faces(self.surface, self.shown)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -77,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--picture", type=Path, default=ROOT / "docs" / "accuracy" / "withheld.png")
     given = parser.parse_args(argv)
     photos = PhotoSet(given.workspace, given.views)
-    if not (photos.folder / "finished").exists():
+    if not (photos.folder / FINISHED).exists():
         render(photos, build(given.views, *map(int, given.size.split("x"))))
     for name, settings in VARIANTS.items():
         workspace = photos.folder / name
@@ -123,19 +130,16 @@ def render(photos: PhotoSet, yard: Courtyard) -> None:
         (photos.folder / folder).mkdir(parents=True, exist_ok=True)
     write_mesh(photos.mesh, yard.given)
     write_model(pinhole_model(yard.cameras), photos.model)
-    occluders, surface = Occluders(yard.surface), yard.surface
-    points = (surface.vertices - occluders.origin).astype(np.float32)
-    normals = vertex_normals(surface.vertices - occluders.origin, surface.faces)
-    light = Daylight.of(occluders, points, normals, yard.albedo)
-    caster, known = RayCaster(surface), Occluders(yard.given)
+    surface, known = yard.surface, Occluders(yard.given)
+    caster, light = RayCaster(surface), daylight_on(surface, yard.albedo)
     for number, camera in enumerate(yard.cameras):
         seen = caster.see(camera)
         shown = seen.mask.copy()
         shown[seen.mask] = yard.shown[seen.triangles[seen.mask]]
         own = replace(seen, mask=shown)
-        albedo, sky = (_interpolated(own, surface, values) for values in (yard.albedo, light.skylight))
+        albedo, sky = (interpolated(own, surface, values) for values in (yard.albedo, light.skylight))
         places, towards = back_project(camera, seen.depth)[shown], seen.normals[shown]
-        sun = light.sunlight((places - occluders.origin).astype(np.float32), towards)
+        sun = light.sunlight((places - light.occluders.origin).astype(np.float32), towards)
         by_given = Daylight(known, light.skylight).sunlight(
             (places - known.origin).astype(np.float32), towards
         )
@@ -147,14 +151,7 @@ def render(photos: PhotoSet, yard: Courtyard) -> None:
         write_mask(photos.folder / "masks" / f"{camera.name}.png", shown)
         np.save(photos.folder / "truth" / f"{camera.name}.npy", truth.astype(np.float16))
         np.save(photos.folder / "withheld" / f"{camera.name}.npy", hidden.astype(np.float16))
-    (photos.folder / "finished").touch()
-
-
-def _interpolated(seen: Seen, surface: Surface, values: np.ndarray) -> np.ndarray:
-    """Interpolate values of vertices, (V, 3), at the masked pixels, (n, 3)."""
-    u, v = seen.barycentric[seen.mask].T[:, :, None]
-    a, b, c = (values[corner] for corner in surface.faces[seen.triangles[seen.mask]].T)
-    return (1 - u - v) * a + u * b + v * c
+    (photos.folder / FINISHED).touch()
 
 
 def contrast_left(photos: PhotoSet, albedo: Path) -> float:

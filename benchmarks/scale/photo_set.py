@@ -11,9 +11,9 @@ from benchmarks.scale.daylight import Daylight
 from benchmarks.scale.street import Street, build_street
 from stages.formats.colmap.model import pinhole_model, write_model
 from stages.formats.images.photos import write_png_srgb8
-from stages.formats.meshes.triangle_meshes import write_mesh
+from stages.formats.meshes.triangle_meshes import Surface, write_mesh
 from stages.geometry.occluders import Occluders
-from stages.geometry.rays import RayCaster, vertex_normals
+from stages.geometry.rays import RayCaster, Seen, vertex_normals
 from stages.scene.cameras import Camera, back_project
 from stages.synthetic.sensor_noise import with_sensor_noise
 
@@ -64,7 +64,10 @@ def photo_set(folder: Path, views: int, width_px: int, height_px: int) -> PhotoS
     (folder / "truth").mkdir(parents=True, exist_ok=True)
     write_mesh(made.mesh, street.surface)
     write_model(pinhole_model(street.cameras), made.model)
-    caster, daylight = RayCaster(street.surface), _daylight(street)
+    caster, daylight = (
+        RayCaster(street.surface),
+        daylight_on(street.surface, street.albedo(street.surface.vertices)),
+    )
     for number, camera in enumerate(street.cameras):
         image, albedo = _photograph(street, caster, daylight, camera)
         noisy = with_sensor_noise(image / WHITE, 0.0, SHOT_NOISE, seed=number)
@@ -74,11 +77,19 @@ def photo_set(folder: Path, views: int, width_px: int, height_px: int) -> PhotoS
     return made
 
 
-def _daylight(street: Street) -> Daylight:
-    occluders, surface = Occluders(street.surface), street.surface
+def daylight_on(surface: Surface, albedo: np.ndarray) -> Daylight:
+    """Light a mesh, whose vertices have an albedo, (V, 3), and which hides the light from itself."""
+    occluders = Occluders(surface)
     points = (surface.vertices - occluders.origin).astype(np.float32)
     normals = vertex_normals(surface.vertices - occluders.origin, surface.faces)
-    return Daylight.of(occluders, points, normals, street.albedo(surface.vertices))
+    return Daylight.of(occluders, points, normals, albedo)
+
+
+def interpolated(seen: Seen, surface: Surface, values: np.ndarray) -> np.ndarray:
+    """Interpolate values of vertices, (V, 3), at the masked pixels, (n, 3)."""
+    u, v = seen.barycentric[seen.mask].T[:, :, None]
+    a, b, c = (values[corner] for corner in surface.faces[seen.triangles[seen.mask]].T)
+    return (1 - u - v) * a + u * b + v * c
 
 
 def _photograph(
@@ -87,10 +98,9 @@ def _photograph(
     """Render radiance and albedo of a view, (h, w, 3) each, linear, 0 where there is no wall."""
     seen = caster.see(camera)
     points, normals = back_project(camera, seen.depth)[seen.mask], seen.normals[seen.mask]
-    u, v = seen.barycentric[seen.mask].T[:, :, None]
-    a, b, c = (daylight.skylight[corner] for corner in street.surface.faces[seen.triangles[seen.mask]].T)
     relative = (points - daylight.occluders.origin).astype(np.float32)
-    shading = (1 - u - v) * a + u * b + v * c + daylight.sunlight(relative, normals)
+    skylight = interpolated(seen, street.surface, daylight.skylight)
+    shading = skylight + daylight.sunlight(relative, normals)
     image, albedo = np.zeros((2, *camera.shape, 3), np.float32)
     albedo[seen.mask] = street.albedo(points)
     image[seen.mask] = albedo[seen.mask] * shading

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from stages.formats.meshes.triangle_meshes import Surface
+from stages.geometry.surface import with_faces
 from stages.scene.cameras import Camera
 from stages.synthetic.paints.natural_paint import natural_paint
 from stages.synthetic.paints.textures.pattern import Scale
@@ -90,8 +91,7 @@ def _front(half: float) -> Surface:
     low, high = np.array([-half - 0.0717, -0.3123, -0.0431]), np.array([half + 0.07, 0.27, 0.79])
     surface = closed_surface(partial(_distance, half=half), low, high, SPACING)
     shown = (surface.vertices[surface.faces, 1] < BACK).any(axis=1)
-    used, faces = np.unique(surface.faces[shown], return_inverse=True)
-    return Surface(surface.vertices[used], faces.reshape(-1, 3).astype(np.int32))
+    return with_faces(surface, shown)
 
 
 def _distance(x: np.ndarray, half: float) -> np.ndarray:

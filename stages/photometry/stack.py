@@ -194,3 +194,10 @@ def stack_pixels(masks: Sequence[np.ndarray], images: Sequence[np.ndarray]) -> n
 def unstack_pixels(masks: Sequence[np.ndarray], stacked: np.ndarray) -> list[np.ndarray]:
     """Unstack all images at once; see `images_of`."""
     return list(images_of(masks, stacked))
+
+
+def cropped(mask: np.ndarray, aligned: int = 1) -> np.ndarray:
+    """Crop a mask to what is in it, from multiples of `aligned`: its pixels and their order stay."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    top, left = rows[0] // aligned * aligned, columns[0] // aligned * aligned
+    return np.ascontiguousarray(mask[top : rows[-1] + 1, left : columns[-1] + 1])

@@ -16,7 +16,7 @@ from stages.formats.images.photos import read_mask
 from stages.photometry.clusters.settings import ClusterSettings
 from stages.photometry.clusters.surface_clusters import Cluster, SampledSurface, clusters_of
 from stages.photometry.clusters.typical_views import ViewGraph
-from stages.photometry.stack import StackedViews, stack_views
+from stages.photometry.stack import StackedViews, cropped, stack_views
 from stages.scene.cameras import Camera, back_project, footprint
 
 ALIGNED = 64  # px: crops begin at multiples, so that groups of pixels of any level are those of whole views
@@ -162,13 +162,13 @@ def open_cluster(
         for (i, j), block in zip(pairs, each(select_links, pairs), strict=True)
         if block.nnz
     }
-    cropped = masks if cluster.is_whole else [_cropped(mask) for mask in masks]
+    crops = masks if cluster.is_whole else [cropped(mask, ALIGNED) for mask in masks]
     return ClusterViews(
         numbers,
         [cameras[view] for view in numbers],
         masks,
         [kept[view] for view in numbers],
-        replace(stack_views(cropped, None, blocks), side_of_all=side),
+        replace(stack_views(crops, None, blocks), side_of_all=side),
         np.concatenate([own[view][kept[view]] for view in numbers]),
     )
 
@@ -189,10 +189,3 @@ def _with(mask: np.ndarray, kept: np.ndarray) -> np.ndarray:
     reduced = np.zeros_like(mask)
     reduced[mask] = kept
     return reduced
-
-
-def _cropped(mask: np.ndarray) -> np.ndarray:
-    """Crop a mask to what is in it, from multiples of `ALIGNED`: its pixels and their order stay."""
-    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    top, left = rows[0] // ALIGNED * ALIGNED, columns[0] // ALIGNED * ALIGNED
-    return np.ascontiguousarray(mask[top : rows[-1] + 1, left : columns[-1] + 1])

@@ -114,14 +114,19 @@ def _reliability(loss: float, least: float) -> float:
     return 1.0 if loss <= least else (least / loss) ** 2
 
 
+def reliability(image: np.ndarray, how: PairSettings) -> np.ndarray:
+    """Compute the reliability, 0 to 1, of intensities beside their noise; 0 of what is not above 0."""
+    bright = np.maximum(image, 0)
+    return (bright / (bright + 2 * how.noise)) ** 2
+
+
 class _Losses:
     """Loss of pairs of pixels under a shading, and its gradient."""
 
     def __init__(self, image: np.ndarray, how: PairSettings) -> None:
         image, self._how = image.astype(np.float64), how
         self._logs = np.log(np.maximum(image, how.darkest))
-        self._trust = (image / (image + 2 * how.noise)) ** 2
-        self._trust[image <= 0] = 0
+        self._trust = reliability(image, how)
 
     def of(self, shading: np.ndarray, pairs: Pairs, scale: float) -> tuple[float, np.ndarray]:
         """Compute the mean loss, and its gradient by the shading, (n, 3), float32."""

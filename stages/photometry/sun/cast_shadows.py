@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from stages.photometry.light_search.light_estimate import LightEstimate
+from stages.photometry.light_search.light_from_pairs import reliability
 from stages.photometry.light_search.settings import PairSettings
+from stages.photometry.stack import cropped
 from stages.photometry.sun.pixel_rays import WHOLE
 from stages.photometry.sun.settings import ShadowSettings
 from stages.photometry.sun.shadow_labels import SunlitView, sun_seen
@@ -57,7 +59,7 @@ def with_cast_shadows(
     starts = np.cumsum([0, *(np.count_nonzero(mask) for mask in masks)])
 
     def hide(view: int) -> None:
-        own, mask = slice(starts[view], starts[view + 1]), _cropped(masks[view])
+        own, mask = slice(starts[view], starts[view + 1]), cropped(masks[view])
         for number, sun in enumerate(suns):
             facing = arriving(pixels.normals[own], pixels.offsets[own], pixels.directions[[sun]])
             unhidden = 4 * facing * (pixels.cells[sun] * light.radiance[0, sun] / WHOLE).astype(np.float32)
@@ -68,18 +70,12 @@ def with_cast_shadows(
             shading[own] = rest + seen[own, number, None] * unhidden
 
     on_threads(hide, np.flatnonzero(np.diff(starts)).tolist())
-    return _seen(scene, seen)
+    return _with_visibility(scene, seen)
 
 
 def hidden_further(by_mesh: LitScene, scene: LitScene) -> np.ndarray:
     """Find the pixels of a scene that see less of each sun than the mesh lets them, (N, k), bool."""
     return scene.pixels.traced < by_mesh.pixels.traced
-
-
-def _cropped(mask: np.ndarray) -> np.ndarray:
-    """Cut a mask down to where it is set: its pixels keep their order."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 
 
 def _sunlit_view(
@@ -91,11 +87,11 @@ def _sunlit_view(
     how: PairSettings,
 ) -> SunlitView:
     """Lay out the pixels of a view, (n, ...)."""
-    rest, dimmest = np.maximum(rest, how.darkest), image.min(axis=1)
+    rest = np.maximum(rest, how.darkest)
     values = {
         "shaded": np.log(np.maximum(image, how.darkest) / rest),
         "gain": by_sun / rest,
-        "weight": (trusted * (dimmest / (dimmest + 2 * how.noise)) ** 2).astype(np.float32),
+        "weight": (trusted * reliability(image.min(axis=1), how)).astype(np.float32),
         "free": by_sun.any(axis=1),
     }
     laid_out = {}
@@ -105,7 +101,7 @@ def _sunlit_view(
     return SunlitView(**laid_out)
 
 
-def _seen(scene: LitScene, seen: np.ndarray) -> LitScene:
+def _with_visibility(scene: LitScene, seen: np.ndarray) -> LitScene:
     """Set how much of the suns the pixels see, (N, k), and which of them the vertices see: most pixels'."""
     count = len(scene.pixels.directions)
     by_vertices = np.unpackbits(scene.vertices.visible, axis=1, count=count)

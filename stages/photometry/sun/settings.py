@@ -38,8 +38,17 @@ class ShadowSettings(Settings):
     )
     penumbra: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = setting(
         (0.5, 0.25, 0.75),
-        "Shares of the sun that pixels may see, beside none and all.",
+        "Shares of the sun that pixels beside the edge of a shadow may see, beside none and all. Elsewhere "
+        "they would make half a shadow of any grey patch.",
         unit="share of the sun",
+    )
+    penumbra_width: float = setting(
+        0.01,
+        "How far from the edge of a shadow its penumbra reaches. The sun's disc makes it a hundredth of the "
+        "way to what hides it, which is as far away as the view is wide.",
+        unit="share of a view's longer side",
+        gt=0,
+        le=0.2,
     )
     texture: Factor = setting(
         2.0,
@@ -67,14 +76,6 @@ class ShadowSettings(Settings):
         "Price of a cell in the shadow of nothing that is known, in the same unit, where nothing else "
         "decides.",
         ge=0,
-    )
-    penumbra_width: float = setting(
-        0.01,
-        "How far from the edge of a shadow they may. The sun's disc makes it a hundredth of the way to what "
-        "hides it, which is as far away as the view is wide.",
-        unit="share of a view's longer side",
-        gt=0,
-        le=0.2,
     )
     margin: int = setting(
         2, "Cells beside an edge that are decided anew on the next finer grid.", unit="cells", ge=1

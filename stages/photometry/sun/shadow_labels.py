@@ -77,7 +77,8 @@ def sun_seen(view: SunlitView, how: ShadowSettings) -> np.ndarray:
     Graph Cuts, 2001); where a pair's costs are not so, the dearer of its unlike choices is made dearer. A
     finer grid decides only the pixels beside the borders of the coarser one.
     """
-    sure, scales = view.free & (view.weight > 0), texture_scales(view, how)
+    sure = view.free & (view.weight > 0)
+    scales = texture_scales(view, sure, how)
     if min(view.shape) >= 2 * how.coarsest_side:
         rows, columns = view.shape
         coarse = sun_seen(view.halved(), how)
@@ -89,14 +90,13 @@ def sun_seen(view: SunlitView, how: ShadowSettings) -> np.ndarray:
     return _chosen(view, seen, _border(seen, sure, beside), how.penumbra, scales, how)
 
 
-def texture_scales(view: SunlitView, how: ShadowSettings) -> Scales:
-    """Find by how much the log albedo of pairs at each distance differs: its brightness, its chromaticity."""
+def texture_scales(view: SunlitView, among: np.ndarray, how: ShadowSettings) -> Scales:
+    """Measure the usual difference of log albedo at each distance, of pixels, (h, w), bool."""
     albedo = view.albedo(view.free.astype(np.float32))
     scales: Scales = []
     for distance in how.distances:
         differences = [
-            _differences(albedo, view.free & (view.weight > 0), distance * down, distance * right)
-            for down, right in ALONG[:2]
+            _differences(albedo, among, distance * down, distance * right) for down, right in ALONG[:2]
         ]
         off = np.concatenate(differences)
         mean = off.mean(axis=1)

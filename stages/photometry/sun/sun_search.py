@@ -79,9 +79,7 @@ def with_suns(
         if after > (1 - how.gain) * before:
             break
         scene, found, tried = other, light, np.append(tried | bright.chosen, True)
-        alone = BrightGroup.alone(len(tried) - 1, found.radiance[0], scene)
-        sun = _Trial.of(photos.search(scene), found, alone, rays).best(how.steps_deg, (1.0,))
-        scene, found = _with_sun(scene, found, alone, sun, rays, kept=~alone.chosen)
+        scene, found = _aimed(len(tried) - 1, scene, found, photos, rays)
         found = photos.light(scene, step, near=found)
     return scene, found
 
@@ -103,11 +101,22 @@ def aimed_anew(
     """
     for number in range(hidden.shape[1]):  # each becomes the last one
         first = len(scene.pixels.directions) - hidden.shape[1]
-        alone = BrightGroup.alone(first, found.radiance[0], scene)
-        trial = _Trial.of(photos.search(scene), found, alone, rays, hidden[:, number])
-        sun = trial.best(rays.how.steps_deg, (1.0,))
-        scene, found = _with_sun(scene, found, alone, sun, rays, kept=~alone.chosen)
+        scene, found = _aimed(first, scene, found, photos, rays, hidden[:, number])
     return scene, found
+
+
+def _aimed(
+    number: int,
+    scene: LitScene,
+    found: LightEstimate,
+    photos: Photos,
+    rays: PixelRays,
+    hidden: np.ndarray | None = None,
+) -> tuple[LitScene, LightEstimate]:
+    """Search the direction of one sun nearby; it becomes the last one. `hidden`, (N,): see `aimed_anew`."""
+    alone = BrightGroup.alone(number, found.radiance[0], scene)
+    sun = _Trial.of(photos.search(scene), found, alone, rays, hidden).best(rays.how.steps_deg, (1.0,))
+    return _with_sun(scene, found, alone, sun, rays, kept=~alone.chosen)
 
 
 @dataclass(frozen=True, eq=False)
