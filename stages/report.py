@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from stages.reporting.content.link_samples import LinkValues
     from stages.reporting.content.opened_view import OpenedView, ShownView
+    from stages.reporting.content.textured_surface import TexturedSurface
     from stages.reporting.content.vertex_maps import SmallSurface
     from stages.reporting.content.view_figures import SampledView
     from stages.scene.cameras import Camera
@@ -223,18 +224,45 @@ def _lights(job: Job[ReportSettings], cameras: list[Camera]) -> dict[str, Any]:
 def _write_surface(
     job: Job[ReportSettings], cameras: list[Camera], small: SmallSurface | None
 ) -> dict[str, Any] | None:
-    """Write the model for the page, and describe it and the cameras in its axes."""
-    from stages.reporting.content.vertex_maps import as_bytes, frusta
+    """Write the model for the page, textured where it is, and describe it and the cameras in its axes."""
+    from stages.reporting.content.page_scene import PageScene
+    from stages.reporting.content.vertex_maps import colours_as_bytes
     from stages.reporting.parts import SURFACE, write_file
     from stages.scene.upright import gltf_from_world
 
     if small is None:
         return None
-    scene_from_world = gltf_from_world(cameras, job.settings.upright_within_deg)
-    white = _white(job)
-    data, about = as_bytes(small, scene_from_world, white, job.settings.surface)
-    write_file(job.outputs["report_content"], SURFACE, data)
-    return about | {"cameras": frusta(cameras, scene_from_world, small.origin, about)}
+    how, white, textured = job.settings.surface, _white(job), _textured(job)
+    shown = textured or small
+    mesh = shown.surface
+    scene = PageScene.around(mesh.vertices, gltf_from_world(cameras, job.settings.upright_within_deg))
+    block = textured.uv_codes().tobytes() if textured else colours_as_bytes(small, white, how)
+    write_file(job.outputs["report_content"], SURFACE, scene.mesh_as_bytes(mesh, shown.normals, [block]))
+    textures = _write_textures(job, textured, white) if textured else []
+    seen = float((small.sums.weight > 0).mean())
+    return scene.as_json(mesh, cameras) | {"textures": textures, "seen": seen}
+
+
+def _textured(job: Job[ReportSettings]) -> TexturedSurface | None:
+    """Read the textured model, where there is one that a page can show."""
+    from stages.reporting.content.textured_surface import TexturedSurface
+
+    if "textured_model" not in job.inputs:
+        return None
+    return TexturedSurface.of(job.inputs["textured_model"], job.settings.surface)
+
+
+def _write_textures(job: Job[ReportSettings], textured: TexturedSurface, white: float) -> list[int]:
+    """Write the textures' pictures; returns how many faces each texture has."""
+    from stages.reporting.content.picture_size import encode_webp
+    from stages.reporting.parts import texture_file, write_file
+
+    how = job.settings
+    for number, pictures in enumerate(textured.pictures(white, how.surface)):
+        for kind, pixels in pictures.items():
+            data = encode_webp(pixels, None, how.pictures)
+            write_file(job.outputs["report_content"], texture_file(number, kind), data)
+    return textured.faces_of.tolist()
 
 
 def _white(job: Job[ReportSettings]) -> float:
@@ -271,7 +299,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 REPORT = Stage(
     name="report",
-    version=4,
+    version=5,
     about="Pictures, figures and a model for the report, which is written from them and all records.",
     settings=ReportSettings,
     takes=(
@@ -290,6 +318,7 @@ REPORT = Stage(
         "confidence",
         "scales",
         "relit",
+        "textured_model",
     ),
     gives=(Artefact("report_content", "pictures, figures and a model: what output/report.html shows"),),
     run=run,

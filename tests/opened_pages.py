@@ -79,9 +79,12 @@ class Opened:
         return self.page.get_attribute(f"#large .{side} img", "src")
 
     def drawn(self) -> str:
-        """The canvas of the model, after it has been drawn anew."""
+        """The canvas of the model, after it has been drawn anew, with its textures."""
         self.page.evaluate(
             "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+        )
+        self.page.wait_for_function(
+            "() => document.getElementById('surface').getAttribute('aria-busy') === 'false'"
         )
         return self.page.evaluate("() => document.getElementById('surface').toDataURL()")
 

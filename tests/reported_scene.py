@@ -20,6 +20,7 @@ from stages.formats.meshes.triangle_meshes import write_mesh
 from stages.report import REPORT
 from stages.reporting.document.page import summary
 from stages.scene.cameras import Camera
+from stages.texture import TEXTURE
 from tests.rendered_scene import ball
 from tests.sphere_scene import PAINTS, SphereScene, sphere_scene
 
@@ -113,6 +114,14 @@ def record_of(stage: str, **values) -> Record:
     """A record of a stage with nothing in it but what is said."""
     empty = {name: {} for name in ("settings", "inputs", "tools", "machine", "outputs")}
     return Record(stage=stage, version=1, key=KEY, **(empty | {"finished": "2026-01-01T00:00"} | values))
+
+
+def textured_model(make_job, folder: Path, places: dict[str, Path]) -> Path:
+    """Run the stage `texture` on what was written; returns the folder of its model."""
+    takes = (*TEXTURE.takes, "confidence", "found_light")
+    job = make_job(folder / "texture", TEXTURE, None, **{name: places[name] for name in takes})
+    TEXTURE.run(job)
+    return job.outputs["textured_model"]
 
 
 def page_of(result: Path, *others: Record) -> dict[str, str]:

@@ -80,7 +80,7 @@ def sphere_scene(
         depth = unit_sphere_depth(camera)
         mask = depth > 0
         points = np.where(mask[..., None], back_project(camera, depth), [0.0, 0.0, 1.0])
-        normals = _bumpy(points)
+        normals = bumpy(points)
         scene.cameras.append(camera)
         scene.depths.append(depth)
         scene.masks.append(mask)
@@ -96,7 +96,7 @@ def sphere_scene(
     return scene
 
 
-def _bumpy(points: np.ndarray) -> np.ndarray:
+def bumpy(points: np.ndarray) -> np.ndarray:
     normals = points + 0.5 * np.sin(9 * points[..., [1, 2, 0]])
     return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 

@@ -269,7 +269,7 @@ class Elements(HTMLParser):
 def test_no_name_of_a_photo_is_read_as_markup(texts):
     elements = Elements(texts["report.html"]).elements
     scripts = [attributes for name, attributes in elements if name == "script"]
-    assert len(scripts) == 5  # data, surface, three scripts
+    assert len(scripts) == 6  # data, surface, four scripts
     assert not [name for _, attributes in elements for name in attributes if name.startswith("on")]
     assert not [name for name, _ in elements if name == "b"]
     assert "alert(1)" in texts["report.html"]  # it is shown

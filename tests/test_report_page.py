@@ -7,20 +7,30 @@ A small report in `make test`, that of `make sample` in `make test-all`.
 from __future__ import annotations
 
 import json
+from base64 import b64decode
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from stages.cli import main
+from stages.formats.artefacts.camera_file import read_cameras
+from stages.report import REPORT
+from stages.scene.upright import gltf_from_world
 from tests.opened_pages import Opened, in_chromium, opener_of, playwright, started_browser
-from tests.reported_scene import NAMES, page_of, record_of, reported, written_scene
+from tests.reported_scene import NAMES, page_of, record_of, reported, textured_model, written_scene
+from tests.sphere_scene import bumpy
 
 pytestmark = in_chromium
 SAMPLE = Path(__file__).parent.parent / "configs/sample.yaml"
 at_both_widths = pytest.mark.parametrize("width", [360, 1600])
+LONG = pytest.param("sample", marks=pytest.mark.slow)
 of_the_small_report = pytest.mark.parametrize("written", ["small"], indirect=True)
+of_the_textured_report = pytest.mark.parametrize("written", ["small", "textured", LONG], indirect=True)
 
 
 @dataclass(frozen=True)
@@ -32,16 +42,19 @@ class Written:
     kinds: list[str]
 
 
-@pytest.fixture(scope="module", params=["small", pytest.param("sample", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=["small", LONG])
 def written(request, tmp_path_factory, make_job) -> Written:
     folder = tmp_path_factory.mktemp(request.param)
     if request.param == "sample":
-        assert main(["run", str(SAMPLE), "--workspace", str(folder)]) == 0
+        assert main(["run", str(SAMPLE), "--workspace", str(folder), "--texture"]) == 0
         folder = folder / "output"
     else:
         photos = {f"{name}.jpg": "digest" for name in (*NAMES, "lost")}
         sfm = record_of("sfm", inputs={"images": photos}, warnings=(f"Blurred: {NAMES[2]}.",), seconds=3.0)
-        result = reported(make_job, folder, written_scene(folder))
+        places = written_scene(folder)
+        if request.param == "textured":
+            places["textured_model"] = textured_model(make_job, folder, places)
+        result = reported(make_job, folder, places)
         for name, text in page_of(result, sfm).items():
             (folder / name).write_text(text, encoding="utf-8")
     views = json.loads((folder / "report.json").read_text(encoding="utf-8"))["views"]
@@ -180,6 +193,7 @@ def test_two_fingers_zoom_and_one_moves_the_line(open_at):
     assert zoom == pytest.approx(3, rel=0.3)
 
 
+@of_the_textured_report
 @at_both_widths
 def test_the_model_draws_other_pixels_for_every_switch_lamp_and_turn(open_at, width):
     shown = open_at(width)
@@ -199,6 +213,54 @@ def test_the_model_draws_other_pixels_for_every_switch_lamp_and_turn(open_at, wi
     page.check("#frusta")
     drawn["cameras"] = shown.drawn()
     assert len(set(drawn.values())) == len(drawn)
+
+
+def test_textures_show_what_vertices_show_and_the_relief_that_these_lack(browser, tmp_path, make_job):
+    """The same ball both ways: its relief is in the photos' normals alone, and of a known form."""
+    places = written_scene(tmp_path)
+    drawn = {"vertices": drawn_model(browser, tmp_path / "vertices", places, make_job)}
+    places["textured_model"] = textured_model(make_job, tmp_path, places)
+    drawn["textures"] = drawn_model(browser, tmp_path / "textures", places, make_job)
+    shown = np.all([pixels["albedo"][..., 3] == 255 for pixels in drawn.values()], axis=0)
+    assert shown.mean() > 0.1
+    rough, fine = (
+        {kind: picture[shown][:, :3].astype(float) for kind, picture in pixels.items()}
+        for pixels in drawn.values()
+    )
+    for kind in ("albedo", "photo", "shading"):
+        apart = np.abs(fine[kind] - rough[kind]).mean(axis=1)
+        assert np.median(apart) <= 5 and apart.mean() <= 8, kind  # of 255: borders of paint are finer
+    turn = gltf_from_world(read_cameras(places["cameras"]), REPORT.settings().upright_within_deg)
+    outwards = rough["normal"] / 127.5 - 1
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    known = bumpy(outwards @ turn) @ turn.T
+    found = fine["normal"] / 127.5 - 1
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    assert np.median(degrees_between(outwards, known)) > 15
+    assert np.median(degrees_between(found, known)) < 5
+
+
+def degrees_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.degrees(np.arccos(np.clip((a * b).sum(axis=1), -1, 1)))
+
+
+def drawn_model(browser, folder: Path, places: dict[str, Path], make_job) -> dict[str, np.ndarray]:
+    """What the canvas of a report on these files shows, by kind, (h, w, 4), uint8."""
+    folder.mkdir()
+    (folder / "report.html").write_text(
+        page_of(reported(make_job, folder, places))["report.html"], encoding="utf-8"
+    )
+    with opener_of(browser, folder / "report.html") as open_page:
+        return pixels_by_kind(open_page(1600))
+
+
+def pixels_by_kind(shown: Opened) -> dict[str, np.ndarray]:
+    found = {}
+    for kind in ("albedo", "photo", "shading", "normal"):
+        shown.page.check(f"input[name=surface][value={kind}]")
+        data = b64decode(shown.drawn().split(",", 1)[1])
+        found[kind] = np.asarray(Image.open(BytesIO(data)).convert("RGBA"))
+    return found
 
 
 @at_both_widths

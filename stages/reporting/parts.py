@@ -9,6 +9,7 @@ from typing import Any
 from pipeline import json_text
 
 CONTENT, SURFACE = "content.json", "surface.bin"
+TEXTURES = ("albedo", "photo", "shading", "confidence", "relief")  # kinds of a texture's pictures
 KINDS = {  # of pictures, in their order, and what each shows
     "photo": "the photo, undistorted",
     "albedo": "what the surface reflects, without light and shading",
@@ -29,6 +30,11 @@ def picture_file(view: int, kind: str) -> str:
 def thumbnail_file(view: int) -> str:
     """Name the file of a view's small picture."""
     return f"pictures/{view:04d}.webp"
+
+
+def texture_file(number: int, kind: str) -> str:
+    """Name the file of a picture of a texture, by its number and what it shows."""
+    return f"textures/{number:04d}-{kind}.webp"
 
 
 def light_file(number: int, what: str) -> str:

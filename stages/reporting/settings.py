@@ -159,7 +159,7 @@ class RemarkSettings(Settings):
 
 
 class SurfaceSettings(Settings):
-    """Settings of the model in the page: `stages.reporting.content.vertex_maps`."""
+    """Settings of the model in the page: `stages.reporting.content.vertex_maps`, `textured_surface`."""
 
     most_vertices: int = setting(
         60_000,
@@ -167,6 +167,21 @@ class SurfaceSettings(Settings):
         "vertices. So many are 3 MB in the page, and turn smoothly on a phone.",
         ge=100,
         le=2_000_000,
+    )
+    most_textured_faces: int = setting(
+        400_000,
+        "A textured model of more faces is not shown; the page then has colours of vertices, as where there "
+        "is no texture. So many are 10 MB in the page.",
+        unit="faces",
+        ge=1,
+    )
+    texture_px: int = setting(
+        2048,
+        "Side of the model's texture in the page, at most; several are as large together. Twice as much is "
+        "four times the bytes, and a phone's card may not hold it.",
+        unit="px",
+        ge=64,
+        le=8192,
     )
     view_px: int = setting(
         960, "Longest side to which views are reduced before vertices take their values.", unit="px", ge=32

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from stages.texturing.gathering import Sums, ViewMaps, gather
 
 PHOTO, SHADING, CONFIDENCE, MAPS = slice(0, 3), slice(3, 6), 6, 7  # of what is gathered, besides the albedo
 UNSEEN = 128  # grey of vertices that no view shows
-POSITION_CODES = 65535  # positions in sixteen bits: a pixel of a screen is a hundred steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,76 +82,25 @@ class SmallSurface:
         return own.albedo[some].mean(axis=1) / np.where(weight > 0, weight, 1)
 
 
-def as_bytes(
-    small: SmallSurface, scene_from_world: np.ndarray, albedo_white: float, how: SurfaceSettings
-) -> tuple[bytes, dict[str, Any]]:
-    """Lay the surface out for the page.
-
-    Parameters
-    ----------
-    small : SmallSurface
-    scene_from_world : ndarray, shape (3, 3)
-        Rotation into the axes of the page's scene, y up.
-    albedo_white : float
-    how : SurfaceSettings
-
-    Returns
-    -------
-    bytes
-        Little-endian, one block after the other: positions (V, 3) uint16; normals (V, 3) int8; albedo, photo
-        and shading (V, 3) uint8, sRGB; confidence (V,) uint8; padding to 4 bytes; faces (F, 3) uint32.
-    dict
-        Numbers of vertices and faces, and the box in which positions are.
-    """
+def colours_as_bytes(small: SmallSurface, albedo_white: float, how: SurfaceSettings) -> bytes:
+    """Lay out what vertices show: albedo, photo, shading (V, 3), sRGB, then confidence (V,); all uint8."""
     albedo, further = small.sums.into_means()
     seen = small.sums.weight > 0
-    positions = (small.surface.vertices - small.origin) @ scene_from_world.T
-    low, size = positions.min(axis=0), float(np.ptp(positions, axis=0).max()) or 1.0
-    middle = (positions.min(axis=0) + positions.max(axis=0)) / 2
-    codes = np.rint((positions - low) / size * POSITION_CODES).astype("<u2")
-    normals = np.rint(small.normals @ scene_from_world.T * 127).astype("<i1")
     colours = [
         encode_srgb8(values / max(white, 1e-12))
         for values, white in (
             (albedo, albedo_white),
-            (further[:, PHOTO], _white(further[seen, PHOTO], how)),
-            (further[:, SHADING], _white(further[seen, SHADING], how)),
+            (further[:, PHOTO], bright(further[seen, PHOTO], how)),
+            (further[:, SHADING], bright(further[seen, SHADING], how)),
         )
     ]
-    for codes_of in colours:
-        codes_of[~seen] = UNSEEN
+    for codes in colours:
+        codes[~seen] = UNSEEN
     confidence = np.rint(further[:, CONFIDENCE].clip(0, 1) * 255).astype("<u1")
-    blocks = b"".join(block.tobytes() for block in (codes, normals, *colours, confidence))
-    padding = bytes(-len(blocks) % 4)
-    about = {
-        "vertices": len(codes),
-        "faces": len(small.surface.faces),
-        "low": low.tolist(),
-        "size": size,
-        "middle": ((middle - low) / size).tolist(),
-        "seen": float(seen.mean()),
-    }
-    return blocks + padding + small.surface.faces.astype("<u4").tobytes(), about
+    return b"".join(block.tobytes() for block in (*colours, confidence))
 
 
-def frusta(
-    cameras: list[Camera], scene_from_world: np.ndarray, origin: np.ndarray, about: dict[str, Any]
-) -> list[dict[str, Any]]:
-    """Place the cameras in the page's scene, in the unit and from the corner of `as_bytes`'s box.
-
-    Of each the centre, and the directions through the four corners of its image, at z = 1 in the camera.
-    """
-    placed = []
-    for camera in cameras:
-        corners = np.array(
-            [[0, 0, 1], [camera.width, 0, 1], [camera.width, camera.height, 1], [0, camera.height, 1]], float
-        )
-        rays = corners @ np.linalg.inv(camera.intrinsics).T @ camera.rotation @ scene_from_world.T
-        centre = (scene_from_world @ (camera.centre_in_world - origin) - about["low"]) / about["size"]
-        placed.append({"centre": centre.tolist(), "rays": rays.round(5).tolist()})
-    return placed
-
-
-def _white(values: np.ndarray, how: SurfaceSettings) -> float:
-    """Find the value that is white in what vertices show."""
-    return float(np.quantile(values.max(axis=1), how.bright_quantile)) if len(values) else 1.0
+def bright(values: np.ndarray, how: SurfaceSettings) -> float:
+    """Find the value that is white in colours, (n, 3)."""
+    quantile = float(np.quantile(values.max(axis=1), how.bright_quantile)) if len(values) else 1.0
+    return max(quantile, 1e-12)

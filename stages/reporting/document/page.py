@@ -29,10 +29,10 @@ from stages.reporting.document.view_sections import (
     views_section,
 )
 from stages.reporting.document.wording import percent
-from stages.reporting.parts import KINDS, SURFACE, picture_file
+from stages.reporting.parts import KINDS, SURFACE, TEXTURES, picture_file, texture_file
 
 HTML, JSON = "report.html", "report.json"
-SCRIPTS = ("comparison.js", "views.js", "surface.js")
+SCRIPTS = ("comparison.js", "views.js", "textures.js", "surface.js")
 PARTS = {
     "views": "Views",
     "model": "Model",
@@ -138,8 +138,19 @@ def _data(told: Told) -> str:
         }
         for number, view in enumerate(told.views)
     ]
-    written = embedded({"views": views, "kinds": KINDS, "surface": told.content["surface"]})
+    textures = [
+        {kind: data_uri(told, texture_file(number, kind)) for kind in TEXTURES}
+        for number in range(_number_of_textures(told))
+    ]
+    written = embedded(
+        {"views": views, "kinds": KINDS, "surface": told.content["surface"], "textures": textures}
+    )
     if told.content["surface"] is not None:
         surface = b64encode((told.folder / SURFACE).read_bytes()).decode("ascii")
         written += f'<script type="text/plain" id="surface-data">{surface}</script>\n'
     return written
+
+
+def _number_of_textures(told: Told) -> int:
+    surface = told.content["surface"]
+    return 0 if surface is None else len(surface["textures"])

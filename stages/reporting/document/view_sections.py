@@ -19,6 +19,11 @@ SURFACES = {  # what the model shows: label, and what that is
     "confidence": "confidence",
     "relit": "relit by a lamp",
 }
+FROM_TEXTURE = "It is the textured model of this run, its textures reduced for this page."
+FROM_VERTICES = (
+    "The mesh is reduced for this page, and each vertex has a mean over the views; what no view shows is "
+    "grey. With --texture the textured model is here instead."
+)
 
 
 def data_uri(told: Told, file: str) -> str:
@@ -278,6 +283,7 @@ def model_section(told: Told) -> Markup:
         role="img",
         aria_label="The surface with its albedo; arrows turn it, plus and minus zoom",
     )
+    source = FROM_TEXTURE if surface["textures"] else FROM_VERTICES
     about = definitions(
         [
             ("vertices", surface["vertices"]),
@@ -300,9 +306,8 @@ def model_section(told: Told) -> Markup:
         tag(
             "p",
             "Drag to turn, with Shift or two fingers to move, scroll with Ctrl or pinch to zoom; the "
-            "camera of the view chosen above is orange. The mesh is reduced for this page, and each "
-            "vertex has a mean over the views; what no view shows is grey. The lamp casts no shadows, unlike "
-            "the light of unshade relight.",
+            f"camera of the view chosen above is orange. {source} The lamp casts no shadows, unlike the "
+            "light of unshade relight.",
             class_="note",
         ),
         about,

@@ -1,27 +1,43 @@
 "use strict";
-// The surface in WebGL 2: a mesh with a colour per vertex and kind, cameras as lines, an orbit around it.
+// The surface in WebGL 2: a mesh with textures, or with a colour per vertex; cameras as lines, an orbit around it.
 
 const vertexShader = `#version 300 es
-in vec3 position; in vec3 normal; in vec3 colour;
+in vec3 position; in vec3 normal; in vec3 colour; in vec2 place;
 uniform mat4 clipFromScene;
-out vec3 shownNormal; out vec3 shownColour;
-void main() { shownNormal = normal; shownColour = colour; gl_Position = clipFromScene * vec4(position, 1.0); }`;
+out vec3 shownPosition; out vec3 shownNormal; out vec3 shownColour; out vec2 shownPlace;
+void main() {
+  shownPosition = position; shownNormal = normal; shownColour = colour; shownPlace = place;
+  gl_Position = clipFromScene * vec4(position, 1.0);
+}`;
 
 const fragmentShader = `#version 300 es
 precision highp float;
-in vec3 shownNormal; in vec3 shownColour;
+in vec3 shownPosition; in vec3 shownNormal; in vec3 shownColour; in vec2 shownPlace;
 uniform int kind; uniform vec3 lamp; uniform vec3 flat_colour;
+uniform bool textured; uniform sampler2D map; uniform sampler2D relief;
 out vec4 pixel;
 vec3 linear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }
 vec3 srgb(vec3 c) { return mix(c * 12.92, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c)); }
+vec3 withRelief(vec3 n) { // the frame of the texture, by how it changes from pixel to pixel; the map's y is against v
+  vec3 acrossX = dFdx(shownPosition), acrossY = dFdy(shownPosition);
+  vec2 placeX = dFdx(shownPlace), placeY = dFdy(shownPlace);
+  vec3 ofX = cross(acrossY, n), ofY = cross(n, acrossX);
+  float front = dot(acrossX, ofX) < 0.0 ? -1.0 : 1.0;
+  vec3 t = front * (ofX * placeX.x + ofY * placeY.x), b = front * (ofX * placeX.y + ofY * placeY.y);
+  float size = max(dot(t, t), dot(b, b));
+  if (size == 0.0) return n;
+  vec3 d = 2.0 * texture(relief, shownPlace).xyz - 1.0;
+  return normalize((t * d.x - b * d.y) * inversesqrt(size) + n * d.z);
+}
 void main() {
-  vec3 n = normalize(shownNormal);
-  if (kind == 0) pixel = vec4(shownColour, 1.0);
+  vec3 n = normalize(shownNormal), colour = shownColour;
+  if (textured) { n = withRelief(n); colour = texture(map, shownPlace).rgb; }
+  if (kind == 0) pixel = vec4(colour, 1.0);
   else if (kind == 1) pixel = vec4(0.5 * n + 0.5, 1.0);
-  else if (kind == 2) pixel = vec4(vec3(shownColour.r), 1.0);
+  else if (kind == 2) pixel = vec4(vec3(colour.r), 1.0);
   else if (kind == 3) {
     float light = 0.12 + 1.1 * max(dot(n, lamp), 0.0);
-    pixel = vec4(srgb(min(linear(shownColour) * light, vec3(1.0))), 1.0);
+    pixel = vec4(srgb(min(linear(colour) * light, vec3(1.0))), 1.0);
   } else pixel = vec4(flat_colour, 1.0);
 }`;
 
@@ -76,7 +92,7 @@ function compiled(gl) {
     gl.compileShader(shader);
     gl.attachShader(program, shader);
   }
-  ["position", "normal", "colour"].forEach((name, place) => gl.bindAttribLocation(program, place, name));
+  ["position", "normal", "colour", "place"].forEach((name, place) => gl.bindAttribLocation(program, place, name));
   gl.linkProgram(program);
   if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
   gl.useProgram(program);
@@ -94,8 +110,9 @@ function loaded(gl, about, bytes) {
     gl.bufferData(gl.ARRAY_BUFFER, part, gl.STATIC_DRAW);
     return buffer;
   };
-  const buffers = { position: block(6 * n), normal: block(3 * n), albedo: block(3 * n), photo: block(3 * n),
-    shading: block(3 * n), confidence: block(n) };
+  const buffers = { position: block(6 * n), normal: block(3 * n) };
+  if (about.textures.length) buffers.place = block(4 * n);
+  else Object.assign(buffers, { albedo: block(3 * n), photo: block(3 * n), shading: block(3 * n), confidence: block(n) });
   start += (4 - start % 4) % 4;
   buffers.faces = gl.createBuffer();
   gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffers.faces);
@@ -161,6 +178,7 @@ class SurfaceView {
     if (!gl) throw new Error("no WebGL 2");
     this.program = compiled(gl);
     this.buffers = loaded(gl, about, bytes);
+    this.textures = new Textures(gl, report.textures, () => this.redraw());
     this.orbit = new Orbit(about, canvas.clientWidth / canvas.clientHeight);
     this.view = 0;
     this.queued = false;
@@ -191,6 +209,7 @@ class SurfaceView {
     gl.uniformMatrix4fv(this.uniform("clipFromScene"), false, clip);
     this.drawMesh();
     if (document.getElementById("frusta").checked) this.drawCameras();
+    canvas.setAttribute("aria-busy", this.textures.waiting > 0);
   }
   drawMesh() {
     const gl = this.gl, chosen = document.querySelector("input[name=surface]:checked").value;
@@ -200,10 +219,29 @@ class SurfaceView {
     gl.uniform3fv(this.uniform("lamp"), direction(azimuth + this.orbit.first.azimuth, elevation));
     this.attribute(0, this.buffers.position, 3, gl.UNSIGNED_SHORT, true);
     this.attribute(1, this.buffers.normal, 3, gl.BYTE, true);
-    const colour = { photo: "photo", shading: "shading", confidence: "confidence" }[chosen] || "albedo";
-    this.attribute(2, this.buffers[colour], colour === "confidence" ? 1 : 3, gl.UNSIGNED_BYTE, true);
+    const shown = { photo: "photo", shading: "shading", confidence: "confidence" }[chosen] || "albedo";
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.faces);
-    gl.drawElements(gl.TRIANGLES, 3 * this.about.faces, gl.UNSIGNED_INT, 0);
+    if (this.buffers.place) this.drawTextured(shown);
+    else {
+      this.attribute(2, this.buffers[shown], shown === "confidence" ? 1 : 3, gl.UNSIGNED_BYTE, true);
+      gl.drawElements(gl.TRIANGLES, 3 * this.about.faces, gl.UNSIGNED_INT, 0);
+    }
+  }
+  drawTextured(shown) {
+    const gl = this.gl;
+    gl.uniform1i(this.uniform("textured"), 1);
+    gl.uniform1i(this.uniform("map"), 0);
+    gl.uniform1i(this.uniform("relief"), 1);
+    this.attribute(3, this.buffers.place, 2, gl.UNSIGNED_SHORT, true);
+    let first = 0;
+    this.about.textures.forEach((faces, number) => {
+      this.textures.bind(1, number, "relief");
+      this.textures.bind(0, number, shown);
+      gl.drawElements(gl.TRIANGLES, 3 * faces, gl.UNSIGNED_INT, 12 * first);
+      first += faces;
+    });
+    gl.disableVertexAttribArray(3);
+    gl.uniform1i(this.uniform("textured"), 0);
   }
   drawCameras() {
     const gl = this.gl, quiet = [0.5, 0.48, 0.45], bold = [0.85, 0.4, 0.1];
