@@ -111,6 +111,8 @@ class Request:
         Sentences on what was chosen for the user, said before anything is planned or run.
     summary : callable or None
         Makes files of `output/` from the results of all stages, by stage: at the end of a whole run.
+    summary_files : tuple of str
+        Names of those files.
     pointers : tuple of Pointer
         What a run that has ended leads its user to, where it is there, in order.
     """
@@ -127,6 +129,7 @@ class Request:
     absent: Mapping[str, Absent] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     summary: Summary | None = None
+    summary_files: tuple[str, ...] = ()
     pointers: tuple[Pointer, ...] = ()
 
     def absent_from(self, stage: AnyStage) -> list[str]:

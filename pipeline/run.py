@@ -17,7 +17,7 @@ from pipeline.plan import Decision, decide, decide_all, read_sources
 from pipeline.request import Request
 from pipeline.run_stage import Listener, run_stage
 from pipeline.stage import AnyStage
-from pipeline.summary import consistent_results, outputs_of, write_summary
+from pipeline.summary import consistent_results, outdated_summary, outputs_of, write_summary
 
 __all__ = ["Done", "Listener", "clear_up", "run", "summarise"]
 
@@ -131,7 +131,8 @@ def _run_in_order(request: Request, store: Store, listener: Listener, cluster: C
         done.append(one)
     if len(done) == len(request.flow):
         write_summary(request, store)
-    for sentence in output.outdated(request.flow[request.last_index() + 1 :], available):
+    outdated = output.outdated(request.flow[request.last_index() + 1 :], available)
+    for sentence in (*outdated, *outdated_summary(request, store)):
         listener.say(sentence)
     return done
 

@@ -83,6 +83,17 @@ def write_summary(request: Request, store: Store) -> list[Path]:
     return written
 
 
+def outdated_summary(request: Request, store: Store) -> list[str]:
+    """Describe files of the summary that tell of results before the present ones."""
+    if request.flow[-1].name in consistent_results(request.flow, store):
+        return []
+    there = [name for name in request.summary_files if (request.workspace / "output" / name).is_file()]
+    told = "they tell" if len(there) > 1 else "it tells"
+    anew = "them" if len(there) > 1 else "it"
+    which = f"{', '.join(there)} ({told} of all stages; a run of all of them makes {anew} anew)."
+    return [f"Of an earlier run, in output: {which}"] if there else []
+
+
 def _holds(path: Path, text: str) -> bool:
     """Check whether a file, not a link to one, has this text already."""
     there = path.is_file() and not path.is_symlink()

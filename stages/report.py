@@ -151,7 +151,8 @@ def _kept(
     folder = job.outputs["report_content"]
     for kind, data in shown.pictures.items():
         write_file(folder, picture_file(number, kind), data)
-    write_file(folder, thumbnail_file(number), shown.thumbnail)
+    for kind, data in shown.thumbnails.items():
+        write_file(folder, thumbnail_file(number, kind), data)
     return {
         "name": camera.name,
         "width": camera.width,

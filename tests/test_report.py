@@ -31,7 +31,7 @@ from stages.reporting.content.sides_seen import roundness, widest_gap
 from stages.reporting.content.view_brightness import BesideOthers, brightness_beside_others
 from stages.reporting.content.view_figures import SampledView, share_of_light
 from stages.reporting.document.markup import tag
-from stages.reporting.parts import read_content
+from stages.reporting.parts import KINDS, read_content
 from stages.reporting.settings import PictureSettings
 from tests.reported_scene import NAMES, overhead_light, page_of, record_of, reported, written_scene
 
@@ -169,8 +169,10 @@ def test_the_model_has_the_shape_and_the_paint_of_the_ball(result, content):
 def test_of_many_views_each_is_smaller(tmp_path, make_job):
     places = written_scene(tmp_path, names=("a", "b", "c"), side=128)
     small = reported(make_job, tmp_path, places, pictures={"megabytes": 0.015, "tried_views": 3})
-    pictures = list((small / "report_content/pictures").glob("*-*.webp"))
-    assert len(pictures) == 3 * 7
+    every = set((small / "report_content/pictures").glob("*.webp"))
+    thumbnails = {path for path in every if path.stem.endswith("-small")}
+    pictures = every - thumbnails
+    assert (len(pictures), len(thumbnails)) == (3 * 7, 3 * 2)
     assert sum(path.stat().st_size for path in pictures) <= 15_000
     assert read_content(small / "report_content")["longest_side_px"] < 128
 
@@ -288,9 +290,11 @@ def test_the_page_asks_for_nothing_from_anywhere(texts):
 def test_every_link_within_the_page_leads_somewhere(texts):
     elements = Elements(texts["report.html"]).elements
     there = {attributes["id"] for _, attributes in elements if "id" in attributes}
-    views = {f"view-{number}" for number in range(1, 5)}  # which a script shows
+    views = {f"view-{number}" for number in range(1, 5)}  # which a script shows, with a map of theirs
+    maps = {f"{view}-{kind}" for view in views for kind in KINDS}
     linked = {a["href"][1:] for _, a in elements if a.get("href", "").startswith("#")}
-    assert linked <= there | views
+    assert linked <= there | views | maps
+    assert "view-4-shading" in linked  # of the gain's warning
 
 
 def test_the_verdict_is_three_sentences_of_figures(texts):

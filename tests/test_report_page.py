@@ -152,6 +152,8 @@ def test_links_of_warnings_and_of_elsewhere_lead_to_their_view(open_at):
     shown.page.click(".remarks a[href='#view-3']")
     shown.page.wait_for_function("() => document.getElementById('which-view').value === '2'")
     assert open_at(360, "#view-3").page.input_value("#which-view") == "2"
+    of_map = open_at(360, "#view-2-residual")
+    assert (of_map.page.input_value("#which-view"), of_map.chosen("right")) == ("1", "residual")
 
 
 def test_all_maps_move_together(open_at):

@@ -28,7 +28,7 @@ def root(tmp_path):
 
 def run_with_summary(root, **wishes) -> Witness:
     witness = Witness()
-    run(replace(request(root, **wishes), summary=told), witness)
+    run(replace(request(root, **wishes), summary=told, summary_files=("summary.txt",)), witness)
     return witness
 
 
@@ -54,8 +54,19 @@ def test_the_summary_is_no_part_of_the_cache_and_rewritten_only_where_it_differs
 
 def test_a_run_that_stops_earlier_leaves_the_summary_as_it_is(root):
     run_with_summary(root)
-    run_with_summary(root, settings={"count": {"times": 3}}, last="count")
+    witness = run_with_summary(root, settings={"count": {"times": 3}}, last="count")
     assert summary_of(root).endswith("<11>")
+    assert witness.said[-1] == (
+        "Of an earlier run, in output: summary.txt "
+        "(it tells of all stages; a run of all of them makes it anew)."
+    )
+
+
+def test_nothing_is_said_of_a_summary_that_tells_of_the_present_results_or_is_not_there(root):
+    first = run_with_summary(root, last="count")
+    run_with_summary(root)
+    again = run_with_summary(root, last="count")
+    assert not [sentence for sentence in (*first.said, *again.said) if "summary" in sentence]
 
 
 def test_the_last_stage_alone_shows_what_is_there_though_sources_have_changed(root):

@@ -15,7 +15,7 @@ from stages import additions
 from stages.command.arguments import Given, Relight, Report, Run
 from stages.command.dense_results import dense_results
 from stages.command.machine import cluster_of, memory_of, memory_to_fit, threads_of
-from stages.command.report import write_report
+from stages.command.report import FILES, write_report
 from stages.command.sources import absent_sources, check_apart, check_text, config_of, existing, sources_of
 from stages.command.workspaces import workspace_of
 from stages.reporting.document.page import HTML
@@ -174,5 +174,6 @@ def _request(
         absent=absent_sources(command, config),
         remarks=remarks,
         summary=lambda results: write_report(results, flow),
+        summary_files=FILES,
         pointers=POINTERS,
     )

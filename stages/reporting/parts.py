@@ -9,6 +9,7 @@ from typing import Any
 from pipeline import json_text
 
 CONTENT, SURFACE = "content.json", "surface.bin"
+THUMBNAILS = ("photo", "albedo")  # kinds of the small pictures that choose a view
 TEXTURES = ("albedo", "photo", "shading", "confidence", "relief")  # kinds of a texture's pictures
 KINDS = {  # of pictures, in their order, and what each shows
     "photo": "the photo, undistorted",
@@ -27,9 +28,9 @@ def picture_file(view: int, kind: str) -> str:
     return f"pictures/{view:04d}-{kind}.webp"
 
 
-def thumbnail_file(view: int) -> str:
-    """Name the file of a view's small picture."""
-    return f"pictures/{view:04d}.webp"
+def thumbnail_file(view: int, kind: str) -> str:
+    """Name the file of a view's small picture, of one of the `THUMBNAILS`."""
+    return f"pictures/{view:04d}-{kind}-small.webp"
 
 
 def texture_file(number: int, kind: str) -> str:

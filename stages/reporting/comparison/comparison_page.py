@@ -191,7 +191,7 @@ def _views(compared: Compared) -> Markup:
         viewer(names, kinds_of(compared), "albedo A", "albedo B", toggle),
         tag("p", "Key ", tag("kbd", "T"), " changes between A and B over the whole picture.", class_="note"),
         *left_out,
-        thumbnails(names, [webp_uri(view.thumbnail) for view in compared.views]),
+        thumbnails(names, [[webp_uri(view.thumbnail)] for view in compared.views]),
         table(
             ["view", "red", "green", "blue"],
             rows,

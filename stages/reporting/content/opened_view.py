@@ -12,7 +12,7 @@ from stages.formats.artefacts.png_scale import png_whites
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
 from stages.formats.images.resize import reduce_by_area
-from stages.reporting.content.picture_size import encode_webp, size_within
+from stages.reporting.content.picture_size import encode_webp, reduced_picture, size_within
 from stages.reporting.content.pictures import (
     area_mean,
     confidence_picture,
@@ -24,7 +24,8 @@ from stages.reporting.content.pictures import (
     srgb_picture,
 )
 from stages.reporting.content.view_figures import SampledView
-from stages.reporting.settings import ReportSettings
+from stages.reporting.parts import THUMBNAILS
+from stages.reporting.settings import PictureSettings, ReportSettings
 from stages.scene.cameras import Camera
 from stages.texturing.gathering import ViewMaps, weight_of
 
@@ -40,14 +41,15 @@ class ShownView:
     ----------
     pictures : dict of str to bytes
         WebP by kind.
-    thumbnail : bytes
+    thumbnails : dict of str to bytes
+        Small ones of photo and albedo.
     figures : SampledView
     depth_range : tuple of 2 floats, or None
     maps : ViewMaps or None
     """
 
     pictures: dict[str, bytes]
-    thumbnail: bytes
+    thumbnails: dict[str, bytes]
     figures: SampledView
     depth_range: tuple[float, float] | None
     maps: ViewMaps | None
@@ -120,8 +122,13 @@ class OpenedView:
 
     def shown(self) -> ShownView:
         """Make what the page shows of it, when all its maps have been read."""
+        how, pixels = self._settings.pictures, self.pixels()
         return ShownView(
-            self.pictures(), self.thumbnail(), self.sampled(), self.depth_range, self.maps_for_surface()
+            {kind: encode_webp(*picture, how) for kind, picture in pixels.items()},
+            {kind: _thumbnail(*pixels[kind], how) for kind in THUMBNAILS if kind in pixels},
+            self.sampled(),
+            self.depth_range,
+            self.maps_for_surface(),
         )
 
     def sampled(self) -> SampledView:
@@ -134,17 +141,6 @@ class OpenedView:
             own.get("shading"),
             own.get("confidence"),
         )
-
-    def pictures(self) -> dict[str, bytes]:
-        """Compress a picture of every kind that there is, by the kinds' names."""
-        how = self._settings.pictures
-        return {kind: encode_webp(*picture, how) for kind, picture in self.pixels().items()}
-
-    def thumbnail(self) -> bytes:
-        """Compress the small photo."""
-        how = self._settings.pictures
-        small = area_mean(self._small["linear"], size_within(self._size, how.thumbnail_px))
-        return encode_webp(photo_picture(small, how), None, how)
 
     def maps_for_surface(self) -> ViewMaps | None:
         """Collect what the surface takes from this view, at its own size; None if it takes nothing."""
@@ -190,6 +186,14 @@ class OpenedView:
         if "relit" in small:
             pictures["relit"] = srgb_picture(small["relit"] / _white_of(small["relit"], how.white_quantile))
         return pictures
+
+
+def _thumbnail(pixels: np.ndarray, visible: np.ndarray | None, how: PictureSettings) -> bytes:
+    """Compress a picture at the size of those that choose a view."""
+    small = reduced_picture(pixels, how.thumbnail_px)
+    if visible is not None:
+        visible = area_mean(visible.astype(np.float32), small.shape[:2]) > 0.5
+    return encode_webp(small, visible, how)
 
 
 def chosen_pixels(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -10,6 +10,7 @@ from pipeline import json_text
 from pipeline.request import Result
 from stages.reporting.document.html_file import embedded, html_file
 from stages.reporting.document.markup import Markup, tag
+from stages.reporting.document.model_section import model_section
 from stages.reporting.document.remarks import Remark, remarks
 from stages.reporting.document.result_sections import (
     cost_section,
@@ -22,12 +23,7 @@ from stages.reporting.document.result_sections import (
 )
 from stages.reporting.document.told import REPORT, Told
 from stages.reporting.document.verdict import verdict
-from stages.reporting.document.view_sections import (
-    best_view,
-    data_uri,
-    model_section,
-    views_section,
-)
+from stages.reporting.document.view_sections import best_view, data_uri, views_section
 from stages.reporting.document.wording import percent
 from stages.reporting.parts import KINDS, SURFACE, TEXTURES, picture_file, texture_file
 
@@ -118,11 +114,16 @@ def _remarks(told: Told, found: list[Remark]) -> Markup:
         return tag("p", "No warnings.", class_="note")
     items = []
     for one in found:
-        views = [Markup(" ") + tag("a", told.views[i]["name"], href=f"#view-{i + 1}") for i in one.views]
+        views = [Markup(" ") + tag("a", told.views[i]["name"], href=_address(i, one.kind)) for i in one.views]
         shown = [tag("span", " See view", *map(Markup, views), ".")] if views else []
         items.append(tag("li", one.text, *shown, tag("small", f" ({one.stage})")))
     heading = "One warning" if len(items) == 1 else f"{len(items)} warnings"
     return tag("div", tag("h2", heading), tag("ul", *items), class_="remarks", id="warnings")
+
+
+def _address(view: int, kind: str) -> str:
+    """Name a view's place in the page, and which of its maps is on the right there."""
+    return f"#view-{view + 1}-{kind}" if kind else f"#view-{view + 1}"
 
 
 def _data(told: Told) -> str:
@@ -142,12 +143,11 @@ def _data(told: Told) -> str:
         {kind: data_uri(told, texture_file(number, kind)) for kind in TEXTURES}
         for number in range(_number_of_textures(told))
     ]
-    written = embedded(
-        {"views": views, "kinds": KINDS, "surface": told.content["surface"], "textures": textures}
-    )
-    if told.content["surface"] is not None:
-        surface = b64encode((told.folder / SURFACE).read_bytes()).decode("ascii")
-        written += f'<script type="text/plain" id="surface-data">{surface}</script>\n'
+    surface = told.content["surface"] and told.content["surface"] | {"front": told.best_view()}
+    written = embedded({"views": views, "kinds": KINDS, "surface": surface, "textures": textures})
+    if surface is not None:
+        mesh = b64encode((told.folder / SURFACE).read_bytes()).decode("ascii")
+        written += f'<script type="text/plain" id="surface-data">{mesh}</script>\n'
     return written
 
 

@@ -31,11 +31,14 @@ class Remark:
         Whose warning it is; `report` where the figures give it.
     views : tuple of int
         Numbers of the views that show it.
+    kind : str
+        The map that shows it, one of `KINDS`; empty: none in particular.
     """
 
     text: str
     stage: str
     views: tuple[int, ...] = ()
+    kind: str = ""
 
 
 def remarks(told: Told) -> list[Remark]:
@@ -67,6 +70,7 @@ def _of_figures(told: Told) -> list[Remark]:
         "photo, by more than its exposure: a lamp was moved, a cloud passed, somebody cast a shadow. "
         + IN_THE_LIGHT_OF_THE_OTHERS,
         lambda view: _brighter(view["albedo_stops"]),
+        kind="albedo",
     )
     spread = _of_spread(told, bounds["most_albedo_spread_stops"], bounds["most_albedo_spread_ratio"])
     otherwise_lit = {number for one in (brightness, spread) if one is not None for number in one.views}
@@ -81,6 +85,7 @@ def _of_figures(told: Told) -> list[Remark]:
             "add photos from nearby places; else leave them out (--set 'raycast.views={out}'), or mask the "
             "background.",
             lambda view: percent(view["coverage"]),
+            kind="normal",
         ),
         _of_views(
             told,
@@ -89,6 +94,7 @@ def _of_figures(told: Told) -> list[Remark]:
             "moved, a highlight, or a surface that is not in the mesh; masks take such places out.",
             lambda view: percent(view["residual"]),
             but=otherwise_lit,
+            kind="residual",
         ),
         _of_views(
             told,
@@ -99,6 +105,7 @@ def _of_figures(told: Told) -> list[Remark]:
             "is black: grazing surface and highlights gain from photos taken from more in front.",
             lambda view: percent(view["confident"]),
             but=otherwise_lit,
+            kind="confidence",
         ),
         _of_gains(told, bounds["most_gain_stops"]),
     ]
@@ -111,8 +118,11 @@ def _of_views(
     what: str,
     figure: Callable[[Any], str],
     but: Collection[int] = (),
+    kind: str = "",
 ) -> Remark | None:
     """Name the views that stand out by one reason, with their figures; none of those in `but`.
+
+    `kind` is the map that shows it.
 
     `what` may name the setting that leaves them out, as `{out}`.
     """
@@ -126,7 +136,7 @@ def _of_views(
     noun = "View" if len(numbers) == 1 else "Views"
     out = json_text([f"!{told.views[number]['name']}" for number in numbers])
     said = what.format(figures, out=out)
-    return Remark(f"{noun} {names}{more}: {said}", "report", tuple(numbers[:most]))
+    return Remark(f"{noun} {names}{more}: {said}", "report", tuple(numbers[:most]), kind)
 
 
 def _of_spread(told: Told, most_stops: float, most_ratio: float) -> Remark | None:
@@ -140,6 +150,7 @@ def _of_spread(told: Told, most_stops: float, most_ratio: float) -> Remark | Non
         "surface (typically by {}): the light came from elsewhere in this photo. A lamp was moved, the sun "
         "went on, a cloud passed. " + IN_THE_LIGHT_OF_THE_OTHERS,
         lambda view: percent(2 ** view["albedo_spread_stops"] - 1),
+        kind="albedo",
     )
 
 
@@ -194,4 +205,5 @@ def _of_gains(told: Told, most_stops: float) -> Remark | None:
         "differed as well, compare their shading, and leave them out (--set 'raycast.views={out}') if it "
         "looks wrong.",
         lambda view: f"{gains[view['name']] / middle:.2f}",
+        kind="shading",
     )

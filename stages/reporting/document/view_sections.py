@@ -6,23 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from stages.reporting.document.html_file import webp_uri
-from stages.reporting.document.markup import Markup, definitions, joined, table, tag
+from stages.reporting.document.markup import Markup, joined, table, tag
 from stages.reporting.document.told import Told
 from stages.reporting.document.wording import NOTHING, percent, short
-from stages.reporting.parts import KINDS, picture_file, thumbnail_file
+from stages.reporting.parts import KINDS, THUMBNAILS, picture_file, thumbnail_file
 
-SURFACES = {  # what the model shows: label, and what that is
-    "albedo": "albedo",
-    "photo": "photo",
-    "shading": "shading",
-    "normal": "normals",
-    "confidence": "confidence",
-    "relit": "relit by a lamp",
-}
-FROM_TEXTURE = "It is the textured model of this run, its textures reduced for this page."
-FROM_VERTICES = (
-    "The mesh is reduced for this page, and each vertex has a mean over the views; what no view shows is "
-    "grey. With --texture the textured model is here instead."
+GAIN = (
+    "Gain: exposure and white balance of a photo beside the others, per colour channel, which are found "
+    "with the light and divided out. Below 1: a darker photo."
 )
 
 
@@ -97,8 +88,9 @@ def views_section(told: Told) -> Markup:
         "section",
         tag("h2", "Views"),
         viewer(names, kinds, "photo", right),
-        thumbnails(names, [data_uri(told, thumbnail_file(number)) for number in range(len(names))]),
+        thumbnails(names, [_small_pictures(told, number) for number in range(len(names))]),
         _table_of_views(told),
+        tag("p", GAIN, class_="note"),
         id="views",
     )
 
@@ -205,19 +197,25 @@ def _small_maps(kinds: Mapping[str, str]) -> Markup:
     return tag("div", *maps, class_="maps", role="group", aria_label="Map on the right of the slider")
 
 
-def thumbnails(names: Sequence[str], uris: Sequence[str]) -> Markup:
-    """List all views with their small pictures, each a link to the view."""
+def _small_pictures(told: Told, number: int) -> list[str]:
+    """List the small pictures of a view, as data URIs."""
+    kinds = [kind for kind in THUMBNAILS if kind in told.views[number]["kinds"]]
+    return [data_uri(told, thumbnail_file(number, kind)) for kind in kinds]
+
+
+def thumbnails(names: Sequence[str], uris: Sequence[Sequence[str]]) -> Markup:
+    """List all views with their small pictures, of each one or several, each a link to the view."""
     shown = [
         tag(
             "li",
             tag(
                 "a",
-                tag("img", src=uri, alt=""),
+                *(tag("img", src=uri, alt="") for uri in pictures),
                 tag("span", f"{number}: {name}"),
                 href=f"#view-{number}",
             ),
         )
-        for number, (name, uri) in enumerate(zip(names, uris, strict=True), start=1)
+        for number, (name, pictures) in enumerate(zip(names, uris, strict=True), start=1)
     ]
     return tag("ol", *shown, class_="thumbnails", aria_label="All views")
 
@@ -243,7 +241,7 @@ def _table_of_views(told: Told) -> Markup:
         "surface",
         "known well",
         "residual",
-        "gain r, g, b (below 1: darker)",
+        "gain r, g, b",
         "linked views",
     ]
     return table(headings, rows, "Every view in figures", class_="figures")
@@ -251,65 +249,3 @@ def _table_of_views(told: Told) -> Markup:
 
 def _gain(one: dict[str, list[float]] | None) -> str:
     return short([round(value, 3) for value in one["gain"]]) if one else NOTHING
-
-
-def model_section(told: Told) -> Markup:
-    """Show the surface: a canvas that a script draws on, and what to draw on it."""
-    surface = told.content["surface"]
-    if surface is None:
-        return tag(
-            "section", tag("h2", "Model"), tag("p", "There is no albedo on a surface yet."), id="model"
-        )
-    switches = [
-        tag(
-            "label",
-            tag("input", type="radio", name="surface", value=kind, checked=kind == "albedo"),
-            f" {label}",
-        )
-        for kind, label in SURFACES.items()
-    ]
-    lamp = [
-        tag("label", f"{label} ", tag("input", type="range", id=name, min=low, max=high, value=value))
-        for label, name, low, high, value in (
-            ("Lamp around", "lamp-azimuth", -180, 180, 40),
-            ("Lamp height", "lamp-elevation", -90, 90, 40),
-        )
-    ]
-    canvas = tag(
-        "canvas",
-        "The model needs WebGL 2.",
-        id="surface",
-        tabindex=0,
-        role="img",
-        aria_label="The surface with its albedo; arrows turn it, plus and minus zoom",
-    )
-    source = FROM_TEXTURE if surface["textures"] else FROM_VERTICES
-    about = definitions(
-        [
-            ("vertices", surface["vertices"]),
-            ("faces", surface["faces"]),
-            ("seen by a view", percent(surface["seen"])),
-        ]
-    )
-    return tag(
-        "section",
-        tag("h2", "Model"),
-        tag("fieldset", tag("legend", "Surface shows"), *switches, class_="switches"),
-        tag("div", canvas, class_="stage"),
-        tag(
-            "div",
-            tag("label", tag("input", type="checkbox", id="frusta"), " cameras"),
-            *lamp,
-            tag("button", "first position", type="button", id="turn-back"),
-            class_="tools",
-        ),
-        tag(
-            "p",
-            "Drag to turn, with Shift or two fingers to move, scroll with Ctrl or pinch to zoom; the "
-            f"camera of the view chosen above is orange. {source} The lamp casts no shadows, unlike the "
-            "light of unshade relight.",
-            class_="note",
-        ),
-        about,
-        id="model",
-    )

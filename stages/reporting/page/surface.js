@@ -143,9 +143,7 @@ function distanceFor(about, ratio) { // at which the surface fills the canvas
 class Orbit {
   constructor(about, ratio) {
     const middle = about.middle;
-    const centres = about.cameras.map((camera) => camera.centre);
-    const mean = [0, 1, 2].map((i) => centres.reduce((sum, centre) => sum + centre[i], 0) / centres.length);
-    const away = mean.map((value, i) => value - middle[i]);
+    const away = about.cameras[about.front].centre.map((value, i) => value - middle[i]); // as the page's first picture
     this.first = { azimuth: Math.atan2(away[0], away[2]),
       elevation: Math.atan2(away[1], Math.hypot(away[0], away[2])), distance: distanceFor(about, ratio), target: middle };
     this.reset();

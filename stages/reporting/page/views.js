@@ -171,9 +171,10 @@ document.addEventListener("keydown", (event) => {
 });
 
 function followLink() {
-  const wanted = /^#view-(\d+)$/.exec(location.hash);
+  const wanted = /^#view-(\d+)(?:-([a-z]+))?$/.exec(location.hash); // a view, and the map on the right
   if (!wanted || Number(wanted[1]) > report.views.length) return false;
   showView(Number(wanted[1]) - 1);
+  if (wanted[2]) chooseMap("right", wanted[2]);
   document.getElementById("views").scrollIntoView();
   return true;
 }
