@@ -30,7 +30,7 @@ from stages.full_resolution import FULL_RESOLUTION
 from stages.known_geometry import KNOWN_GEOMETRY
 from stages.lighting import LIGHTING
 from stages.mesh import MESH, MESH_OF_GIVEN_POINTS
-from stages.mvs import MVS
+from stages.mvs import MVS, MVS_OF_GIVEN_CAMERAS
 from stages.photometry.decomposition_settings import check_mode
 from stages.photometry.lighting.settings import check_known_light
 from stages.raycast import RAYCAST
@@ -41,6 +41,7 @@ from stages.sfm import SFM
 from stages.solvers.kernels.loop_cache import name_loop_cache
 from stages.texture import TEXTURE
 from stages.transfer import TRANSFER
+from stages.triangulate import TRIANGULATE
 from stages.turntable import TURNTABLE
 from stages.undistort import UNDISTORT
 
@@ -90,16 +91,19 @@ DATAFLOW: Flow = (
     EXPORT,  #         PNG files, a COLMAP workspace
 )
 ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_DEPTH_MAPS, ADOPT_POINTS, ADOPT_MESH)
+BEFORE_STEREO: Flow = (TRIANGULATE,)  # where cameras were given, perhaps without points
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
 AFTERWARDS: Flow = (  # on demand
     *(CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT, TURNTABLE, COLOUR_SPACE),
 )
 LAST: Flow = (REPORT,)  # of every dataflow, whatever it has
-ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *EXPERIMENT, *AFTERWARDS, *LAST)
+ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *BEFORE_STEREO, *EXPERIMENT, *AFTERWARDS, *LAST)
 IN_ORDER = (
     *EXPERIMENT,
     *ENTRY_POINTS,
-    *DATAFLOW,
+    *DATAFLOW[: DATAFLOW.index(MVS)],
+    *BEFORE_STEREO,
+    *DATAFLOW[DATAFLOW.index(MVS) :],
     *AFTERWARDS,
     *LAST,
 )  # each after all stages whose outputs it can take
@@ -124,6 +128,8 @@ def dataflow(given: Collection[str], light: str = "directions") -> Flow:
             "No photos were given; expected --images DIR, or `images` under `sources` in a configuration."
         )
     cameras, surface = cameras_and_surface(given)
+    if MVS in surface and cameras is not SFM:
+        surface = (*BEFORE_STEREO, MVS_OF_GIVEN_CAMERAS, MESH)
     return (cameras, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
 
 
@@ -172,12 +178,15 @@ def experiment(given: Collection[str], light: str = "directions") -> Flow:
 
 def keeping_within_masks(flow: Flow, settings: Mapping[str, Settings]) -> Flow:
     """Let the stages take masks that are set to keep within them; the results of others ignore masks."""
-    taken: dict[str, AnyStage] = {}
-    if settings_of(SFM, settings).within_masks:
-        taken[SFM.name] = replace(SFM, may_take=("masks",))
-    if settings_of(MVS, settings).within_masks:
-        taken[MVS.name] = replace(MVS, takes=(*MVS.takes, "kept"))
-    return tuple(taken.get(stage.name, stage) for stage in flow)
+
+    def keeping_within(stage: AnyStage) -> AnyStage:
+        if stage.name == SFM.name and settings_of(SFM, settings).within_masks:
+            return replace(stage, may_take=("masks",))
+        if stage.name == MVS.name and settings_of(MVS, settings).within_masks:
+            return replace(stage, takes=(*stage.takes, "kept"))
+        return stage
+
+    return tuple(map(keeping_within, flow))
 
 
 def kind_of_light(settings: Mapping[str, Settings], given: Collection[str] = ()) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +34,7 @@ def run(job: Job[MvsSettings]) -> None:
     from stages.stereo.workspace import open_workspace
 
     settings, engine = job.settings, job.machine["engine"]
-    workspace = open_workspace(job.inputs["workspace"], _masks(job))
+    workspace = open_workspace(job.inputs["workspace"], _masks(job), job.inputs.get("sparse_points"))
     if len(workspace.cameras) < 2:
         raise UserError(
             f"The workspace holds {len(workspace.cameras)} posed view(s); stereo needs at least 2. "
@@ -109,3 +110,4 @@ MVS = Stage(
     machine=engine_of,
     found=in_words,
 )
+MVS_OF_GIVEN_CAMERAS = replace(MVS, takes=(*MVS.takes, "sparse_points"))  # which came without points, perhaps

@@ -84,6 +84,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "formats/colmap": {"images"},
     "formats/cameras": {"colmap", "images"},
     "formats/artefacts": {"images", "decoders"},
+    "motion/known_poses": set(),
     "stereo/depth": set(),
     "reporting/content": set(),
     "reporting/document": set(),
@@ -94,6 +95,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
 GROUND = {  # files beside the rooms that they may import; the others lead them
     "photometry": {"stack", "albedo_data", "chromaticity", "neighbourhoods"},
     "geometry": {"occluders", "settings", "short_edges", "surface"},
+    "motion": {"database", "features", "mapping", "matching"},
     "stereo": {"mvs_settings", "view_selection"},
     "reporting": {"settings", "parts"},
 }
@@ -115,6 +117,7 @@ LENT = {  # who may import a library whose objects are its own world; everyone e
         "motion/matching.py",
         "motion/pairs.py",
         "motion/photo_set.py",
+        "motion/known_poses/triangulation.py",
         "motion/retrieval.py",  # COLMAP's index of visual words
         "stereo/colmap_stereo.py",  # the engine `cuda` of `mvs`
         "stereo/stored_depth_maps.py",  # COLMAP's fusion

@@ -73,7 +73,7 @@ def model_for_stereo(workspace: Workspace, settings: MvsSettings) -> pycolmap.Re
     The principal points move (`count_from_first_centre`). Neighbours and depth ranges are found by 3-D
     points only: where there are none, points from the poses stand in.
     """
-    model = read_model(workspace.folder / "sparse")
+    model = read_model(workspace.model_folder)
     count_from_first_centre(model)
     if not len(workspace.points.x_in_world):
         stand_ins = points_from_poses(workspace.cameras, settings.pose_points)

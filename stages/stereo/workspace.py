@@ -38,6 +38,8 @@ class Workspace:
         Their colours.
     shapes : list of tuple of int
         Height and width of the images' files.
+    model_folder : Path
+        Of the model.
     mask_folder : Path or None
         Masks named like the views, white = keep; a view without one is kept whole.
     """
@@ -48,6 +50,7 @@ class Workspace:
     points: SparsePoints
     colours: np.ndarray
     shapes: list[tuple[int, int]]
+    model_folder: Path
     mask_folder: Path | None = None
 
     def reduced(self, scale: float) -> Workspace:
@@ -134,9 +137,15 @@ class ImageReader:
         return np.ascontiguousarray(image[..., ::-1])
 
 
-def open_workspace(folder: Path, mask_folder: Path | None = None) -> Workspace:
-    """Open a workspace: ``images/`` and a pinhole model in ``sparse/``, with a folder of masks or without."""
-    model = read_model(folder / "sparse")
+def open_workspace(
+    folder: Path, mask_folder: Path | None = None, model_folder: Path | None = None
+) -> Workspace:
+    """Open a workspace: ``images/`` and a pinhole model in ``sparse/``, with a folder of masks or without.
+
+    `model_folder` holds the same model with points, where that has none.
+    """
+    model_folder = model_folder or folder / "sparse"
+    model = read_model(model_folder)
     images = registered(model)
     row_of = {image.image_id: row for row, image in enumerate(images)}
     points = [model.points3D[key] for key in sorted(model.points3D)]
@@ -154,6 +163,7 @@ def open_workspace(folder: Path, mask_folder: Path | None = None) -> Workspace:
         colours=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
         shapes=[camera.shape for camera in cameras],
         mask_folder=mask_folder,
+        model_folder=model_folder,
     )
 
 

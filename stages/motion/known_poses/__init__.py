@@ -1,0 +1,1 @@
+"""Views whose cameras are known: points between them."""
