@@ -19,7 +19,7 @@ from stages.photometry.lighting.trusted_pixels import Viewing, unlit
 from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.specular.specular_reflection import SpecularReflection
 from stages.photometry.stack import StackedViews
-from stages.photometry.sun.cast_shadows import hidden_further, with_cast_shadows
+from stages.photometry.sun.cast_shadows import with_cast_shadows
 from stages.photometry.sun.pixel_rays import PixelRays
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.pixel_transfer import without_opposed
@@ -141,16 +141,15 @@ def further_pixels(
         photos = photos.in_one_light(LinkedPatches.of(views, viewing.trusted, photos.settings.highlights))
         if own.specular is not None and own.removed_under is not None:
             photos = _without_gloss(own.specular, own.removed_under, photos, normals, blend)
-    how, by_mesh = photos.settings, scene
+    how, hidden = photos.settings, np.zeros((len(image), 1), bool)
     if how.sun.shadows.find and traced.shape[1]:
         seen = photos.diffuse, photos.viewing.trusted, views.masks
-        scene = with_cast_shadows(by_mesh, light, shading, *seen, how.pairs, how.sun.shadows)
+        scene, hidden = with_cast_shadows(scene, light, shading, *seen, how.pairs, how.sun.shadows)
         shading = light.shading(scene, views.starts, np.zeros(views.view_count, np.int64))
-    shadowed = np.any(hidden_further(by_mesh, scene), axis=1)
     shading = (shading * of_pixel / found.light.unit).astype(np.float32)
     lit = photos.viewing.trusted & ~unlit(shading, typical_shading, photos.settings.trusted_pixels)
     data = AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit, own.glossy)
-    return shading, data, shadowed
+    return shading, data, np.any(hidden, axis=1)
 
 
 def _observed(own: Explanation, views: StackedViews, image: np.ndarray, viewing: Viewing) -> Observations:

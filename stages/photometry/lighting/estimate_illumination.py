@@ -23,7 +23,7 @@ from stages.photometry.lighting.shared_or_own_lights import mixed_with_own_light
 from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.specular.view_differences import Differences
 from stages.photometry.stack import StackedViews
-from stages.photometry.sun.cast_shadows import hidden_further, with_cast_shadows
+from stages.photometry.sun.cast_shadows import with_cast_shadows
 from stages.photometry.sun.pixel_rays import PixelRays
 from stages.photometry.sun.settings import ShadowSettings
 from stages.photometry.sun.sun_search import aimed_anew, with_suns
@@ -204,23 +204,22 @@ def _with_cast_shadows(now: Explanation, rays: PixelRays, step: Step) -> Explana
     how, by_mesh = rays.how.shadows, now.scene
     if how.find and len(by_mesh.suns):
         for rounds_left in reversed(range(how.rounds)):
-            now = _as_shadowed(now, by_mesh, how.roughly())
+            now, hidden = _as_shadowed(now, by_mesh, how.roughly())
             now = replace(now, light=now.photos.light(now.scene, _unnoticed, near=now.light))
             if rounds_left:
-                hidden = hidden_further(by_mesh, now.scene)
                 by_mesh, light = aimed_anew(by_mesh, now.light, now.photos, rays, hidden)
                 now = replace(now, light=light)
-        now = _as_shadowed(now, by_mesh, how)
+        now, _ = _as_shadowed(now, by_mesh, how)
     step()
     return now
 
 
-def _as_shadowed(now: Explanation, by_mesh: LitScene, how: ShadowSettings) -> Explanation:
-    """Find the shadows under the current light."""
+def _as_shadowed(now: Explanation, by_mesh: LitScene, how: ShadowSettings) -> tuple[Explanation, np.ndarray]:
+    """Find the shadows under the current light; returns also what `with_cast_shadows` finds hidden."""
     photos, shading = now.photos, now.photos.shading(by_mesh, now.light)
     seen = photos.diffuse, photos.viewing.trusted, photos.views.masks
-    scene = with_cast_shadows(by_mesh, now.light, shading, *seen, photos.settings.pairs, how)
-    return replace(now, scene=scene, shadowed=np.any(hidden_further(by_mesh, scene), axis=1))
+    scene, hidden = with_cast_shadows(by_mesh, now.light, shading, *seen, photos.settings.pairs, how)
+    return replace(now, scene=scene, shadowed=np.any(hidden, axis=1)), hidden
 
 
 def _mixed_with_own_lights(now: Explanation, as_seen: Observations, step: Step) -> Explanation:

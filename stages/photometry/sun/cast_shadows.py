@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,13 @@ from stages.photometry.light_search.settings import PairSettings
 from stages.photometry.stack import cropped
 from stages.photometry.sun.pixel_rays import WHOLE
 from stages.photometry.sun.settings import ShadowSettings
-from stages.photometry.sun.shadow_labels import SunlitView, sun_seen
+from stages.photometry.sun.shadow_labels import (
+    SunlitView,
+    beside_edges,
+    edges_decided,
+    sun_seen,
+    texture_scales,
+)
 from stages.photometry.transport.directional_transport import arriving
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.solvers.kernels.pixelwise import on_threads
@@ -29,7 +36,7 @@ def with_cast_shadows(
     masks: Sequence[np.ndarray],
     pairs: PairSettings,
     how: ShadowSettings,
-) -> LitScene:
+) -> tuple[LitScene, np.ndarray]:
     """Hide suns from the pixels that are in a shadow by the photos, sun by sun and view by view.
 
     Parameters
@@ -53,8 +60,12 @@ def with_cast_shadows(
     -------
     LitScene
         Its vertices are without the suns that most of their pixels do not see, too.
+    ndarray, shape (N, k), bool
+        Pixels that something else than the mesh hides from each sun: those beside the edges of the mesh's
+        own shadows, which lie elsewhere than it says, are none.
     """
     pixels, seen, shading = scene.pixels, scene.pixels.traced.copy(), shading.copy()
+    hidden = np.zeros(seen.shape, bool)
     suns = range(len(pixels.directions) - seen.shape[1], len(pixels.directions))
     starts = np.cumsum([0, *(np.count_nonzero(mask) for mask in masks)])
 
@@ -65,17 +76,18 @@ def with_cast_shadows(
             unhidden = 4 * facing * (pixels.cells[sun] * light.radiance[0, sun] / WHOLE).astype(np.float32)
             by_sun = seen[own, number, None] * unhidden
             rest = shading[own] - by_sun
-            sunlit = _sunlit_view(mask, image[own], trusted[own], rest, by_sun, pairs)
-            seen[own, number] = np.rint(seen[own, number] * sun_seen(sunlit, how)[mask])
+            laid_out = partial(_sunlit_view, mask, image[own], trusted[own], rest, how=pairs)
+            sunlit, known = laid_out(by_sun), _on_mask(mask, seen[own, number] / np.float32(WHOLE))
+            share = known * sun_seen(sunlit, how)
+            scales = texture_scales(sunlit, sunlit.free & (sunlit.weight > 0), how)
+            beside = beside_edges(known, mask, how)
+            share = edges_decided(laid_out(WHOLE * unhidden), share, beside, scales, how)
+            hidden[own, number] = (share < known)[mask] & ~beside[mask]
+            seen[own, number] = np.rint(WHOLE * share[mask])
             shading[own] = rest + seen[own, number, None] * unhidden
 
     on_threads(hide, np.flatnonzero(np.diff(starts)).tolist())
-    return _with_visibility(scene, seen)
-
-
-def hidden_further(by_mesh: LitScene, scene: LitScene) -> np.ndarray:
-    """Find the pixels of a scene that see less of each sun than the mesh lets them, (N, k), bool."""
-    return scene.pixels.traced < by_mesh.pixels.traced
+    return _with_visibility(scene, seen), hidden
 
 
 def _sunlit_view(
@@ -94,11 +106,14 @@ def _sunlit_view(
         "weight": (trusted * reliability(image.min(axis=1), how)).astype(np.float32),
         "free": by_sun.any(axis=1),
     }
-    laid_out = {}
-    for name, value in values.items():
-        laid_out[name] = np.zeros((*mask.shape, *value.shape[1:]), value.dtype)
-        laid_out[name][mask] = value
-    return SunlitView(**laid_out)
+    return SunlitView(**{name: _on_mask(mask, value) for name, value in values.items()})
+
+
+def _on_mask(mask: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Lay values of a mask's pixels out on it, 0 elsewhere."""
+    laid_out = np.zeros((*mask.shape, *values.shape[1:]), values.dtype)
+    laid_out[mask] = values
+    return laid_out
 
 
 def _with_visibility(scene: LitScene, seen: np.ndarray) -> LitScene:

@@ -50,6 +50,14 @@ class ShadowSettings(Settings):
         gt=0,
         le=0.2,
     )
+    uncertain_width: float = setting(
+        0.005,
+        "How far beside the edge of a shadow of the mesh the photo decides where that edge is: so far are "
+        "mesh and sun off.",
+        unit="share of a view's longer side",
+        gt=0,
+        le=0.1,
+    )
     texture: Factor = setting(
         2.0,
         "Pairs of pixels whose log albedos differ by more, in brightness or in chromaticity, are "

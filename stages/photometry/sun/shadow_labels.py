@@ -90,6 +90,38 @@ def sun_seen(view: SunlitView, how: ShadowSettings) -> np.ndarray:
     return _chosen(view, seen, _border(seen, sure, beside), how.penumbra, scales, how)
 
 
+def edges_decided(
+    view: SunlitView, seen: np.ndarray, among: np.ndarray, scales: Scales, how: ShadowSettings
+) -> np.ndarray:
+    """Decide anew how much pixels beside the edges of known shadows see of a sun, by their albedo alone.
+
+    Mesh and sun are known to some pixels: what rays say of these is no more than likely.
+
+    Parameters
+    ----------
+    view : SunlitView
+        The sun is hidden by nothing.
+    seen : ndarray, shape (h, w), float32
+        Share of it, 0 to 1.
+    among : ndarray, shape (h, w), bool
+        Beside an edge.
+    scales : list
+        Of `texture_scales`.
+    how : ShadowSettings
+
+    Returns
+    -------
+    ndarray, shape (h, w), float32
+    """
+    free_of_charge = how.model_copy(update={"edge": 0.0, "shade": 0.0})
+    return _chosen(view, seen, among & (view.weight > 0), (0.0, 1.0, *how.penumbra), scales, free_of_charge)
+
+
+def beside_edges(seen: np.ndarray, mask: np.ndarray, how: ShadowSettings) -> np.ndarray:
+    """Find the pixels of a mask, (h, w), bool, beside edges of what the mesh lets see of a sun, (h, w)."""
+    return _border(seen, mask, max(1, round(how.uncertain_width * max(mask.shape))))
+
+
 def texture_scales(view: SunlitView, among: np.ndarray, how: ShadowSettings) -> Scales:
     """Measure the usual difference of log albedo at each distance, of pixels, (h, w), bool."""
     albedo = view.albedo(view.free.astype(np.float32))
