@@ -134,18 +134,25 @@ function frustum(camera, depth) {
   return corners.flatMap((corner, k) => [...camera.centre, ...corner, ...corner, ...corners[(k + 1) % 4]]);
 }
 
-function distanceFor(about, ratio) { // at which the surface fills the canvas
-  const width = Math.hypot(about.middle[0], about.middle[2]), height = about.middle[1]; // halves
+function distanceFor(about, positions, ratio, back) { // at which the surface fills the canvas, seen from there
+  const right = unit(cross([0, 1, 0], back)), up = cross(back, right);
   const across = slope * Math.max(ratio, 1), upwards = slope / Math.min(ratio, 1);
-  return 1.05 * Math.max(width / across, height / upwards) + 0.8 * width;
+  let distance = 0;
+  for (let at = 0; at < positions.length; at += 3) {
+    const from = [0, 1, 2].map((i) => positions[at + i] / 65535 - about.middle[i]);
+    const beside = Math.max(Math.abs(dot(from, right)) / across, Math.abs(dot(from, up)) / upwards);
+    distance = Math.max(distance, 1.05 * beside + dot(from, back));
+  }
+  return distance;
 }
 
 class Orbit {
-  constructor(about, ratio) {
+  constructor(about, positions, ratio) {
     const middle = about.middle;
     const away = about.cameras[about.front].centre.map((value, i) => value - middle[i]); // as the page's first picture
-    this.first = { azimuth: Math.atan2(away[0], away[2]),
-      elevation: Math.atan2(away[1], Math.hypot(away[0], away[2])), distance: distanceFor(about, ratio), target: middle };
+    const azimuth = Math.atan2(away[0], away[2]), elevation = Math.atan2(away[1], Math.hypot(away[0], away[2]));
+    const distance = distanceFor(about, positions, ratio, direction(azimuth, elevation));
+    this.first = { azimuth, elevation, distance, target: middle };
     this.reset();
   }
   include(centres) { // go back until all cameras are in sight
@@ -177,7 +184,8 @@ class SurfaceView {
     this.program = compiled(gl);
     this.buffers = loaded(gl, about, bytes);
     this.textures = new Textures(gl, report.textures, () => this.redraw());
-    this.orbit = new Orbit(about, canvas.clientWidth / canvas.clientHeight);
+    const positions = new Uint16Array(bytes.buffer, 0, 3 * about.vertices);
+    this.orbit = new Orbit(about, positions, canvas.clientWidth / canvas.clientHeight);
     this.view = 0;
     this.queued = false;
     gl.enable(gl.DEPTH_TEST);
