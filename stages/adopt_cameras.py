@@ -28,9 +28,10 @@ class AdoptCamerasSettings(Settings):
         le=1,
     )
     dropped_terms_px: float = setting(
-        0.1,
-        "Skew, and radial terms of the eighth power, are in no lens model of COLMAP. They are dropped where "
-        "they move no pixel by more than this; else the lens is refused.",
+        0.3,
+        "No lens model of COLMAP has skew, which is dropped, or radial terms of the eighth power, which a "
+        "ratio of polynomials stands for. A lens that is off by more than this anywhere in the photo is "
+        "refused: calibrations of drones have a skew of 0.2.",
         unit="px",
         ge=0,
         le=10,

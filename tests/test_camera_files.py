@@ -234,6 +234,53 @@ def test_a_fisheye_bends_by_the_angle_from_its_axis(fisheye, make_job, tmp_path,
     np.testing.assert_allclose(seen, bent * [FX, FY] + [CX, CY], atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    "radial",
+    [
+        (-0.0919367147, -0.0762807468, 0.1162639394, -0.0761413904),  # of a drone, as Metashape calibrates it
+        (-0.28, 0.12, -0.03, 0.01),
+        (0.05, -0.2, 0.3, -0.15),
+    ],
+)
+def test_radial_terms_of_the_eighth_power_become_a_ratio_that_bends_as_they_do(
+    radial, make_job, tmp_path, photos
+):
+    """COLMAP has none of r⁸, which moves the corners of a wide photo by a hundred pixels."""
+    k1, k2, k3, k4 = radial
+    lens = f"<f>90</f><k1>{k1}</k1><k2>{k2}</k2><k3>{k3}</k3><k4>{k4}</k4><p1>{P2!r}</p1><p2>{P1!r}</p2>"
+    path = metashape(tmp_path)[0]
+    text = path.read_text()
+    begin = text.index("<f>", text.index("adjusted"))
+    end = text.index("</calibration>", begin)
+    path.write_text(text[:begin] + lens + text[end:])
+    model = adopted(make_job, tmp_path, path, photos)
+    (camera,) = model.cameras.values()
+    assert camera.model_name == "FULL_OPENCV"
+    across, down = np.meshgrid(
+        np.linspace(-0.5, 0.5, 9) * WIDTH / 90, np.linspace(-0.5, 0.5, 9) * HEIGHT / 90
+    )
+    xy = np.stack([across.ravel(), down.ravel()], axis=1)
+    r2 = (xy**2).sum(axis=1, keepdims=True)
+    bent = xy * (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3 + k4 * r2**4)
+    bent += 2 * np.array([P1, P2]) * xy.prod(axis=1, keepdims=True) + np.array([P2, P1]) * (r2 + 2 * xy**2)
+    seen = camera.img_from_cam(np.column_stack([xy, np.ones(len(xy))]))
+    apart = np.linalg.norm(seen - (bent * 90 + camera.params[2:4]), axis=1)
+    assert apart.max() < 2.5e-5 * 90  # px: a tenth of one in a photo of 4000
+
+
+def test_a_component_of_metashape_has_the_chunk_s_place(make_job, tmp_path, photos):
+    """As files of Metashape 2 have it; the cameras are the same."""
+    path = metashape(tmp_path)[0]
+    before = adopted(make_job, tmp_path, path, photos).images[1].cam_from_world()
+    text = path.read_text()
+    begin, end = text.rindex("<transform><rotation>"), text.rindex("</chunk>")
+    components = f"""<components><component id="4">{text[begin:end]}</component></components>"""
+    text = text[:begin] + components + text[end:]
+    path.write_text(text.replace('<camera id="0"', '<camera id="0" component_id="4"'))
+    after = adopted(make_job, tmp_path / "again", path, photos).images[1].cam_from_world()
+    np.testing.assert_allclose(after.matrix(), before.matrix(), atol=1e-12)
+
+
 def test_each_frame_may_have_a_lens_of_its_own(make_job, tmp_path, photos):
     path = transforms(tmp_path)[0]
     document = json.loads(path.read_text())
@@ -334,7 +381,7 @@ DAMAGE = {
     "no xml": (metashape, "</chunk>", "", "it is not XML"),
     "spherical": (metashape, 'id="0" type="frame"', 'id="0" type="spherical"', "type 'spherical'; expected"),
     "strange sensor": (metashape, 'sensor_id="0"', 'sensor_id="9"', "the sensor '9', which is not there"),
-    "r^8": (metashape, "<k1>", "<k4>9</k4><k1>", "a radial term of the eighth power"),
+    "r^8": (metashape, "<k1>", "<k4>-900</k4><k1>", "a radial term of the eighth power"),
     "skew": (metashape, "<k1>", "<b2>3</b2><k1>", "has skew or"),
 }
 

@@ -9,7 +9,7 @@ import numpy as np
 import pycolmap
 
 from pipeline import UserError
-from stages.formats.cameras.posed_photos import PosedPhoto, Size
+from stages.formats.cameras.posed_photos import Lens, PosedPhoto, Size
 from stages.formats.colmap.assembly import PosedImage, assemble
 from stages.formats.colmap.plausible_cameras import check_cameras
 
@@ -44,12 +44,12 @@ def model_of_posed_photos(
     images = []
     for index, (photo, one) in enumerate(there):
         size = one.lens.size or size_of(photo)
-        _check_terms(one, size, photo, most_dropped_px, source)
+        lens = _lens_in_colmap(one.lens, size, photo, most_dropped_px, source)
         camera = pycolmap.Camera(
-            model=one.lens.model,
+            model=lens.model,
             width=size[0],
             height=size[1],
-            params=list(one.lens.parameters(size)),
+            params=list(lens.parameters(size)),
             has_prior_focal_length=True,
         )
         pose = pycolmap.Rigid3d(one.cam_from_world)
@@ -59,18 +59,20 @@ def model_of_posed_photos(
     return model
 
 
-def _check_terms(one: PosedPhoto, size: Size, photo: str, most_px: float, source: Path) -> None:
-    """Refuse a lens that COLMAP's models would change visibly."""
-    fx, fy = one.lens.parameters(size)[:2]
+def _lens_in_colmap(lens: Lens, size: Size, photo: str, most_px: float, source: Path) -> Lens:
+    """Express a lens in COLMAP's models; one that these would change visibly is refused."""
+    fx, fy = lens.parameters(size)[:2]
     if min(fx, fy) <= 0:
         raise UserError(
             f"The camera of {photo} in {source} has a focal length of {min(fx, fy):g} px; expected a "
             "positive one. Export the cameras again."
         )
-    if (off_px := one.lens.dropped_px(size)) > most_px:
+    lens = lens.at(size)
+    if not (off_px := lens.dropped_px(size)) <= most_px:
         raise UserError(
             f"The lens of {photo} in {source} has skew or a radial term of the eighth power, which move "
             f"pixels by up to {off_px:.3g} px and which COLMAP's lens models lack; expected at most "
             f"{most_px:g} px (adopt_cameras.dropped_terms_px). Calibrate without these terms, or undistort "
             "the photos first."
         )
+    return lens

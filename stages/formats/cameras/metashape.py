@@ -22,7 +22,8 @@ def posed_photos_of_metashape(root: Element, source: Path) -> list[PosedPhoto]:
     """Read the enabled cameras that are aligned, named by their labels.
 
     A camera's `transform` is chunk from camera, in axes x right, y down, z forward. The world is that of the
-    chunk's own `transform`, scale included, where the chunk has no place on the earth; else the chunk's own.
+    `transform` of the camera's component or of the chunk, scale included, where the chunk has no place on the
+    earth; else the chunk's own.
 
     Raises
     ------
@@ -37,6 +38,7 @@ def posed_photos_of_metashape(root: Element, source: Path) -> list[PosedPhoto]:
         )
     (chunk,) = chunks
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
+    components = {component.get("id"): component for component in chunk.iter("component")}
     lenses: dict[str | None, Lens] = {}
     found = []
     for camera in chunk.iter("camera"):
@@ -48,15 +50,16 @@ def posed_photos_of_metashape(root: Element, source: Path) -> list[PosedPhoto]:
         if sensor_id not in lenses:
             lenses[sensor_id] = _lens(sensors[sensor_id], source)
         label = camera.get("label", "")
-        found.append(PosedPhoto(label, lenses[sensor_id], _pose(placed, chunk, label, source)))
+        component = components.get(camera.get("component_id"))
+        found.append(PosedPhoto(label, lenses[sensor_id], _pose(placed, chunk, component, label, source)))
     return found
 
 
-def _pose(placed: Element, chunk: Element, label: str, source: Path) -> np.ndarray:
+def _pose(placed: Element, chunk: Element, component: Element | None, label: str, source: Path) -> np.ndarray:
     """cam_from_world: rotation and scale of the chunk turn and move the camera, and do not scale its axes."""
     matrix = np.reshape(numbers((placed.text or "").split(), 16, "a transform", source), (4, 4))
     chunk_from_cam = pose(matrix[:3, :3], matrix[:3, 3], label, source)
-    rotation, translation, scale = _world_from_chunk(chunk, source)
+    rotation, translation, scale = _world_from_chunk(chunk, component, source)
     return inverse(
         pose(
             rotation @ chunk_from_cam[:, :3],
@@ -67,9 +70,16 @@ def _pose(placed: Element, chunk: Element, label: str, source: Path) -> np.ndarr
     )
 
 
-def _world_from_chunk(chunk: Element, source: Path) -> tuple[np.ndarray, np.ndarray, float]:
-    """Rotation (3, 3), translation (3,) and scale of the chunk; none where its world would be the earth."""
-    transform, reference = chunk.find("transform"), chunk.findtext("reference", LOCAL).strip()
+def _world_from_chunk(
+    chunk: Element, component: Element | None, source: Path
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Rotation (3, 3), translation (3,) and scale of a component, in older files of the chunk.
+
+    None where the world would be the earth.
+    """
+    transform = None if component is None else component.find("transform")
+    transform = chunk.find("transform") if transform is None else transform
+    reference = chunk.findtext("reference", LOCAL).strip()
     if transform is None or not reference.startswith(LOCAL):
         return np.eye(3), np.zeros(3), 1.0
     rotation = _listed(transform, "rotation", np.eye(3).ravel(), source).reshape(3, 3)

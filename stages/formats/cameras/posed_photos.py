@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+from stages.formats.cameras.rational_lens import ideal_radius, rational_distortion
 
 Size = tuple[int, int]  # width, height, px
 
@@ -29,9 +31,11 @@ class Lens:
     centre_px : tuple of float, optional
         Principal point, the centre of the first pixel at (0.5, 0.5); None: the middle of the image.
     r8 : float
-        Radial coefficient of r⁸, which no model of COLMAP has.
+        Radial coefficient of r⁸, which no model of COLMAP has: see `at`.
     skew_px : float
         K's entry of the first row, second column, which no model of COLMAP has.
+    missed : float
+        By how much distorted points are off, in focal lengths, at most.
     """
 
     model: str
@@ -42,6 +46,7 @@ class Lens:
     centre_px: tuple[float, float] | None = None
     r8: float = 0.0
     skew_px: float = 0.0
+    missed: float = 0.0
 
     def parameters(self, size: Size) -> tuple[float, ...]:
         """List COLMAP's parameters at an image size."""
@@ -55,14 +60,28 @@ class Lens:
         fx = size[0] / 2 / math.tan(across / 2)
         return fx, fx if math.isnan(down) else size[1] / 2 / math.tan(down / 2)
 
-    def dropped_px(self, size: Size) -> float:
-        """Compute how far the terms that COLMAP lacks move a pixel at most, px: those of r⁸ and the skew."""
+    def at(self, size: Size) -> Lens:
+        """Bring the term of r⁸ into FULL_OPENCV, by a ratio of polynomials that is as good in the image."""
+        if not self.r8:
+            return self
+        k1, k2, p1, p2, k3, *_ = (*self.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)
+        radial = (k1, k2, k3, self.r8)
+        with np.errstate(over="ignore", invalid="ignore"):
+            farthest = ideal_radius(radial, math.hypot(*self._reach(size)))
+            (a1, a2, a3, *below), missed = rational_distortion(radial, farthest)
+        return replace(
+            self, model="FULL_OPENCV", distortion=(a1, a2, p1, p2, a3, *below), r8=0.0, missed=missed
+        )
+
+    def _reach(self, size: Size) -> tuple[float, float]:
+        """Compute the farthest x and y in the image, in focal lengths from the principal point."""
         fx, fy, cx, cy = self.parameters(size)[:4]
-        x = max(abs(cx), abs(size[0] - cx)) / fx
-        y = max(abs(cy), abs(size[1] - cy)) / fy
-        with np.errstate(over="ignore"):
-            by_r8 = abs(self.r8) * max(fx, fy) * np.float64(math.hypot(x, y)) ** 9 if self.r8 else 0.0
-            return float(by_r8) + (abs(self.skew_px) * y if self.skew_px else 0.0)
+        return max(abs(cx), abs(size[0] - cx)) / fx, max(abs(cy), abs(size[1] - cy)) / fy
+
+    def dropped_px(self, size: Size) -> float:
+        """Compute how far what COLMAP lacks moves a pixel at most, px: the skew, and what `at` missed."""
+        by_skew = abs(self.skew_px) * self._reach(size)[1] if self.skew_px else 0.0
+        return self.missed * max(self.parameters(size)[:2]) + by_skew
 
 
 @dataclass(frozen=True, eq=False)
