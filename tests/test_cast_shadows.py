@@ -60,7 +60,8 @@ def test_a_choice_is_made_at_the_least_cost_of_all(seed):
     view = view_of(np.exp(rng.normal(0, 0.8, (3, 4, 3))))
     how = ShadowSettings(distances=(1, 2), shade=0.02)
     stay = np.ones((3, 4), np.float32)
-    choice = Choice.between(view, stay, np.zeros_like(stay), np.ones((3, 4), bool), [(0.3, 0.05)] * 2, how)
+    every = np.ones((3, 4), bool)
+    choice = Choice.between(view, stay, np.zeros_like(stay), stay, every, [(0.3, 0.05)] * 2, how)
     least = min(energy_of(choice, np.array(each, bool)) for each in product((0, 1), repeat=12))
     assert energy_of(choice, minimum_cut(choice)) == pytest.approx(least, abs=12 / 1000)
 
@@ -72,8 +73,9 @@ def test_pixels_that_may_not_change_count_as_they_are(seed):
     view = view_of(np.exp(rng.normal(0, 0.5, (4, 4, 3))))
     how, stay = ShadowSettings(distances=(1,)), np.ones((4, 4), np.float32)
     free = rng.random((4, 4)) < 0.6
-    every = Choice.between(view, stay, np.zeros_like(stay), np.ones((4, 4), bool), [(0.3, 0.05)], how)
-    some = Choice.between(view, stay, np.where(free, np.float32(0), stay), free, [(0.3, 0.05)], how)
+    none, scales = np.zeros_like(stay), [(0.3, 0.05)]
+    every = Choice.between(view, stay, none, stay, np.ones((4, 4), bool), scales, how)
+    some = Choice.between(view, stay, np.where(free, np.float32(0), stay), stay, free, scales, how)
     for _ in range(5):
         changed = free & (rng.random((4, 4)) < 0.5)
         all_stay = np.zeros(16, bool)
@@ -129,7 +131,7 @@ def test_an_edge_of_shadow_lies_where_the_photo_has_it_and_not_some_pixels_besid
     share = known * sun_seen(by_mesh, how)
     scales = texture_scales(by_mesh, by_mesh.free, how)
     beside = beside_edges(known, np.ones(known.shape, bool), how)
-    found = edges_decided(view_of(radiance), share, beside, scales, how)
+    found = edges_decided(view_of(radiance), share, known, beside, scales, how)
     assert np.abs(found - truth).sum(axis=1).mean() < 0.2  # px
     np.testing.assert_array_equal(found[~beside], share[~beside])
 
@@ -143,7 +145,7 @@ def test_stains_beside_the_edge_of_a_shadow_are_paint():
     how, every = ShadowSettings(), view_of(lit(truth, albedo))
     scales = texture_scales(every, truth > 0, how)
     beside = beside_edges(truth, np.ones(truth.shape, bool), how)
-    found = edges_decided(every, truth, beside, scales, how)
+    found = edges_decided(every, truth, truth, beside, scales, how)
     assert np.abs(found - truth).mean() < 0.001
 
 

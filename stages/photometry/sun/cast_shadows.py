@@ -81,7 +81,7 @@ def with_cast_shadows(
             share = known * sun_seen(sunlit, how)
             scales = texture_scales(sunlit, sunlit.free & (sunlit.weight > 0), how)
             beside = beside_edges(known, mask, how)
-            share = edges_decided(laid_out(WHOLE * unhidden), share, beside, scales, how)
+            share = edges_decided(laid_out(WHOLE * unhidden), share, known, beside, scales, how)
             hidden[own, number] = (share < known)[mask] & ~beside[mask]
             seen[own, number] = np.rint(WHOLE * share[mask])
             shading[own] = rest + seen[own, number, None] * unhidden

@@ -91,11 +91,17 @@ def sun_seen(view: SunlitView, how: ShadowSettings) -> np.ndarray:
 
 
 def edges_decided(
-    view: SunlitView, seen: np.ndarray, among: np.ndarray, scales: Scales, how: ShadowSettings
+    view: SunlitView,
+    seen: np.ndarray,
+    by_mesh: np.ndarray,
+    among: np.ndarray,
+    scales: Scales,
+    how: ShadowSettings,
 ) -> np.ndarray:
-    """Decide anew how much pixels beside the edges of known shadows see of a sun, by their albedo alone.
+    """Decide anew how much pixels beside the edges of known shadows see of a sun.
 
-    Mesh and sun are known to some pixels: what rays say of these is no more than likely.
+    Mesh and sun are known to some pixels: what rays say of these is no more than likely. What sees another
+    share of the sun than the mesh lets through pays for its outline, as a shadow does.
 
     Parameters
     ----------
@@ -103,6 +109,8 @@ def edges_decided(
         The sun is hidden by nothing.
     seen : ndarray, shape (h, w), float32
         Share of it, 0 to 1.
+    by_mesh : ndarray, shape (h, w), float32
+        Share of it that the mesh lets through.
     among : ndarray, shape (h, w), bool
         Beside an edge.
     scales : list
@@ -113,8 +121,8 @@ def edges_decided(
     -------
     ndarray, shape (h, w), float32
     """
-    free_of_charge = how.model_copy(update={"edge": 0.0, "shade": 0.0})
-    return _chosen(view, seen, among & (view.weight > 0), (0.0, 1.0, *how.penumbra), scales, free_of_charge)
+    levels, among = (0.0, 1.0, *how.penumbra), among & (view.weight > 0)
+    return _chosen(view, seen, among, levels, scales, how, by_mesh)
 
 
 def beside_edges(seen: np.ndarray, mask: np.ndarray, how: ShadowSettings) -> np.ndarray:
@@ -166,13 +174,18 @@ def _chosen(
     levels: tuple[float, ...],
     scales: Scales,
     how: ShadowSettings,
+    by_mesh: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Let pixels, (h, w), bool, choose between what they see and every level in turn."""
+    """Let pixels, (h, w), bool, choose between what they see and every level in turn.
+
+    What differs from `by_mesh`, (h, w), has its price; None: from all of the sun, where that is free.
+    """
     for level in levels:
         other = np.where(among, np.float32(level), seen)
         changeable = other != seen
         if changeable.any():
-            changed = minimum_cut(Choice.between(view, seen, other, changeable, scales, how))
+            known = view.free.astype(np.float32) if by_mesh is None else by_mesh
+            changed = minimum_cut(Choice.between(view, seen, other, known, changeable, scales, how))
             seen = seen.copy()
             seen[changeable] = np.where(changed, np.float32(level), seen[changeable])
     return seen
@@ -209,15 +222,17 @@ class Choice:
         view: SunlitView,
         seen: np.ndarray,
         other: np.ndarray,
+        known: np.ndarray,
         free: np.ndarray,
         scales: Scales,
         how: ShadowSettings,
     ) -> Choice:
-        """Add up the costs of all pairs of which at least one pixel may change."""
+        """Add up the costs of all pairs of which a pixel may change; `known`, (h, w): what the mesh says."""
         albedo = np.stack([view.albedo(seen), view.albedo(other)])
-        added = view.free * (1 - np.stack([seen, other]))
+        added = np.abs(known - np.stack([seen, other]))
         weight = view.weight / np.sqrt(np.float32(len(ALONG) * len(how.distances)))
-        change, unlike = how.shade * (seen - other).astype(np.float64), np.empty(view.shape, np.float32)
+        change = how.shade * (added[1] - added[0]).astype(np.float64)
+        unlike = np.empty(view.shape, np.float32)
         number = np.cumsum(free, dtype=np.int32).reshape(free.shape) - 1
         pairs = []
         for distance, (step, chroma_step) in zip(how.distances, scales, strict=True):
