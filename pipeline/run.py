@@ -129,10 +129,12 @@ def _run_in_order(request: Request, store: Store, listener: Listener, cluster: C
         available |= one.record.outputs
         listener.finished(one.decision, one.record)
         done.append(one)
+    outdated = output.outdated(request.flow[len(done) :], available)
     if len(done) == len(request.flow):
         write_summary(request, store)
-    outdated = output.outdated(request.flow[request.last_index() + 1 :], available)
-    for sentence in (*outdated, *outdated_summary(request, store)):
+    else:
+        outdated += outdated_summary(request, store)
+    for sentence in outdated:
         listener.say(sentence)
     return done
 

@@ -88,8 +88,7 @@ def outdated_summary(request: Request, store: Store) -> list[str]:
     if request.flow[-1].name in consistent_results(request.flow, store):
         return []
     there = [name for name in request.summary_files if (request.workspace / "output" / name).is_file()]
-    told = "they tell" if len(there) > 1 else "it tells"
-    anew = "them" if len(there) > 1 else "it"
+    told, anew = ("they tell", "them") if len(there) > 1 else ("it tells", "it")
     which = f"{', '.join(there)} ({told} of all stages; a run of all of them makes {anew} anew)."
     return [f"Of an earlier run, in output: {which}"] if there else []
 

@@ -128,8 +128,6 @@ def dataflow(given: Collection[str], light: str = "directions") -> Flow:
             "No photos were given; expected --images DIR, or `images` under `sources` in a configuration."
         )
     cameras, surface = cameras_and_surface(given)
-    if MVS in surface and cameras is not SFM:
-        surface = (*BEFORE_STEREO, MVS_OF_GIVEN_CAMERAS, MESH)
     return (cameras, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
 
 
@@ -156,8 +154,9 @@ def cameras_and_surface(given: Collection[str]) -> tuple[AnyStage, Flow]:
             f"{flag} was given without --colmap or --cameras: it has a meaning only in the frame of its "
             "cameras. Give the COLMAP model, or the file of cameras, that it belongs to."
         )
-    adopted = next((stage for name, stage in cameras.items() if name in given), SFM)
-    return adopted, next((flow for name, flow in surfaces.items() if name in given), (MVS, MESH))
+    adopted = next((stage for name, stage in cameras.items() if name in given), None)
+    by_stereo = (*BEFORE_STEREO, MVS_OF_GIVEN_CAMERAS, MESH) if adopted else (MVS, MESH)
+    return adopted or SFM, next((flow for name, flow in surfaces.items() if name in given), by_stereo)
 
 
 def experiment(given: Collection[str], light: str = "directions") -> Flow:

@@ -22,9 +22,11 @@ def run(job: Job[TriangulationSettings]) -> None:
     if not given:
         names = [image.name for image in registered(model)]
         with job.progress("finding features", len(names)) as step:
-            found = triangulated(folder / "images", model, job.scratch, job.settings, job.threads, step)
-        if len(found.x_in_world) >= job.settings.fewest_points:
-            add_points(model, names, found.x_in_world, found.seen)
+            x_in_world, seen = triangulated(
+                folder / "images", model, job.scratch, job.settings, job.threads, step
+            )
+        if len(x_in_world) >= job.settings.fewest_points:
+            add_points(model, names, x_in_world, seen)
     model.write(job.outputs["sparse_points"])
     job.note(points=len(model.points3D), given=bool(given))
 

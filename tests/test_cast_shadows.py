@@ -49,6 +49,10 @@ def textured(shape: tuple[int, int], deviation: float, seed: int = 0) -> np.ndar
     return np.repeat(0.4 * np.exp(grain)[..., None], 3, axis=2)
 
 
+def found_by_default(view: SunlitView) -> np.ndarray:
+    return sun_seen(view, texture_scales(view, ShadowSettings()), ShadowSettings())
+
+
 def energy_of(choice: Choice, changed: np.ndarray) -> float:
     unlike = ~changed[choice.first] & changed[choice.second]
     return float(choice.change[changed].sum() + choice.unlike[unlike].sum())
@@ -89,14 +93,14 @@ def test_the_shadow_of_a_tower_across_a_wall_is_found(size):
     across = np.arange(size)
     truth = np.ones((size, size), np.float32)
     truth[:, (across > 0.4 * size) & (across < 0.7 * size)] = 0
-    seen = sun_seen(view_of(lit(truth, textured(truth.shape, 0.1))), ShadowSettings())
+    seen = found_by_default(view_of(lit(truth, textured(truth.shape, 0.1))))
     assert np.mean(np.abs(seen - truth) < 0.3) > 0.995
 
 
 def test_half_a_shadow_is_half_a_shadow():
     truth = np.ones((180, 300), np.float32)
     truth[:, 140:], truth[:, 144:] = 0.5, 0
-    seen = sun_seen(view_of(lit(truth, textured(truth.shape, 0.05))), ShadowSettings())
+    seen = found_by_default(view_of(lit(truth, textured(truth.shape, 0.05))))
     beside = np.abs(seen - truth)[:, 140:144]
     assert beside.mean() < 0.15 and np.abs(seen - truth).mean() < 0.01
 
@@ -106,7 +110,7 @@ def test_paint_is_not_shadow(paint):
     """A dark grey, a warm and a pale patch: none has the colour of the sun's edge."""
     albedo = textured((100, 120), 0.05)
     albedo[30:70, 30:80] *= paint
-    seen = sun_seen(view_of(lit(np.ones((100, 120), np.float32), albedo)), ShadowSettings())
+    seen = found_by_default(view_of(lit(np.ones((100, 120), np.float32), albedo)))
     assert (seen == 1).all()
 
 
@@ -114,11 +118,11 @@ def test_an_edge_of_shadow_that_the_mesh_explains_stays_and_no_pixel_behind_it_i
     free = np.ones((100, 100), bool)
     free[:, :50] = False
     truth = free.astype(np.float32)
-    seen = sun_seen(view_of(lit(truth, textured(truth.shape, 0.1)), free), ShadowSettings())
+    seen = found_by_default(view_of(lit(truth, textured(truth.shape, 0.1)), free))
     np.testing.assert_array_equal(seen, truth)
     brighter = lit(truth, textured(truth.shape, 0.1))
     brighter[20:60, 10:30] *= 1 + WARM
-    assert not sun_seen(view_of(brighter, free), ShadowSettings())[:, :50].any()
+    assert not found_by_default(view_of(brighter, free))[:, :50].any()
 
 
 @pytest.mark.parametrize("off_px", [-2, -1, 0, 1, 2])
@@ -128,8 +132,8 @@ def test_an_edge_of_shadow_lies_where_the_photo_has_it_and_not_some_pixels_besid
     truth[:, :200], known[:, : 200 + off_px] = 0, 0
     radiance, how = lit(truth, textured(truth.shape, 0.1)), ShadowSettings()
     by_mesh = view_of(radiance, known > 0)
-    share = known * sun_seen(by_mesh, how)
-    scales = texture_scales(by_mesh, by_mesh.free, how)
+    scales = texture_scales(by_mesh, how)
+    share = known * sun_seen(by_mesh, scales, how)
     beside = beside_edges(known, np.ones(known.shape, bool), how)
     found = edges_decided(view_of(radiance), share, known, beside, scales, how)
     assert np.abs(found - truth).sum(axis=1).mean() < 0.2  # px
@@ -143,7 +147,7 @@ def test_stains_beside_the_edge_of_a_shadow_are_paint():
     albedo[30:36, 50:70] *= 0.5
     albedo[60:66, 50:70] *= [0.9, 0.5, 0.3]
     how, every = ShadowSettings(), view_of(lit(truth, albedo))
-    scales = texture_scales(every, truth > 0, how)
+    scales = texture_scales(view_of(lit(truth, albedo), truth > 0), how)
     beside = beside_edges(truth, np.ones(truth.shape, bool), how)
     found = edges_decided(every, truth, truth, beside, scales, how)
     assert np.abs(found - truth).mean() < 0.001
@@ -156,7 +160,7 @@ def test_what_is_not_trusted_decides_nothing():
     black[40:60, 40:60] -= 5
     untrusted = view.weight.copy()
     untrusted[40:60, 40:60] = 0
-    seen = sun_seen(replace(view, shaded=black, weight=untrusted), ShadowSettings())
+    seen = found_by_default(replace(view, shaded=black, weight=untrusted))
     assert (seen == 1).all()
 
 

@@ -82,6 +82,19 @@ def _of_attempt(values: Sequence[N], number: int) -> N:
     return values[min(number, len(values) - 1)]
 
 
+def reproducible_options(seed: int) -> pycolmap.IncrementalPipelineOptions:
+    """Set up COLMAP's incremental pipeline so that a seed gives the same bits, and start its generator at it.
+
+    One thread: with more, sums in the bundle adjustment change their order and the model its last bits. Their
+    gain is small, the mapper is nearly sequential. Colours come from the photos as decoded by us.
+    """
+    options = pycolmap.IncrementalPipelineOptions(num_threads=1, random_seed=seed, extract_colors=False)
+    options.mapper.num_threads = 1
+    options.mapper.random_seed = options.triangulation.random_seed = seed
+    pycolmap.set_random_seed(seed)
+    return options
+
+
 def map_incrementally(
     database: Path,
     scratch: Path,
@@ -92,30 +105,20 @@ def map_incrementally(
 ) -> list[pycolmap.Reconstruction]:
     """Run COLMAP's incremental mapper; `step` is called for every photo that gets a pose.
 
-    One thread: with more, sums in the bundle adjustment change their order and the model its last bits. Their
-    gain is small, the mapper is nearly sequential. Raises what `check_room` does.
+    Raises what `check_room` does.
     """
     check_room(database, SLACK)
-    options = pycolmap.IncrementalPipelineOptions(
-        num_threads=1,
-        random_seed=attempt.seed,
-        min_model_size=FEWEST_PHOTOS,
-        extract_colors=False,  # ours come from the photos as decoded by us: `colour_points`
-        ba_refine_focal_length=not hold_cameras,
-        ba_refine_extra_params=not hold_cameras,
-        ba_local_function_tolerance=settings.local_tolerance,
-        ba_global_function_tolerance=settings.global_tolerance,
-    )
-    options.mapper.num_threads = 1
-    options.mapper.random_seed = attempt.seed
+    options = reproducible_options(attempt.seed)
+    options.min_model_size = FEWEST_PHOTOS
+    options.ba_refine_focal_length = options.ba_refine_extra_params = not hold_cameras
+    options.ba_local_function_tolerance = settings.local_tolerance
+    options.ba_global_function_tolerance = settings.global_tolerance
     options.mapper.init_min_num_inliers = attempt.init_inliers
     options.mapper.init_min_tri_angle = attempt.init_angle_deg
     options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
     options.mapper.abs_pose_refine_focal_length = not hold_cameras
     options.mapper.abs_pose_refine_extra_params = not hold_cameras
-    options.triangulation.random_seed = attempt.seed
     options.triangulation.ignore_two_view_tracks = not attempt.two_view_points
-    pycolmap.set_random_seed(attempt.seed)
 
     def step_for_both() -> None:
         step()

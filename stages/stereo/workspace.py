@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 
 from pipeline import UserError
+from stages.formats.colmap.assembly import points_seen
+from stages.formats.colmap.dense_workspace import read_posed_image
 from stages.formats.colmap.depth_maps import write_map
 from stages.formats.colmap.model import camera_of, read_model, registered
 from stages.formats.images.masks import kept_at
@@ -120,12 +122,7 @@ class ImageReader:
 
     def _read(self, view: int) -> np.ndarray:
         path = self.folder / self.names[view]
-        data = np.fromfile(path, np.uint8) if path.is_file() else np.zeros(0, np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if data.size else None
-        if image is None:
-            raise UserError(
-                f"{path} is missing or unreadable, though the model in sparse/ has a pose for it."
-            )
+        image = read_posed_image(path)
         height, width = self.shapes[view]
         if image.shape[:2] != (height, width):
             raise UserError(
@@ -134,7 +131,7 @@ class ImageReader:
             )
         if (height, width) != self.sizes[view]:
             image = cv2.resize(image, self.sizes[view][::-1], interpolation=cv2.INTER_AREA)
-        return np.ascontiguousarray(image[..., ::-1])
+        return image
 
 
 def open_workspace(
@@ -147,19 +144,13 @@ def open_workspace(
     model_folder = model_folder or folder / "sparse"
     model = read_model(model_folder)
     images = registered(model)
-    row_of = {image.image_id: row for row, image in enumerate(images)}
     points = [model.points3D[key] for key in sorted(model.points3D)]
-    seen = np.zeros((len(images), len(points)), bool)
-    for column, point in enumerate(points):
-        for element in point.track.elements:
-            if element.image_id in row_of:
-                seen[row_of[element.image_id], column] = True
     cameras = [camera_of(image, model.cameras[image.camera_id]) for image in images]
     return Workspace(
         folder=folder,
         image_names=[image.name for image in images],
         cameras=cameras,
-        points=SparsePoints(np.array([point.xyz for point in points], float).reshape(-1, 3), seen),
+        points=SparsePoints(*points_seen(model, images)),
         colours=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
         shapes=[camera.shape for camera in cameras],
         mask_folder=mask_folder,

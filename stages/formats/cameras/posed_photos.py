@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.formats.cameras.rational_lens import ideal_radius, rational_distortion
+from stages.formats.cameras.rational_lens import rational_distortion, undistorted_radius
 
 Size = tuple[int, int]  # width, height, px
 
@@ -35,7 +35,7 @@ class Lens:
     skew_px : float
         K's entry of the first row, second column, which no model of COLMAP has.
     missed : float
-        By how much distorted points are off, in focal lengths, at most.
+        Largest error of the rational distortion that `at` fitted, focal lengths.
     """
 
     model: str
@@ -61,13 +61,13 @@ class Lens:
         return fx, fx if math.isnan(down) else size[1] / 2 / math.tan(down / 2)
 
     def at(self, size: Size) -> Lens:
-        """Bring the term of r⁸ into FULL_OPENCV, by a ratio of polynomials that is as good in the image."""
+        """Convert the r⁸ term to the rational distortion of FULL_OPENCV, fitted within the image."""
         if not self.r8:
             return self
         k1, k2, p1, p2, k3, *_ = (*self.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)
         radial = (k1, k2, k3, self.r8)
         with np.errstate(over="ignore", invalid="ignore"):
-            farthest = ideal_radius(radial, math.hypot(*self._reach(size)))
+            farthest = undistorted_radius(radial, math.hypot(*self._reach(size)))
             (a1, a2, a3, *below), missed = rational_distortion(radial, farthest)
         return replace(
             self, model="FULL_OPENCV", distortion=(a1, a2, p1, p2, a3, *below), r8=0.0, missed=missed

@@ -46,8 +46,8 @@ def rational_distortion(radial: Radial, farthest: float) -> tuple[tuple[float, .
     return tuple((found / np.tile([farthest**2, farthest**4, farthest**6], 2)).tolist()), off
 
 
-def ideal_radius(radial: Radial, distorted: float) -> float:
-    """Find the distance from the axis that is brought to a distance by it; that itself if none is."""
+def undistorted_radius(radial: Radial, distorted: float) -> float:
+    """Invert a radial distortion: the undistorted radius of a distorted one, or the same if it has none."""
     radius = np.linspace(0, 3 * distorted, 3 * SAMPLES)
     reached = radius * (1 + sum(k * radius ** (2 * n) for n, k in enumerate(radial, start=1))) >= distorted
     return float(radius[np.argmax(reached)]) if reached.any() else distorted

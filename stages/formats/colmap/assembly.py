@@ -83,6 +83,27 @@ def add_points(
         model.add_point3D(x_in_world[point], pycolmap.Track(track), np.zeros(3, np.uint8))
 
 
+def points_seen(
+    model: pycolmap.Reconstruction, images: Sequence[pycolmap.Image]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Read the 3-D points of a model, in the order of their ids, and which of some images observe them.
+
+    Returns
+    -------
+    ndarray, shape (n, 3), float64
+        World axes.
+    ndarray, shape (v, n), bool
+    """
+    points = [model.points3D[key] for key in sorted(model.points3D)]
+    row_of = {image.image_id: row for row, image in enumerate(images)}
+    seen = np.zeros((len(images), len(points)), bool)
+    for column, point in enumerate(points):
+        for element in point.track.elements:
+            if element.image_id in row_of:
+                seen[row_of[element.image_id], column] = True
+    return np.array([point.xyz for point in points], float).reshape(-1, 3), seen
+
+
 def points2d_of(image: pycolmap.Image) -> np.ndarray:
     """Read the 2-D points of an image, shape (n, 2), float64, pixels."""
     return np.array([point.xy for point in image.points2D], float).reshape(-1, 2)

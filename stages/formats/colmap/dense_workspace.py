@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
+import numpy as np
+
+from pipeline import UserError
+
 
 def write_stereo_settings(workspace: Path, image_names: Sequence[str], source_images: int = 20) -> None:
     """Write ``stereo/`` as COLMAP's undistorter does: two lists of images, three folders for maps.
@@ -25,3 +30,18 @@ def write_stereo_settings(workspace: Path, image_names: Sequence[str], source_im
     matched = "".join(f"{name}\n__auto__, {source_images}\n" for name in image_names)
     (stereo / "patch-match.cfg").write_text(matched, encoding="utf-8")
     (stereo / "fusion.cfg").write_text("".join(f"{name}\n" for name in image_names), encoding="utf-8")
+
+
+def read_posed_image(path: Path) -> np.ndarray:
+    """Read an image that the model of a workspace has a pose for, as it is stored: (h, w, 3), uint8, RGB.
+
+    Raises
+    ------
+    UserError
+        It is missing or unreadable.
+    """
+    data = np.fromfile(path, np.uint8) if path.is_file() else np.zeros(0, np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if data.size else None
+    if image is None:
+        raise UserError(f"{path} is missing or unreadable, though the model in sparse/ has a pose for it.")
+    return np.ascontiguousarray(image[..., ::-1])

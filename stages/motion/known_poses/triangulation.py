@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pycolmap
 
-from pipeline import UserError
-from stages.formats.colmap.assembly import PosedImage, assemble
+from stages.formats.colmap.assembly import PosedImage, assemble, points_seen
+from stages.formats.colmap.dense_workspace import read_posed_image
 from stages.formats.colmap.model import camera_of, registered
+from stages.formats.images.photos import write_png8
 from stages.motion.database import copy_name, working_name, write_features
 from stages.motion.features import detect, read_features, size_of_copy
 from stages.motion.known_poses.settings import TriangulationSettings
-from stages.motion.mapping import quiet_colmap
+from stages.motion.mapping import quiet_colmap, reproducible_options
 from stages.motion.matching import in_batches, match_pairs
 from stages.scene.cameras import Camera
-
-
-@dataclass(frozen=True, eq=False)
-class TriangulatedPoints:
-    """Points, (n, 3), float64, world axes, and which views see them, (v, n), bool."""
-
-    x_in_world: np.ndarray
-    seen: np.ndarray
 
 
 def near_pairs(cameras: Sequence[Camera], how: TriangulationSettings) -> list[tuple[int, int]]:
@@ -51,7 +43,7 @@ def triangulated(
     how: TriangulationSettings,
     threads: int,
     step: Callable[[], None],
-) -> TriangulatedPoints:
+) -> tuple[np.ndarray, np.ndarray]:
     """Triangulate features of images whose cameras and poses a pinhole model holds.
 
     Parameters
@@ -70,8 +62,10 @@ def triangulated(
 
     Returns
     -------
-    TriangulatedPoints
-        Views in the order of `registered`; perhaps none.
+    ndarray, shape (n, 3), float64
+        Points, world axes; perhaps none.
+    ndarray, shape (v, n), bool
+        Which views see them, in the order of `registered`.
 
     Raises
     ------
@@ -92,7 +86,8 @@ def triangulated(
         pairs = near_pairs([camera_of(image, model.cameras[image.camera_id]) for image in posed], how)
         for batch in in_batches(pairs):
             match_pairs(scratch / "matched.db", batch, counts, how.seed, threads)
-        return _points_of(_with_points(own, scratch, copies, how.seed), len(posed))
+        own = _with_points(own, scratch, copies, how.seed)
+    return points_seen(own, [own.images[number + 1] for number in range(len(posed))])
 
 
 def _under_working_names(
@@ -129,34 +124,22 @@ def _copy_features(found_in: Path, database: Path, model: pycolmap.Reconstructio
 def _with_points(
     model: pycolmap.Reconstruction, scratch: Path, copies: Path, seed: int
 ) -> pycolmap.Reconstruction:
-    """Triangulate what was matched. One thread: with more, sums change their order."""
-    options = pycolmap.IncrementalPipelineOptions(num_threads=1, random_seed=seed, extract_colors=False)
-    options.mapper.num_threads = 1
-    options.mapper.random_seed = options.triangulation.random_seed = seed
-    pycolmap.set_random_seed(seed)
+    """Triangulate what was matched."""
     (scratch / "model").mkdir()
     return pycolmap.triangulate_points(
-        model, scratch / "matched.db", copies, scratch / "model", clear_points=True, options=options
+        model,
+        scratch / "matched.db",
+        copies,
+        scratch / "model",
+        clear_points=True,
+        options=reproducible_options(seed),
     )
 
 
 def _write_copy(image: Path, copy: Path, max_size_px: int) -> None:
     """Write what COLMAP reads: an 8-bit PNG of bounded size."""
-    data = np.fromfile(image, np.uint8) if image.is_file() else np.zeros(0, np.uint8)
-    pixels = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if data.size else None
-    if pixels is None:
-        raise UserError(f"{image} is missing or unreadable, though the model in sparse/ has a pose for it.")
+    pixels = read_posed_image(image)
     size = size_of_copy(pixels.shape[1], pixels.shape[0], max_size_px)
     if size != (pixels.shape[1], pixels.shape[0]):
         pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
-    copy.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
-
-
-def _points_of(model: pycolmap.Reconstruction, views: int) -> TriangulatedPoints:
-    """Read the points of a model whose image ids are the views' numbers, from 1."""
-    points = [model.points3D[key] for key in sorted(model.points3D)]
-    seen = np.zeros((views, len(points)), bool)
-    for column, point in enumerate(points):
-        for element in point.track.elements:
-            seen[element.image_id - 1, column] = True
-    return TriangulatedPoints(np.array([point.xyz for point in points], float).reshape(-1, 3), seen)
+    write_png8(copy, pixels)

@@ -78,8 +78,8 @@ def with_cast_shadows(
             rest = shading[own] - by_sun
             laid_out = partial(_sunlit_view, mask, image[own], trusted[own], rest, how=pairs)
             sunlit, known = laid_out(by_sun), _on_mask(mask, seen[own, number] / np.float32(WHOLE))
-            share = known * sun_seen(sunlit, how)
-            scales = texture_scales(sunlit, sunlit.free & (sunlit.weight > 0), how)
+            scales = texture_scales(sunlit, how)
+            share = known * sun_seen(sunlit, scales, how)
             beside = beside_edges(known, mask, how)
             share = edges_decided(laid_out(WHOLE * unhidden), share, known, beside, scales, how)
             hidden[own, number] = (share < known)[mask] & ~beside[mask]

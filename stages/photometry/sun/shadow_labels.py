@@ -45,6 +45,11 @@ class SunlitView:
         """Rows and columns."""
         return self.free.shape[0], self.free.shape[1]
 
+    @property
+    def sure(self) -> np.ndarray:
+        """Pixels, (h, w), bool, that the sun may reach and whose intensity says something."""
+        return self.free & (self.weight > 0)
+
     def albedo(self, seen: np.ndarray) -> np.ndarray:
         """Compute the log albedo where a share of the sun, (h, w), is seen: (h, w, 3)."""
         return self.shaded - np.log1p(seen[..., None] * self.gain)
@@ -60,7 +65,7 @@ class SunlitView:
         return SunlitView(shaded, gain, total / 4, _sum_of_four(self.weight * self.free) > own / 2)
 
 
-def sun_seen(view: SunlitView, how: ShadowSettings) -> np.ndarray:
+def sun_seen(view: SunlitView, scales: Scales, how: ShadowSettings) -> np.ndarray:
     """Find the share of a sun that each pixel sees, (h, w), float32: from coarse to fine, by minimum cuts.
 
     Notes
@@ -77,17 +82,17 @@ def sun_seen(view: SunlitView, how: ShadowSettings) -> np.ndarray:
     Graph Cuts, 2001); where a pair's costs are not so, the dearer of its unlike choices is made dearer. A
     finer grid decides only the pixels beside the borders of the coarser one.
     """
-    sure = view.free & (view.weight > 0)
-    scales = texture_scales(view, sure, how)
+    known = view.free.astype(np.float32)
     if min(view.shape) >= 2 * how.coarsest_side:
         rows, columns = view.shape
-        coarse = sun_seen(view.halved(), how)
+        half = view.halved()
+        coarse = sun_seen(half, texture_scales(half, how), how)
         seen = coarse.repeat(2, axis=0).repeat(2, axis=1)[:rows, :columns] * view.free
-        seen = _chosen(view, seen, _border(seen, sure, how.margin), (0.0, 1.0), scales, how)
+        seen = _chosen(view, seen, known, _border(seen, view.sure, how.margin), (0.0, 1.0), scales, how)
     else:
-        seen = _chosen(view, view.free.astype(np.float32), sure, (0.0,), scales, how)
+        seen = _chosen(view, known, known, view.sure, (0.0,), scales, how)
     beside = max(1, round(how.penumbra_width * max(view.shape)))
-    return _chosen(view, seen, _border(seen, sure, beside), how.penumbra, scales, how)
+    return _chosen(view, seen, known, _border(seen, view.sure, beside), how.penumbra, scales, how)
 
 
 def edges_decided(
@@ -121,8 +126,8 @@ def edges_decided(
     -------
     ndarray, shape (h, w), float32
     """
-    levels, among = (0.0, 1.0, *how.penumbra), among & (view.weight > 0)
-    return _chosen(view, seen, among, levels, scales, how, by_mesh)
+    levels = (0.0, 1.0, *how.penumbra)
+    return _chosen(view, seen, by_mesh, among & (view.weight > 0), levels, scales, how)
 
 
 def beside_edges(seen: np.ndarray, mask: np.ndarray, how: ShadowSettings) -> np.ndarray:
@@ -130,13 +135,13 @@ def beside_edges(seen: np.ndarray, mask: np.ndarray, how: ShadowSettings) -> np.
     return _border(seen, mask, max(1, round(how.uncertain_width * max(mask.shape))))
 
 
-def texture_scales(view: SunlitView, among: np.ndarray, how: ShadowSettings) -> Scales:
-    """Measure the usual difference of log albedo at each distance, of pixels, (h, w), bool."""
+def texture_scales(view: SunlitView, how: ShadowSettings) -> Scales:
+    """Measure the usual difference of log albedo at each distance, of reliable pixels that may be lit."""
     albedo = view.albedo(view.free.astype(np.float32))
     scales: Scales = []
     for distance in how.distances:
         differences = [
-            _differences(albedo, among, distance * down, distance * right) for down, right in ALONG[:2]
+            _differences(albedo, view.sure, distance * down, distance * right) for down, right in ALONG[:2]
         ]
         off = np.concatenate(differences)
         mean = off.mean(axis=1)
@@ -170,21 +175,20 @@ def _border(seen: np.ndarray, free: np.ndarray, margin: int) -> np.ndarray:
 def _chosen(
     view: SunlitView,
     seen: np.ndarray,
+    known: np.ndarray,
     among: np.ndarray,
     levels: tuple[float, ...],
     scales: Scales,
     how: ShadowSettings,
-    by_mesh: np.ndarray | None = None,
 ) -> np.ndarray:
     """Let pixels, (h, w), bool, choose between what they see and every level in turn.
 
-    What differs from `by_mesh`, (h, w), has its price; None: from all of the sun, where that is free.
+    What differs from `known`, (h, w), the share that the mesh lets through, has its price.
     """
     for level in levels:
         other = np.where(among, np.float32(level), seen)
         changeable = other != seen
         if changeable.any():
-            known = view.free.astype(np.float32) if by_mesh is None else by_mesh
             changed = minimum_cut(Choice.between(view, seen, other, known, changeable, scales, how))
             seen = seen.copy()
             seen[changeable] = np.where(changed, np.float32(level), seen[changeable])

@@ -84,7 +84,7 @@ def longest_side(longest_px: int, bytes_at: Callable[[int], float], most_bytes: 
 
 
 def reduced_picture(pixels: np.ndarray, longest_px: int) -> np.ndarray:
-    """Reduce an 8-bit picture, (h, w[, 3]), to a longest side, by area."""
+    """Reduce a picture, (h, w[, 3]), of eight bits or linear light, to a longest side, by area."""
     height, width = size_within(pixels.shape[:2], longest_px)
     if (height, width) == pixels.shape[:2]:
         return pixels

@@ -13,7 +13,8 @@ from stages.formats.images.exr import read_exr
 from stages.formats.meshes.textured_models import read_model
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.rays import vertex_normals
-from stages.reporting.content.pictures import area_mean, confidence_picture, srgb_picture
+from stages.reporting.content.picture_size import reduced_picture
+from stages.reporting.content.pictures import confidence_picture, srgb_picture
 from stages.reporting.content.vertex_maps import bright
 from stages.reporting.settings import SurfaceSettings
 
@@ -77,7 +78,7 @@ class TexturedSurface:
         whites: dict[str, float] = {}
         for base_colour in self.base_colours:
             albedo, shading, confidence = (
-                _reduced(_beside(base_colour, kind, ".exr"), side)
+                reduced_picture(read_exr(_beside(base_colour, kind, ".exr")), side)
                 for kind in ("albedo", "shading", "confidence")
             )
             linear = {"photo": albedo * shading, "shading": shading}
@@ -87,7 +88,7 @@ class TexturedSurface:
                 "albedo": srgb_picture(albedo / max(albedo_white, 1e-12)),
                 **{kind: srgb_picture(values / whites[kind]) for kind, values in linear.items()},
                 "confidence": confidence_picture(confidence),
-                "relief": _read_picture(_beside(base_colour, "normal", ".png"), side),
+                "relief": reduced_picture(_read_png(_beside(base_colour, "normal", ".png")), side),
             }
 
 
@@ -96,14 +97,6 @@ def _beside(base_colour: Path, kind: str, suffix: str) -> Path:
     return base_colour.with_name(base_colour.name.replace("albedo", kind, 1)).with_suffix(suffix)
 
 
-def _reduced(path: Path, side: int) -> np.ndarray:
-    values = read_exr(path)
-    side = min(side, len(values))
-    return area_mean(values, (side, side))
-
-
-def _read_picture(path: Path, side: int) -> np.ndarray:
+def _read_png(path: Path) -> np.ndarray:
     with Image.open(path) as image:
-        picture = np.asarray(image.convert("RGB"))
-    side = min(side, len(picture))
-    return area_mean(picture, (side, side))
+        return np.asarray(image.convert("RGB"))

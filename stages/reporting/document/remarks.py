@@ -122,9 +122,7 @@ def _of_views(
 ) -> Remark | None:
     """Name the views that stand out by one reason, with their figures; none of those in `but`.
 
-    `kind` is the map that shows it.
-
-    `what` may name the setting that leaves them out, as `{out}`.
+    `what` may name the setting that leaves them out, as `{out}`; `kind` is the map that shows the reason.
     """
     numbers = [number for number, view in enumerate(told.views) if stands_out(view) and number not in but]
     if not numbers:
