@@ -198,7 +198,7 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
     opened = scene.files.open(
         Cluster.whole(some, scene.graph.pixels[list(some)].sum()), None, job.executor.map
     )
-    scale, gains = opened.scale, gains_of_all(job, scene.files, opened.scale)
+    scale, gains = opened.scale, gains_of_all(job, scene.files, opened.scale, how.gains)
     scenes, seen = _scenes(job, opened, scene), (opened.views.stack, opened.images)
     with job.progress("steps", _steps(how, len(scenes))) as step:
         rays = scene.rays(opened.views.cameras, opened.views.masks, job.threads)
@@ -209,7 +209,7 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
         return False
     job.note(light_found_on=[cameras[view].name for view in some])
     typical, found = float(np.median(found.light.shading)), found.without_pixels()
-    del opened, scenes, seen
+    del opened, scenes, seen, rays
     clipped, untrusted, usable, shadowed = _light_all(job, scene, found, typical, gains, scale)
     record.warn_of_clipping(job, clipped, int(scene.graph.pixels.sum()))
     record.note_light(job, scene.stored, found, untrusted, shadowed)

@@ -19,7 +19,7 @@ from stages.photometry.lighting.trusted_pixels import Viewing, unlit
 from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.specular.specular_reflection import SpecularReflection
 from stages.photometry.stack import StackedViews
-from stages.photometry.sun.cast_shadows import with_cast_shadows
+from stages.photometry.sun.cast_shadows import cast_shadows
 from stages.photometry.sun.pixel_rays import PixelRays
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.pixel_transfer import without_opposed
@@ -71,7 +71,8 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
         opened.normals, task.blend(opened.views.cameras, opened.views.masks), task.vertex_normals
     )
     image, scene = np.stack(opened.images, axis=1), task.found.explained.scene
-    rays = task.rays(opened.views.cameras, opened.views.masks, threads)
+    suns = scene.suns, scene.sphere
+    traced = task.rays(opened.views.cameras, opened.views.masks, threads).see(*suns, opened.normals)
     shading, data, shadowed = further_pixels(
         task.found,
         task.typical,
@@ -80,7 +81,7 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
         opened.viewing,
         opened.normals,
         blend,
-        rays.see(scene.suns, scene.sphere, opened.normals),
+        traced,
         task.gains[opened.views.numbers],
     )
     task.parts.keep(cluster, opened.views, {"shading": shading, **data.by_pixel()})
@@ -144,7 +145,8 @@ def further_pixels(
     how, hidden = photos.settings, np.zeros((len(image), 1), bool)
     if how.sun.shadows.find and traced.shape[1]:
         seen = photos.diffuse, photos.viewing.trusted, views.masks
-        scene, hidden = with_cast_shadows(scene, light, shading, *seen, how.pairs, how.sun.shadows)
+        traced, hidden = cast_shadows(scene, light, shading, *seen, how.pairs, how.sun.shadows)
+        scene = replace(scene, pixels=replace(scene.pixels, traced=traced))  # vertices keep their bounces
         shading = light.shading(scene, views.starts, np.zeros(views.view_count, np.int64))
     shading = (shading * of_pixel / found.light.unit).astype(np.float32)
     lit = photos.viewing.trusted & ~unlit(shading, typical_shading, photos.settings.trusted_pixels)

@@ -7,10 +7,10 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline import Job
-from stages.photometry.lighting.settings import LightingSettings, TrustedPixelSettings
+from stages.photometry.lighting.settings import TrustedPixelSettings, ViewGainSettings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -114,7 +114,7 @@ def exposures_of(paths: Mapping[str, Path], cameras: Sequence[Camera]) -> np.nda
     return np.array([known[camera.name] for camera in cameras]) if known else None
 
 
-def gains_of_all(job: Job[LightingSettings], views: ViewFiles, scale: float) -> np.ndarray:
+def gains_of_all(job: Job[Any], views: ViewFiles, scale: float, how: ViewGainSettings) -> np.ndarray:
     """Estimate the gains of all views, (n, 3), pair by pair; few views are in memory at a time."""
     import numpy as np
 
@@ -126,7 +126,7 @@ def gains_of_all(job: Job[LightingSettings], views: ViewFiles, scale: float) -> 
     def log_view(number: int) -> LogView:
         if number not in held:
             linear, _, trusted = views.trusted(views.cameras[number])
-            held[number] = LogView.of(linear / np.float32(scale), trusted, job.settings.gains)
+            held[number] = LogView.of(linear / np.float32(scale), trusted, how)
             while len(held) > 2 and sum(len(one.logs) for one in held.values()) > PIXELS_HELD:
                 held.popitem(last=False)
         held.move_to_end(number)
@@ -137,7 +137,7 @@ def gains_of_all(job: Job[LightingSettings], views: ViewFiles, scale: float) -> 
         for i, j in sorted(files.pairs):
             block = files.read(i, j)
             here, there = np.flatnonzero(np.diff(block.indptr)), block.indices
-            fewest = job.settings.gains.fewest_correspondences
-            ratios.append(PairRatio.of(i, j, log_view(i), log_view(j), here, there, fewest))
+            pair = i, j, log_view(i), log_view(j), here, there
+            ratios.append(PairRatio.of(*pair, how.fewest_correspondences))
             step()
     return np.exp(log_gains(len(views.cameras), ratios, exposures_of(job.inputs, views.cameras)))

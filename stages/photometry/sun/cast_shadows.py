@@ -37,7 +37,25 @@ def with_cast_shadows(
     pairs: PairSettings,
     how: ShadowSettings,
 ) -> tuple[LitScene, np.ndarray]:
-    """Hide suns from the pixels that are in a shadow by the photos, sun by sun and view by view.
+    """Hide suns from the pixels that are in a shadow by the photos, and from vertices whose pixels mostly are.
+
+    Parameters as of `cast_shadows`, which gives the pixels of the second output.
+    """
+    seen, hidden = cast_shadows(scene, light, shading, image, trusted, masks, pairs, how)
+    return _with_visibility(scene, seen), hidden
+
+
+def cast_shadows(
+    scene: LitScene,
+    light: LightEstimate,
+    shading: np.ndarray,
+    image: np.ndarray,
+    trusted: np.ndarray,
+    masks: Sequence[np.ndarray],
+    pairs: PairSettings,
+    how: ShadowSettings,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find what pixels see of suns where the photos show shadows, sun by sun and view by view.
 
     Parameters
     ----------
@@ -58,11 +76,10 @@ def with_cast_shadows(
 
     Returns
     -------
-    LitScene
-        Its vertices are without the suns that most of their pixels do not see, too.
-    ndarray, shape (N, k), bool
-        Pixels that something else than the mesh hides from each sun: those beside the edges of the mesh's
-        own shadows, which lie elsewhere than it says, are none.
+    tuple of ndarray, shape (N, k), uint8, and ndarray, shape (N, k), bool
+        How much of each sun every pixel sees, in 255ths; and pixels that something else than the mesh hides
+        from each sun: those beside the edges of the mesh's own shadows, which lie elsewhere than it says, are
+        none.
     """
     pixels, seen, shading = scene.pixels, scene.pixels.traced.copy(), shading.copy()
     hidden = np.zeros(seen.shape, bool)
@@ -87,7 +104,7 @@ def with_cast_shadows(
             shading[own] = rest + seen[own, number, None] * unhidden
 
     on_threads(hide, np.flatnonzero(np.diff(starts)).tolist())
-    return _with_visibility(scene, seen), hidden
+    return seen, hidden
 
 
 def _sunlit_view(
