@@ -38,6 +38,7 @@ from stages.relight import RELIGHT
 from stages.render import RENDER
 from stages.report import REPORT
 from stages.sfm import SFM
+from stages.shading_normals import SHADING_NORMALS
 from stages.solvers.kernels.loop_cache import name_loop_cache
 from stages.texture import TEXTURE
 from stages.transfer import TRANSFER
@@ -94,7 +95,8 @@ ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_DEPTH_MAPS, ADOPT_POINTS
 BEFORE_STEREO: Flow = (TRIANGULATE,)  # where cameras were given, perhaps without points
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
 AFTERWARDS: Flow = (  # on demand
-    *(CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT, TURNTABLE, COLOUR_SPACE),
+    *(SHADING_NORMALS, CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT, TURNTABLE),
+    COLOUR_SPACE,
 )
 LAST: Flow = (REPORT,)  # of every dataflow, whatever it has
 ALL_STAGES = (*DATAFLOW, *ENTRY_POINTS, *BEFORE_STEREO, *EXPERIMENT, *AFTERWARDS, *LAST)

@@ -1,4 +1,7 @@
-"""What may be added to a dataflow: stages on demand, a calibration, another colour space, the report."""
+"""What may be added to a dataflow: stages on demand, a calibration, another colour space, the report.
+
+What a later stage gives in a better form is taken by all after it, under the name that they know.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from stages.lighting import LIGHTING
 from stages.relight import RELIGHT, RELIGHT_AS_FOUND
 from stages.render import RENDER
 from stages.report import NEEDED, REPORT
+from stages.shading_normals import SHADING_NORMALS
 from stages.texture import FINER, TEXTURE
 from stages.transfer import TRANSFER
 from stages.turntable import TURNTABLE
@@ -22,6 +26,22 @@ from stages.turntable import TURNTABLE
 CALIBRATED = {
     name: f"{name}_calibrated" for name in ("albedo", "shading", "lighting", "albedo_tv", "light_pictures")
 }
+
+SMOOTHED = {"normal": "shading_normal"}
+
+
+def asks_for_shading_normals(settings: Mapping[str, Settings]) -> bool:
+    """Tell whether relief of the mesh that the photos contradict is to be weakened."""
+    return settings_of(SHADING_NORMALS, settings).weaken
+
+
+def with_shading_normals(flow: Flow) -> Flow:
+    """Put `shading_normals` before the stage `lighting`, where there is one; all behind take its normals."""
+    if LIGHTING not in flow:
+        return flow
+    place = flow.index(LIGHTING)
+    before = [_unshown(stage, SMOOTHED) for stage in flow[:place]]
+    return (*before, SHADING_NORMALS, *(_of(stage, SMOOTHED) for stage in flow[place:]))
 
 
 def with_relighting(flow: Flow) -> Flow:
@@ -113,9 +133,14 @@ def _unshown(stage: AnyStage, names: Collection[str]) -> AnyStage:
 
 def _of_calibrated(stage: AnyStage) -> AnyStage:
     """Let a stage take the calibrated maps under the names that it knows; relighting its scale as well."""
-    run = _under_their_names(stage, {calibrated: name for name, calibrated in CALIBRATED.items()})
-    takes = tuple(CALIBRATED.get(name, name) for name in stage.takes)
-    return replace(stage, run=run, takes=(*takes, *(["calibration"] if stage.name == RELIGHT.name else [])))
+    taking = _of(stage, CALIBRATED)
+    return replace(taking, takes=(*taking.takes, "calibration")) if stage.name == RELIGHT.name else taking
+
+
+def _of(stage: AnyStage, newer: Mapping[str, str]) -> AnyStage:
+    """Let a stage take newer artefacts under the names that it knows."""
+    run = _under_their_names(stage, {name: own for own, name in newer.items()})
+    return replace(stage, run=run, takes=tuple(newer.get(name, name) for name in stage.takes))
 
 
 def _under_their_names(stage: AnyStage, names: Mapping[str, str]) -> Callable[[Job[Any]], None]:
@@ -143,7 +168,7 @@ def reporting_on(flow: Flow, made: Collection[str]) -> Flow:
 
 
 def _report_on(made: Collection[str]) -> AnyStage:
-    """Declare the report that shows these artefacts, calibrated where they are."""
+    """Declare the report that shows these artefacts, in their newest form."""
     taken = newest(REPORT.takes, made) | {name: name for name in NEEDED}
     run = _under_their_names(REPORT, {own: name for name, own in taken.items()})
     return replace(REPORT, run=run, takes=tuple(taken[name] for name in REPORT.takes if name in taken))
@@ -151,5 +176,6 @@ def _report_on(made: Collection[str]) -> AnyStage:
 
 def newest(names: Collection[str], made: Collection[str]) -> dict[str, str]:
     """Look up what artefacts are called in a dataflow that makes some, perhaps calibrated ones."""
-    newest = {name: CALIBRATED[name] if CALIBRATED.get(name) in made else name for name in names}
+    newer = CALIBRATED | SMOOTHED
+    newest = {name: newer[name] if newer.get(name) in made else name for name in names}
     return {name: own for name, own in newest.items() if own in made}

@@ -69,6 +69,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "photometry/lighting": {"clusters", "light_search", "sun", "transport", "specular"},
     "photometry/joint": {"paper", "transport"},
     "photometry/detail": set(),
+    "photometry/relief": {"lighting", "light_search", "transport"},
     "photometry/further_views": {"clusters", "lighting", "light_search", "sun", "transport", "specular"},
     "photometry/albedo": {"joint", "detail", "specular"},
     "photometry/clusters": set(),

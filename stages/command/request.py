@@ -143,6 +143,8 @@ def _request(
     flow = stages.keeping_within_masks(flow, settings)
     for extended in added:
         flow = extended(flow)
+    if additions.asks_for_shading_normals(settings):
+        flow = additions.with_shading_normals(flow)
     if additions.asks_for_calibration(settings):
         flow = additions.with_calibration(flow)
     if additions.asks_for_colour_space(settings):

@@ -37,7 +37,7 @@ def with_cast_shadows(
     pairs: PairSettings,
     how: ShadowSettings,
 ) -> tuple[LitScene, np.ndarray]:
-    """Hide suns from the pixels that are in a shadow by the photos, and from vertices whose pixels mostly are.
+    """Hide suns from the pixels that are in shadow by the photos, and from vertices that mostly such show.
 
     Parameters as of `cast_shadows`, which gives the pixels of the second output.
     """

@@ -1,0 +1,1 @@
+"""Relief of a mesh that the photos support, band by band."""
