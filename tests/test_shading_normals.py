@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import stages
+from benchmarks.paper.laboratory import results_of
+from pipeline.command.terminal import Terminal
 from stages import additions
+from stages.formats.images.exr import read_exr
 from stages.photometry.relief.photo_on_mesh import normals_at
 from stages.photometry.relief.settings import ReliefSettings
 from stages.photometry.relief.supported_relief import Cubes, Photo, supported_normals
@@ -14,6 +17,21 @@ from stages.photometry.relief.vertex_smoothing import VertexSmoothing, radii_of
 
 SIDE = 120  # vertices
 TOWARDS = np.array([0.6, 0.3, 0.74])  # of the light
+SCENE = {
+    "render": {
+        "subject": "relief",
+        "paint": "masonry",
+        "light": "sun_and_sky",
+        "views": 4,
+        "arc_deg": 60.0,
+        "width_px": 96,
+        "height_px": 80,
+        "noise": 0.05,
+        "spacing": 0.016,
+    },
+    "transfer": {"max_vertices": 4000},
+    "lighting": {"samples": 4000, "bounces": 0, "specular": {"remove": False}},
+}
 
 
 def grid():
@@ -129,3 +147,16 @@ def test_all_stages_behind_it_take_its_normals_and_none_before():
     assert "shading_normal" in with_report[-1].takes
     paper = stages.dataflow(["images"], "paper")
     assert additions.with_shading_normals(paper) == paper
+
+
+def test_normals_of_an_exact_mesh_are_kept_and_shown(tmp_path):
+    given = SCENE | {"shading_normals": {"weaken": True}}
+    flow = additions.with_shading_normals(stages.experiment({}))
+    done = results_of(flow, {}, given, tmp_path / "w", "shading_normals", 2, Terminal())
+    assert done.facts["shading_normals"]["turned_deg"] < 2
+    for file in sorted(done.paths["normal"].glob("*.exr")):
+        before, after = read_exr(file), read_exr(done.paths["shading_normal"] / file.name)
+        there = before.any(axis=2)
+        assert not after[~there].any()
+        np.testing.assert_allclose(np.linalg.norm(after[there], axis=1), 1, rtol=1e-5)
+        assert np.einsum("nk,nk->n", before[there], after[there]).min() > 0
