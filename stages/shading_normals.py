@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Stage, counted
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.photometry.light_search.light_estimate import LightEstimate
     from stages.photometry.relief.photo_on_mesh import OnMesh
+    from stages.photometry.relief.vertex_smoothing import VertexSmoothing
     from stages.photometry.transport.lit_scenes import LitScene
     from stages.scene.cameras import Camera
 
@@ -44,22 +46,25 @@ def run(job: Job[ShadingNormalSettings]) -> None:
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.rays import vertex_normals
     from stages.photometry.relief.photo_on_mesh import write_normals
+    from stages.photometry.relief.vertex_smoothing import VertexSmoothing
     from stages.solvers.kernels.threading_layer import use_threads
 
     use_threads(job.threads)
     cameras, mesh = read_cameras(job.inputs["cameras"]), read_mesh(job.inputs["mesh"])
     stored = read_transfer(job.inputs["transfer"])
     stored = replace(stored, radii=stored.radii[:1], visible=stored.visible[:1])  # light from infinity
-    normals = vertex_normals(mesh.vertices, mesh.faces)
-    shares: list[float] = []
-    rough = _rough_light(job, cameras, mesh, stored, normals)
+    how = job.settings.relief
+    smoothing = VertexSmoothing.of(mesh.faces, len(mesh.vertices), how.steps, how.wider)
+    levels = smoothing.normals(vertex_normals(mesh.vertices, mesh.faces))
+    normals, shares = levels[0], list[float]()
+    rough = _rough_light(job, cameras, mesh, stored, levels[:2])
     if rough.light is not None:
-        normals, shares = _supported(job, rough, rough.light, mesh, stored, normals)
+        normals, shares = _supported(job, rough, rough.light, mesh, stored, smoothing, levels)
     to = job.outputs["shading_normal"]
     with job.progress("views", len(cameras)) as step:
         written = job.tasks.small(write_normals, cameras, dict(job.inputs), normals, mesh.faces, to)
         turned = list(counted(written, step))
-    job.note(turned_deg=_median(turned), kept_of_bands=[round(share, 3) for share in shares])
+    job.note(turned_deg=round(median(turned), 2), kept_of_bands=[round(share, 3) for share in shares])
 
 
 def _rough_light(
@@ -67,7 +72,7 @@ def _rough_light(
     cameras: list[Camera],
     mesh: Surface,
     stored: StoredTransfer,
-    normals: np.ndarray,
+    levels: list[np.ndarray],
 ) -> Rough:
     """Estimate light from infinity from some views, on the mesh's normals or slightly smoothed ones.
 
@@ -83,7 +88,6 @@ def _rough_light(
     from stages.photometry.lighting.illumination import ObservationsWithGains
     from stages.photometry.lighting.opened_views import ViewFiles, gains_of_all
     from stages.photometry.relief.photo_on_mesh import OnMesh, normals_at
-    from stages.photometry.relief.vertex_smoothing import VertexSmoothing
     from stages.photometry.transport.lit_scenes import scenes_by_distance
 
     graph = view_graph(job.inputs, cameras)
@@ -94,7 +98,7 @@ def _rough_light(
     points = read_surface_points(job.inputs, opened.views.cameras, opened.views.masks)
     at, faces = (np.concatenate(part) for part in (points[1], points[0]))
     blend, scenes = pixels_on_proxy(stored, mesh, points), []
-    for level in VertexSmoothing.of(mesh.faces, len(mesh.vertices), ()).normals(normals):
+    for level in levels:
         own = normals_at(level, mesh.faces[faces], at, opened.normals)
         scenes += scenes_by_distance(stored, blend, own)[0]
     seen = opened.views.stack, opened.images, opened.viewing
@@ -114,32 +118,26 @@ def _supported(
     light: LightEstimate,
     mesh: Surface,
     stored: StoredTransfer,
-    normals: np.ndarray,
+    smoothing: VertexSmoothing,
+    levels: list[np.ndarray],
 ) -> tuple[np.ndarray, list[float]]:
     """Weaken the relief that the photos of all views contradict under the rough light."""
     from stages.geometry.vertex_interpolation import blend_matrix
     from stages.photometry.relief.lit_vertices import LitVertices
     from stages.photometry.relief.photo_on_mesh import photo_on_mesh, seen_on_mesh
     from stages.photometry.relief.supported_relief import Cubes, Photo, supported_normals
-    from stages.photometry.relief.vertex_smoothing import VertexSmoothing, radii_of, typical_edge
+    from stages.photometry.relief.vertex_smoothing import radii_of, typical_edge
 
     how, count = job.settings.relief, len(mesh.vertices)
     views = range(len(rough.on_mesh.files.cameras))
     with job.progress("photos", len(views)) as step:
         seen = counted(job.tasks.small(seen_on_mesh, views, rough.on_mesh), step)
         photo = Photo(*photo_on_mesh(seen, count, how.fewest))
-    smoothing = VertexSmoothing.of(mesh.faces, count, how.steps, how.wider)
     radii = radii_of(smoothing.steps[1:], typical_edge(mesh))
     cubes = [Cubes.of(mesh.vertices, how.window * radius) for radius in radii]
     to_proxy = blend_matrix(stored.corners[:count], stored.weights[:count], len(stored.blocked))
     lit = LitVertices(rough.scene, light, to_proxy, ROUGH.trusted_pixels.unlit)
-    return supported_normals(normals, smoothing, cubes, photo, lit.log_shading, how)
-
-
-def _median(turned: list[float]) -> float:
-    import numpy as np
-
-    return round(float(np.median(turned)), 2) if turned else 0.0
+    return supported_normals(levels, smoothing, cubes, photo, lit.log_shading, how)
 
 
 def estimated_memory(settings: ShadingNormalSettings, inputs: Mapping[str, Path], threads: int) -> int:

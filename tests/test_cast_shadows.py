@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.settings import PairSettings
-from stages.photometry.sun.cast_shadows import with_cast_shadows
+from stages.photometry.sun.cast_shadows import cast_shadows, with_visibility
 from stages.photometry.sun.pixel_rays import WHOLE
 from stages.photometry.sun.settings import ShadowSettings
 from stages.photometry.sun.shadow_labels import (
@@ -205,7 +205,7 @@ def test_suns_are_hidden_one_by_one_from_pixels_and_from_the_vertices_that_most_
     image = (shading * textured((2 * SIDE, SIDE), 0.05).reshape(-1, 3)).astype(np.float32)
     framed = np.pad(np.ones((SIDE, SIDE), bool), ((3, 5), (2, 0)))
     masks, trusted = (framed, np.zeros((9, 9), bool), framed), np.ones(len(image), bool)
-    found, hidden = with_cast_shadows(
+    seen, hidden = cast_shadows(
         by_mesh,
         light,
         light.shading(by_mesh, starts, one),
@@ -215,6 +215,7 @@ def test_suns_are_hidden_one_by_one_from_pixels_and_from_the_vertices_that_most_
         PairSettings(),
         ShadowSettings(),
     )
+    found = with_visibility(by_mesh, seen)
     lit_by = light.shading(found, starts, one)
     assert np.mean(hidden.reshape(truth.shape) == (truth == 0)) > 0.99
     assert np.mean(np.abs(lit_by / shading - 1) > 0.05) < 0.01

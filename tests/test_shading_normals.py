@@ -65,7 +65,7 @@ def kept(mesh_normals, true_normals, paint):
     smoothing = VertexSmoothing.of(faces, len(places), how.steps, how.wider)
     cubes = [Cubes.of(places, how.window * radius) for radius in radii_of(smoothing.steps[1:], 1.0)]
     photo = Photo(log_shading(true_normals) + paint, np.ones(len(places), bool))
-    return supported_normals(mesh_normals, smoothing, cubes, photo, log_shading, how)
+    return supported_normals(smoothing.normals(mesh_normals), smoothing, cubes, photo, log_shading, how)
 
 
 def apart_deg(one, other):
@@ -114,7 +114,7 @@ def test_a_mesh_that_no_photo_shows_is_kept():
     smoothing = VertexSmoothing.of(faces, len(places), how.steps, how.wider)
     cubes = [Cubes.of(places, how.window * radius) for radius in radii_of(smoothing.steps[1:], 1.0)]
     photo = Photo(np.zeros(len(places)), np.zeros(len(places), bool))
-    found, _ = supported_normals(relief, smoothing, cubes, photo, log_shading, how)
+    found, _ = supported_normals(smoothing.normals(relief), smoothing, cubes, photo, log_shading, how)
     np.testing.assert_allclose(found, relief, atol=1e-5)
 
 

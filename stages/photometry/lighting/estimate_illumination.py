@@ -23,7 +23,7 @@ from stages.photometry.lighting.shared_or_own_lights import mixed_with_own_light
 from stages.photometry.lighting.trusted_pixels import Viewing
 from stages.photometry.specular.view_differences import Differences
 from stages.photometry.stack import StackedViews
-from stages.photometry.sun.cast_shadows import with_cast_shadows
+from stages.photometry.sun.cast_shadows import cast_shadows, with_visibility
 from stages.photometry.sun.pixel_rays import PixelRays
 from stages.photometry.sun.settings import ShadowSettings
 from stages.photometry.sun.sun_search import aimed_anew, with_suns
@@ -215,10 +215,11 @@ def _with_cast_shadows(now: Explanation, rays: PixelRays, step: Step) -> Explana
 
 
 def _as_shadowed(now: Explanation, by_mesh: LitScene, how: ShadowSettings) -> tuple[Explanation, np.ndarray]:
-    """Find the shadows under the current light; returns also what `with_cast_shadows` finds hidden."""
+    """Find the shadows under the current light; returns also what `cast_shadows` finds hidden."""
     photos, shading = now.photos, now.photos.shading(by_mesh, now.light)
     seen = photos.diffuse, photos.viewing.trusted, photos.views.masks
-    scene, hidden = with_cast_shadows(by_mesh, now.light, shading, *seen, photos.settings.pairs, how)
+    by_photo, hidden = cast_shadows(by_mesh, now.light, shading, *seen, photos.settings.pairs, how)
+    scene = with_visibility(by_mesh, by_photo)
     return replace(now, scene=scene, shadowed=np.any(hidden, axis=1)), hidden
 
 

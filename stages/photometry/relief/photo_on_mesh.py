@@ -90,7 +90,7 @@ def photo_on_mesh(seen: Iterable[SeenOnMesh], vertices: int, fewest: float) -> t
 
 
 def shares_of(barycentric: np.ndarray) -> np.ndarray:
-    """Shares of the three corners of faces at points (u, v), (n, 2): (n, 3), float32."""
+    """Compute the shares of the three corners of faces at points (u, v), (n, 2): (n, 3), float32."""
     return np.column_stack([1 - barycentric.sum(axis=1), barycentric]).astype(np.float32)
 
 

@@ -4,23 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from stages.photometry.relief.settings import ReliefSettings
+from stages.photometry.relief.vertex_smoothing import VertexSmoothing, as_unit
 
 CORNERS = 8  # of a cube
-
-
-class Smoothing(Protocol):
-    """Levels of smoothing over a mesh of V vertices, and the bands between them."""
-
-    def normals(self, normals: np.ndarray) -> list[np.ndarray]:
-        """Smooth normals, (V, 3): those of every level, unit; the first are the mesh's own."""
-
-    def band(self, values: np.ndarray, known: np.ndarray, number: int) -> np.ndarray:
-        """Select what values, (V,), known at some vertices, (V,), have in a band: (V,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +30,8 @@ class Photo:
 
 
 def supported_normals(
-    normals: np.ndarray,
-    smoothing: Smoothing,
+    levels: Sequence[np.ndarray],
+    smoothing: VertexSmoothing,
     cubes: Sequence[Cubes],
     photo: Photo,
     log_shading: Callable[[np.ndarray], np.ndarray],
@@ -51,9 +41,9 @@ def supported_normals(
 
     Parameters
     ----------
-    normals : ndarray, shape (V, 3)
-        Of the mesh's vertices, unit.
-    smoothing : Smoothing
+    levels : sequence of ndarray, shape (V, 3), float32
+        Unit normals of the mesh's vertices, at every level of the smoothing.
+    smoothing : VertexSmoothing
     cubes : sequence of Cubes
         In which a band is supported or not, for every band.
     photo : Photo
@@ -77,17 +67,16 @@ def supported_normals(
     that the photo does not have gives 0, relief 1; between, c is what a Wiener filter leaves of both. No
     light is needed but a rough one, and all views take part.
     """
-    levels = smoothing.normals(normals)
     found, medians = levels[-1], []
     for number in reversed(range(len(levels) - 1)):
         band = levels[number] - levels[number + 1]
-        before = log_shading(_unit(found))
-        changed = log_shading(_unit(found + band)) - before
+        before = log_shading(as_unit(found))
+        changed = log_shading(as_unit(found + band)) - before
         left, own = (smoothing.band(values, photo.known, number) for values in (photo.logs - before, changed))
         share = _supported_share(left, own, photo.known, cubes[number], how)
         found = found + share[:, None] * band
         medians.append(float(np.median(share[photo.known])) if photo.known.any() else 1.0)
-    return _unit(found), medians[::-1]
+    return as_unit(found), medians[::-1]
 
 
 def _supported_share(
@@ -119,12 +108,6 @@ def _least(costs: np.ndarray, at: np.ndarray) -> np.ndarray:
     lowest = (low + middle) / 2 - slopes[0] / (2 * np.where(bend > 0, bend, 1))
     ends = np.where(before <= after, low, high)
     return np.clip(np.where(bend > 0, lowest, ends), low, high)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    """Scale vectors, (n, 3), to length 1; zeros stay zero."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return (vectors / np.where(length > 0, length, 1)).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)

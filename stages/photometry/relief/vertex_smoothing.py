@@ -30,7 +30,7 @@ class VertexSmoothing:
 
     around: sp.csr_array
     steps: tuple[int, ...]
-    wider: int = 1
+    wider: int
 
     @classmethod
     def of(cls, faces: np.ndarray, vertices: int, steps: tuple[int, ...], wider: int = 1) -> VertexSmoothing:
@@ -82,11 +82,11 @@ def as_unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def radii_of(steps: Sequence[int], edge: float) -> list[float]:
-    """Radii that so many averages smooth over, and an edge, model units."""
+    """Compute the radii that so many averages smooth over, and an edge, model units."""
     return [edge * (1 + float(np.sqrt(RING * count))) for count in steps]
 
 
 def typical_edge(surface: Surface) -> float:
-    """Median length of the first edge of faces, model units."""
+    """Measure the median length of the first edge of faces, model units."""
     ends = surface.vertices[surface.faces[:, :2]]
     return float(np.median(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)))

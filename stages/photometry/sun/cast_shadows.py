@@ -27,24 +27,6 @@ from stages.solvers.kernels.pixelwise import on_threads
 from stages.solvers.kernels.sparse_rows import product
 
 
-def with_cast_shadows(
-    scene: LitScene,
-    light: LightEstimate,
-    shading: np.ndarray,
-    image: np.ndarray,
-    trusted: np.ndarray,
-    masks: Sequence[np.ndarray],
-    pairs: PairSettings,
-    how: ShadowSettings,
-) -> tuple[LitScene, np.ndarray]:
-    """Hide suns from the pixels that are in shadow by the photos, and from vertices that mostly such show.
-
-    Parameters as of `cast_shadows`, which gives the pixels of the second output.
-    """
-    seen, hidden = cast_shadows(scene, light, shading, image, trusted, masks, pairs, how)
-    return _with_visibility(scene, seen), hidden
-
-
 def cast_shadows(
     scene: LitScene,
     light: LightEstimate,
@@ -133,7 +115,7 @@ def _on_mask(mask: np.ndarray, values: np.ndarray) -> np.ndarray:
     return laid_out
 
 
-def _with_visibility(scene: LitScene, seen: np.ndarray) -> LitScene:
+def with_visibility(scene: LitScene, seen: np.ndarray) -> LitScene:
     """Set how much of the suns the pixels see, (N, k), and which of them the vertices see: most pixels'."""
     count = len(scene.pixels.directions)
     by_vertices = np.unpackbits(scene.vertices.visible, axis=1, count=count)
