@@ -104,3 +104,11 @@ def test_two_lengths_are_measured_as_far_as_the_albedo(tmp_path):
         assert all(taken.peak_bytes > 0 for taken in one.stages.values())
         assert one.error is not None and max(one.error.si_rmse) < 0.2
     assert "slope" in (tmp_path / "scale.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_a_run_that_ends_before_the_albedo_has_no_error(tmp_path):
+    options = ["--views", "3", "--size", "64x40", "--workspace", str(tmp_path), "--", "--to", "raycast"]
+    (measured,) = main(options)
+    assert "raycast" in measured.stages and measured.error is None
+    assert "Error" not in (tmp_path / "scale.md").read_text(encoding="utf-8")

@@ -38,7 +38,12 @@ class AlbedoError:
 
 def albedo_error(photos: PhotoSet, albedo: Path) -> AlbedoError:
     """Compare a folder of EXRs with the truth, view by view: no more than one is in memory."""
-    views = [_moments(photos, file) for file in sorted(albedo.glob("*.exr"))]
+    views = [moments(photos.true_albedo(file.stem), read_exr(file)) for file in sorted(albedo.glob("*.exr"))]
+    return error_of(views)
+
+
+def error_of(views: Sequence[np.ndarray]) -> AlbedoError:
+    """Compute the error from the moments of the views, each (4, 3)."""
     all_views = np.sum(views, axis=0)
     truths, products, squares, _ = all_views
     scale = products / squares  # minimises Σ (t − a p)²
@@ -47,9 +52,9 @@ def albedo_error(photos: PhotoSet, albedo: Path) -> AlbedoError:
     return AlbedoError(_listed(rmse), _listed(rmse / np.sqrt(truths / all_views[3])), _listed(shared))
 
 
-def _moments(photos: PhotoSet, file: Path) -> np.ndarray:
-    """Sum t², t p, p² and 1 over the pixels that both have, (4, 3)."""
-    truth, found = photos.true_albedo(file.stem).astype(np.float64), read_exr(file).astype(np.float64)
+def moments(truth: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Sum t², t p, p² and 1 over the pixels that both have, albedos (h, w, 3); returns (4, 3)."""
+    truth, found = truth.astype(np.float64), found.astype(np.float64)
     inside = (truth > 0).all(axis=2) & (found > 0).any(axis=2)
     truth, found = truth[inside], found[inside]
     return np.stack([(truth**2).sum(0), (truth * found).sum(0), (found**2).sum(0), np.full(3, len(truth))])

@@ -34,7 +34,7 @@ def page_of(measured: Sequence[Grown], size: str, from_photos: bool) -> str:
             steep = slope(views, [max(value, LEAST) for value in values]) if len(views) > 1 else float("nan")
             rows.append([f"`{stage}`", *(format(value, form) for value in values), f"{steep:.2f}"])
         parts.append(f"## {title}\n\n{markdown(head, rows)}")
-    if not from_photos:
+    if any(one.error for one in measured):
         parts.append(f"## Error of the albedo\n\n{_errors(measured)}")
     return "\n\n".join(parts) + "\n"
 
