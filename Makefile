@@ -56,7 +56,7 @@ test: $(VENV)/.ready-test ## the fast tests
 test-quick: $(VENV)/.ready-test ## those of them that take a minute together, while one works
 	$(PYTEST) $(TWICE) -q -m "not slow and not whole"
 
-test-all: $(VENV)/.ready-test ## all tests (the long ones take most of an hour; with node, a validator and a browser too)
+test-all: $(VENV)/.ready-test ## all tests (the long ones take most of an hour; with node, a validator and a browser, with Python 3.11 Blender too)
 	$(PYTEST) $(TWICE)
 
 check: $(VENV)/.ready-test ## format, lint, types, numbers outside settings, generated documentation, vulnerabilities

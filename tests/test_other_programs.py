@@ -1,16 +1,22 @@
-"""What unshade writes, opened by the programs that it is for: a validator, a browser, readers of pictures.
+"""What unshade writes, opened by the programs that it is for: a validator, a browser, Blender, readers.
 
-The validator and the browser come from npm (`tests/other_programs`, pinned by its lock file) into a folder of
-this run; COLMAP is the machine's own. What is not there is skipped, with the reason.
+The validator and the browser come from npm, Blender as a Python module from PyPI (`tests/other_programs`,
+pinned by lock files), into folders of this run; COLMAP is the machine's own. What is not there is skipped,
+with the reason.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import platform
 import shutil
 import subprocess
+import sys
+import venv
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -106,6 +112,59 @@ def front(output) -> tuple[Surface, np.ndarray, Camera]:
     return surface, np.column_stack([model.visual.uv[:, 0], 1 - model.visual.uv[:, 1]]), camera
 
 
+@pytest.fixture(scope="module")
+def blender(tmp_path_factory) -> Path:
+    """A Python that has Blender's module; 500 MB are fetched."""
+    if sys.version_info[:2] != (3, 11) or platform.machine() != "x86_64":
+        pytest.skip("the module of Blender 4.2 is made for Python 3.11 on x86-64")
+    folder = tmp_path_factory.mktemp("blender")
+    venv.create(folder, with_pip=True)
+    python = folder / "bin" / "python"
+    words = [python, "-m", "pip", "install", "--quiet", "--require-hashes", "-r", TOOLS / "blender.lock"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=1200)
+    if done.returncode and "NewConnectionError" in done.stderr:
+        pytest.skip("the package index cannot be reached")
+    assert done.returncode == 0, done.stderr
+    return python
+
+
+@dataclass(frozen=True, eq=False)
+class InBlender:
+    """What Blender tells of a model and renders of it: linear RGB, (h, w, 3), and coverage, (h, w)."""
+
+    facts: dict[str, Any]
+    lit: np.ndarray
+    diffuse: np.ndarray
+    coverage: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def in_blender(blender, output, front, tmp_path_factory) -> InBlender:
+    """The model, imported and rendered by Cycles under a sun above its left, from the camera in front."""
+    folder, camera = tmp_path_factory.mktemp("rendered"), front[2]
+    right, down, forward = camera.rotation
+    pose = np.eye(4)
+    pose[:3] = np.column_stack([right, -down, -forward, camera.centre_in_world])  # looks along -z
+    view = {
+        "world_from_camera": pose.tolist(),
+        "fov_deg": float(2 * np.rad2deg(np.arctan(SIDE / 2 / camera.focal_px))),
+        "side": SIDE,
+        "sun": [0.6, 0.3, -0.5],
+    }
+    (folder / "view.json").write_text(json.dumps(view), encoding="utf-8")
+    model, passes = output / "model/model.glb", folder / "passes.exr"
+    words = [blender, TOOLS / "blender_view.py", model, folder / "view.json", passes]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=1200)
+    assert done.returncode == 0, done.stderr
+    with OpenEXR.File(str(passes), separate_channels=True) as file:
+        channels = {name: channel.pixels for name, channel in file.parts[0].channels.items()}
+    lit, diffuse = (
+        np.stack([channels[f"ViewLayer.{name}.{colour}"] for colour in "RGB"], axis=-1)
+        for name in ("Combined", "DiffCol")
+    )
+    return InBlender(json.loads(done.stdout.splitlines()[-1]), lit, diffuse, channels["ViewLayer.Combined.A"])
+
+
 def test_the_validator_of_gltf_finds_nothing(output, tools):
     report = json.loads(node(tools, "validate.js", output / "model/model.glb"))
     issues = {kind: count for kind, count in report["issues"].items() if kind.startswith("num")}
@@ -133,6 +192,37 @@ def test_a_browser_lights_the_model(output, tools, front):
     shown = seen_in_the_browser(tools, output / "model/model.glb", front[2], lit=True)
     hit = shown.max(axis=2) > 0
     assert 0.1 < hit.mean() < 0.9 and shown[hit].std() > 0.05 and 0.1 < shown[hit].mean() < 0.9
+
+
+def test_blender_finds_one_upright_object_with_its_textures(in_blender, output, front):
+    facts, (surface, _, _) = in_blender.facts, front
+    assert facts["objects"] == 1 and facts["triangles"] == len(surface.faces)
+    np.testing.assert_allclose(facts["low"], surface.vertices.min(axis=0), atol=1e-5 * surface.diagonal)
+    np.testing.assert_allclose(facts["high"], surface.vertices.max(axis=0), atol=1e-5 * surface.diagonal)
+    side = read_exr(output / "model/albedo.exr").shape[0]
+    assert sorted(facts["images"].values()) == [["Non-Color", side, side], ["sRGB", side, side]]
+
+
+def test_the_diffuse_colour_that_blender_renders_is_the_albedo(in_blender, output, front):
+    surface, uv, camera = front
+    seen = TexturedSurface.of_atlas(surface, uv, read_photo(output / "model/albedo.png")).seen_by(camera)
+    hit = in_blender.coverage > 0.5
+    assert (hit & seen.mask).sum() > 0.98 * (hit | seen.mask).sum()
+    inner = (in_blender.coverage > 0.999) & seen.mask & ~outlines(camera, seen.mask, seen.depth)
+    ours = np.zeros_like(in_blender.diffuse)
+    ours[seen.mask] = seen.texture
+    errors = (srgb_from_linear(in_blender.diffuse) - srgb_from_linear(ours))[inner]
+    assert -20 * np.log10(np.sqrt(np.mean(errors**2))) > 34
+    assert np.abs(errors.mean(axis=0)).max() < 0.01
+
+
+def test_blender_relights_the_model(in_blender):
+    """Under one sun, part is in shade, and what is lit is the albedo times a shading without colour."""
+    inner = (in_blender.coverage > 0.999) & (in_blender.diffuse.min(axis=2) > 0.02)
+    shading = (in_blender.lit / np.where(inner[..., None], in_blender.diffuse, 1))[inner]
+    bright = shading.mean(axis=1) > 0.3
+    assert 0.2 < bright.mean() < 0.98
+    assert np.abs(shading[bright] / shading[bright].mean(axis=1, keepdims=True) - 1).mean() < 0.05
 
 
 def test_readers_of_pictures_find_size_channels_and_colour_space(output):
