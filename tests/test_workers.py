@@ -26,6 +26,7 @@ from stages.command.arguments import Run
 from stages.command.machine import cluster_of
 from tests.faults import small_runs
 from tests.faults.small_runs import one_line, results, words
+from tests.pseudo_terminal import run_in_terminal
 
 BEFORE = dict(os.environ)
 DISTRIBUTED = ("sfm", "undistort", "mvs", "correspondence", "lighting", "decomposition")
@@ -262,6 +263,28 @@ def test_a_worker_killed_in_a_stage_changes_nothing(on_threads, stage):
     assert killed, "no worker was found"
     assert small_runs.do(words("run", there, *TRANSFER)).returncode == 0
     assert results(there) == results(on_threads)
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_workers_too_and_the_run_goes_on_from_there(on_threads):
+    there, mark = on_threads.parent / "interrupted", str(on_threads.parent)
+    environment = small_runs.environment({"UNSHADE_INTERRUPTED": mark})
+    command = [os.fsdecode(word) for word in words("run", there, *TRANSFER, "--workers", "2")]
+    ended = run_in_terminal(command, 100, small_runs.ROOT, environment, interrupt_at="depth maps 0/")
+    said = one_line(ended.screen.text)
+    assert ended.code == 130 and "unshade: Interrupted during mvs." in said, said
+    assert "Traceback" not in ended.raw and "distributed" not in ended.raw, ended.raw
+    assert not [one for one in psutil.process_iter() if mark in _environment_of(one).values()]
+    assert small_runs.leftovers(there) == []
+    assert small_runs.do(words("run", there, *TRANSFER)).returncode == 0
+    assert results(there) == results(on_threads)
+
+
+def _environment_of(process: psutil.Process) -> dict[str, str]:
+    try:
+        return process.environ()
+    except psutil.Error:  # ended, or somebody else's
+        return {}
 
 
 def kill_a_worker(run: int) -> bool:
