@@ -26,7 +26,7 @@ from stages.texture import TEXTURE
 from stages.texturing.completion import Gutters, SurfaceMeans, completed
 from stages.texturing.normal_map import tangent_space, tangents_of
 from stages.texturing.settings import ChartSettings, CompletionSettings, TextureSettings
-from stages.texturing.texels import Texels, side_of_atlas, texels_of
+from stages.texturing.texels import Texels, areas_in_texture, side_of_atlas, texels_of
 from stages.texturing.unwrapping import ChartedMesh, unwrapped, within_budget
 
 BALL = trimesh.creation.icosphere(subdivisions=4)
@@ -203,6 +203,19 @@ def test_texels_lie_on_their_faces_and_cover_the_charts(charted):
     area = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]).sum() / 2
     assert len(texels) == pytest.approx(area, rel=0.02)
     assert len(np.unique(texels.place)) == len(texels)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e4])
+def test_every_face_has_its_place_in_the_atlas_whatever_the_unit(charted, unit):
+    """A small object in metres, a castle in millimetres: the same charts as at the size of 1."""
+    mesh, _ = charted
+    other = unwrapped(Surface(unit * SURFACE.vertices, SURFACE.faces), 256, ChartSettings())
+    areas = np.abs(areas_in_texture(other.uv[other.faces]))
+    assert areas.min() > 0
+    assert (
+        np.isclose(np.sort(areas), np.sort(np.abs(areas_in_texture(mesh.uv[mesh.faces]))), rtol=0.02).mean()
+        > 0.9
+    )
 
 
 def test_the_mesh_s_own_normals_are_flat_in_tangent_space_and_tilts_have_their_signs(charted):

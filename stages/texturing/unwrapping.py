@@ -56,9 +56,8 @@ def unwrapped(surface: Surface, side_px: int, how: ChartSettings) -> ChartedMesh
         Side of the texture, texels: padding is in its units.
     how : ChartSettings
     """
-    middle = surface.vertices.mean(axis=0)
     atlas = xatlas.Atlas()
-    atlas.add_mesh((surface.vertices - middle).astype(np.float32), surface.faces.astype(np.uint32))
+    atlas.add_mesh(_at_size_of_faces(surface).astype(np.float32), surface.faces.astype(np.uint32))
     pack = xatlas.PackOptions()
     pack.resolution, pack.padding, pack.bilinear = side_px, how.padding_px, True
     atlas.generate(xatlas.ChartOptions(), pack)
@@ -71,6 +70,17 @@ def unwrapped(surface: Surface, side_px: int, how: ChartSettings) -> ChartedMesh
         uv.astype(np.float64),
         original,
     )
+
+
+def _at_size_of_faces(surface: Surface) -> np.ndarray:
+    """Centre and scale the vertices so that a face has an area of 1 on average.
+
+    xatlas gives no place in the atlas to faces smaller than 1e-7 and to edges shorter than 1e-4, whatever
+    the unit: of an object of a tenth of a unit that was each sixth face.
+    """
+    edges = surface.vertices[surface.faces[:, 1:]] - surface.vertices[surface.faces[:, :1]]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).mean() / 2
+    return (surface.vertices - surface.vertices.mean(axis=0)) / np.sqrt(area)
 
 
 def normals_of(surface: Surface) -> np.ndarray:

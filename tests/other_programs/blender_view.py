@@ -6,6 +6,7 @@ that sun and Cycles' pass of the diffuse colour, linear. Prints facts of what wa
 """
 
 import json
+import os
 import sys
 from math import radians
 from pathlib import Path
@@ -68,4 +69,5 @@ if __name__ == "__main__":
     model, view, passes = map(Path, sys.argv[1:])
     facts = imported(model)
     render(json.loads(view.read_text(encoding="utf-8")), passes)
-    print("\n" + json.dumps(facts))
+    print("\n" + json.dumps(facts), flush=True)
+    os._exit(0)  # the module may crash while Python takes itself down
