@@ -38,6 +38,11 @@ def newest(workspace: Path, stage: str) -> Path:
     return records[-1].parent
 
 
+def undistorted_model(workspace: Path) -> Path:
+    """Find the COLMAP model of the pinhole views of a run."""
+    return newest(workspace, "undistort") / "workspace" / "sparse"
+
+
 def true_maps(mesh: o3d.t.geometry.RaycastingScene, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Cast rays: z-depth (h, w), 0 without a hit, and unit face normals towards the camera (h, w, 3)."""
     directions = rays_in_world(camera)
@@ -92,7 +97,7 @@ def evaluate(found: Path, cameras: dict[str, Camera], fit: Similarity, truth: Pa
 
 def of_a_run(workspace: Path, truth: Path) -> dict[str, float]:
     """Evaluate a finished run, aligned by its camera centres."""
-    model = read_model(newest(workspace, "undistort") / "workspace" / "sparse")
+    model = read_model(undistorted_model(workspace))
     cameras = dict(zip((image.name for image in registered(model)), cameras_of(model), strict=True))
     true_centres = {
         camera.name: camera.centre_in_world for camera in cameras_of(read_model(truth / "sparse"))

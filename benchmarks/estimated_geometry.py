@@ -21,7 +21,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in an
 
 import numpy as np  # noqa: E402
 
-from benchmarks.dense_truth import newest  # noqa: E402
+from benchmarks.dense_truth import newest, undistorted_model  # noqa: E402
 from benchmarks.paper.tables import markdown  # noqa: E402
 from benchmarks.scale.albedo_error import error_of, moments  # noqa: E402
 from benchmarks.scale.growth import own_and_further, run_program  # noqa: E402
@@ -97,15 +97,12 @@ def run_on(scene: Scene, workspace: Path, inputs: Sequence[str | Path], further:
     run_program([*map(str, own), *further])
 
 
-def undistorted_model(workspace: Path) -> Path:
-    """Find the model of the pinhole views of a run."""
-    return newest(workspace, "undistort") / "workspace" / "sparse"
-
-
 def in_frame_of(scene: Scene, model: Path) -> Surface:
     """Move the exact mesh to where a model has the scene's cameras."""
-    true = {camera.name: camera.centre_in_world for camera in cameras_of(read_model(scene.model))}
-    found = {camera.name: camera.centre_in_world for camera in cameras_of(read_model(model))}
+    true, found = (
+        {camera.name: camera.centre_in_world for camera in cameras_of(read_model(folder))}
+        for folder in (scene.model, model)
+    )
     fit = similarity(np.array([true[name] for name in found]), np.array(list(found.values())))
     mesh = read_mesh(scene.mesh)
     return Surface(fit.points(mesh.vertices), mesh.faces)

@@ -32,6 +32,7 @@ from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_photo
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.scene.cameras import Camera
+from stages.scene.poses import inverse, with_flipped_camera_axes
 from stages.scene.upright import upright_from_world
 from stages.synthetic.views import ring_of_views
 from stages.texture import TEXTURE
@@ -79,17 +80,20 @@ def node(tools: Path, *words: str | Path) -> str:
     return done.stdout
 
 
+def vertical_fov_deg(camera: Camera) -> float:
+    return float(2 * np.rad2deg(np.arctan(camera.height / 2 / camera.focal_px)))
+
+
 def seen_in_the_browser(tools: Path, model: Path, camera: Camera, lit: bool) -> np.ndarray:
     """The picture of a page that shows the model, (h, w, 3) in [0, 1], sRGB; its console must stay silent.
 
     The camera is in axes whose z is up.
     """
     target = camera.centre_in_world + camera.rotation[2]
-    fov_deg = 2 * np.rad2deg(np.arctan(camera.height / 2 / camera.focal_px))
     view = {
         "position": (Y_UP @ camera.centre_in_world).tolist(),
         "target": (Y_UP @ target).tolist(),
-        "vertical_fov_deg": fov_deg,
+        "vertical_fov_deg": vertical_fov_deg(camera),
         "width": camera.width,
         "height": camera.height,
         "lit": lit,
@@ -110,6 +114,17 @@ def front(output) -> tuple[Surface, np.ndarray, Camera]:
     where = upright @ photos[len(photos) // 2].centre_in_world
     (camera,) = ring_of_views(1, where, 15.0, 3.0, surface.vertices, (SIDE, SIDE), np.eye(3))
     return surface, np.column_stack([model.visual.uv[:, 0], 1 - model.visual.uv[:, 1]]), camera
+
+
+def by_our_rays(
+    output: Path, front: tuple[Surface, np.ndarray, Camera]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where the camera in front sees the model, its texture there as sRGB, and where no outline is near."""
+    surface, uv, camera = front
+    seen = TexturedSurface.of_atlas(surface, uv, read_photo(output / "model/albedo.png")).seen_by(camera)
+    flat = np.zeros((*camera.shape, 3), np.float32)
+    flat[seen.mask] = srgb_from_linear(seen.texture)
+    return seen.mask, flat, seen.mask & ~outlines(camera, seen.mask, seen.depth)
 
 
 @pytest.fixture(scope="module")
@@ -142,12 +157,10 @@ class InBlender:
 def in_blender(blender, output, front, tmp_path_factory) -> InBlender:
     """The model, imported and rendered by Cycles under a sun above its left, from the camera in front."""
     folder, camera = tmp_path_factory.mktemp("rendered"), front[2]
-    right, down, forward = camera.rotation
-    pose = np.eye(4)
-    pose[:3] = np.column_stack([right, -down, -forward, camera.centre_in_world])  # looks along -z
+    pose = inverse(with_flipped_camera_axes(camera.cam_from_world))
     view = {
-        "world_from_camera": pose.tolist(),
-        "fov_deg": float(2 * np.rad2deg(np.arctan(SIDE / 2 / camera.focal_px))),
+        "world_from_camera": [*pose.tolist(), [0.0, 0.0, 0.0, 1.0]],
+        "fov_deg": vertical_fov_deg(camera),
         "side": SIDE,
         "sun": [0.6, 0.3, -0.5],
     }
@@ -174,15 +187,11 @@ def test_the_validator_of_gltf_finds_nothing(output, tools):
 
 def test_a_browser_shows_the_texture_where_our_own_rays_see_it(output, tools, front):
     """Without light, from one camera: three.js and our rays agree in shape, orientation and colour."""
-    surface, uv, camera = front
-    shown = seen_in_the_browser(tools, output / "model/model.glb", camera, lit=False)
-    texture = read_photo(output / "model/albedo.png")
-    seen = TexturedSurface.of_atlas(surface, uv, texture).seen_by(camera)
+    shown = seen_in_the_browser(tools, output / "model/model.glb", front[2], lit=False)
+    seen, flat, inside = by_our_rays(output, front)
     hit = shown.max(axis=2) > 0
-    assert (hit & seen.mask).sum() > 0.95 * (hit | seen.mask).sum() and 0.1 < hit.mean() < 0.9
-    flat = np.zeros_like(shown)
-    flat[seen.mask] = srgb_from_linear(seen.texture)
-    inner = hit & seen.mask & ~outlines(camera, seen.mask, seen.depth)
+    assert (hit & seen).sum() > 0.95 * (hit | seen).sum() and 0.1 < hit.mean() < 0.9
+    inner = hit & inside
     error = np.sqrt(np.mean((shown - flat)[inner] ** 2))
     assert -20 * np.log10(error) > 25
     assert np.abs((shown - flat)[inner].mean(axis=0)).max() < 0.01
@@ -204,14 +213,11 @@ def test_blender_finds_one_upright_object_with_its_textures(in_blender, output, 
 
 
 def test_the_diffuse_colour_that_blender_renders_is_the_albedo(in_blender, output, front):
-    surface, uv, camera = front
-    seen = TexturedSurface.of_atlas(surface, uv, read_photo(output / "model/albedo.png")).seen_by(camera)
+    seen, flat, inside = by_our_rays(output, front)
     hit = in_blender.coverage > 0.5
-    assert (hit & seen.mask).sum() > 0.98 * (hit | seen.mask).sum()
-    inner = (in_blender.coverage > 0.999) & seen.mask & ~outlines(camera, seen.mask, seen.depth)
-    ours = np.zeros_like(in_blender.diffuse)
-    ours[seen.mask] = seen.texture
-    errors = (srgb_from_linear(in_blender.diffuse) - srgb_from_linear(ours))[inner]
+    assert (hit & seen).sum() > 0.98 * (hit | seen).sum()
+    inner = (in_blender.coverage > 0.999) & inside
+    errors = (srgb_from_linear(in_blender.diffuse) - flat)[inner]
     assert -20 * np.log10(np.sqrt(np.mean(errors**2))) > 34
     assert np.abs(errors.mean(axis=0)).max() < 0.01
 

@@ -63,12 +63,9 @@ def grow(photos: PhotoSet, arguments: Sequence[str], from_photos: bool) -> Grown
         command += ["--colmap", str(photos.model), "--mesh", str(photos.mesh)]
     records = run_program([*command, *arguments, "--force"])
     stages = {stage: _taken(record) for stage, record in records.items()}
-    with_albedo = (
-        "export" in stages and not from_photos
-    )  # the cameras found see other pixels than the true ones
-    return Grown(
-        photos.views, stages, albedo_error(photos, workspace / "output/albedo") if with_albedo else None
-    )
+    comparable = "export" in stages and not from_photos  # cameras that were found see other pixels
+    error = albedo_error(photos, workspace / "output/albedo") if comparable else None
+    return Grown(photos.views, stages, error)
 
 
 def run_program(arguments: Sequence[str]) -> dict[str, dict[str, Any]]:

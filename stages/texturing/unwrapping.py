@@ -78,8 +78,7 @@ def _at_size_of_faces(surface: Surface) -> np.ndarray:
     xatlas gives no place in the atlas to faces smaller than 1e-7 and to edges shorter than 1e-4, whatever
     the unit: of an object of a tenth of a unit that was each sixth face.
     """
-    edges = surface.vertices[surface.faces[:, 1:]] - surface.vertices[surface.faces[:, :1]]
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).mean() / 2
+    area = np.linalg.norm(face_normals(surface.vertices, surface.faces), axis=1).mean() / 2
     return (surface.vertices - surface.vertices.mean(axis=0)) / np.sqrt(area)
 
 
