@@ -33,7 +33,7 @@ from stages.mesh import MESH, MESH_OF_GIVEN_POINTS
 from stages.mvs import MVS, MVS_OF_GIVEN_CAMERAS
 from stages.photometry.decomposition_settings import check_mode
 from stages.photometry.lighting.settings import check_known_light
-from stages.raycast import RAYCAST
+from stages.raycast import RAYCAST, RAYCAST_OF_GIVEN_SURFACE
 from stages.relight import RELIGHT
 from stages.render import RENDER
 from stages.report import REPORT
@@ -130,11 +130,11 @@ def dataflow(given: Collection[str], light: str = "directions") -> Flow:
             "No photos were given; expected --images DIR, or `images` under `sources` in a configuration."
         )
     cameras, surface = cameras_and_surface(given)
-    return (cameras, UNDISTORT, *surface, RAYCAST, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
+    return (cameras, UNDISTORT, *surface, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
 
 
 def cameras_and_surface(given: Collection[str]) -> tuple[AnyStage, Flow]:
-    """Select the stage that gives the cameras, and those that give the surface, from the sources given.
+    """Select the stage that gives the cameras, and those that give the surface and what views see of it.
 
     Raises
     ------
@@ -143,9 +143,9 @@ def cameras_and_surface(given: Collection[str]) -> tuple[AnyStage, Flow]:
     """
     cameras: dict[str, AnyStage] = {"colmap": ADOPT_MODEL, "camera_file": ADOPT_CAMERAS}
     surfaces: dict[str, Flow] = {
-        "mesh_file": (ADOPT_MESH,),
-        "points_file": (ADOPT_POINTS, MESH_OF_GIVEN_POINTS),
-        "dense_folder": (ADOPT_DEPTH_MAPS, MESH_OF_GIVEN_POINTS),
+        "mesh_file": (ADOPT_MESH, RAYCAST_OF_GIVEN_SURFACE),
+        "points_file": (ADOPT_POINTS, MESH_OF_GIVEN_POINTS, RAYCAST_OF_GIVEN_SURFACE),
+        "dense_folder": (ADOPT_DEPTH_MAPS, MESH_OF_GIVEN_POINTS, RAYCAST_OF_GIVEN_SURFACE),
     }
     for kinds, flags in ((cameras, "--colmap and --cameras"), (surfaces, "--mesh and --points")):
         if len(kinds.keys() & set(given)) > 1:
@@ -157,8 +157,10 @@ def cameras_and_surface(given: Collection[str]) -> tuple[AnyStage, Flow]:
             "cameras. Give the COLMAP model, or the file of cameras, that it belongs to."
         )
     adopted = next((stage for name, stage in cameras.items() if name in given), None)
-    by_stereo = (*BEFORE_STEREO, MVS_OF_GIVEN_CAMERAS, MESH) if adopted else (MVS, MESH)
-    return adopted or SFM, next((flow for name, flow in surfaces.items() if name in given), by_stereo)
+    by_stereo = (*BEFORE_STEREO, MVS_OF_GIVEN_CAMERAS) if adopted else (MVS,)
+    return adopted or SFM, next(
+        (flow for name, flow in surfaces.items() if name in given), (*by_stereo, MESH, RAYCAST)
+    )
 
 
 def experiment(given: Collection[str], light: str = "directions") -> Flow:
@@ -174,7 +176,8 @@ def experiment(given: Collection[str], light: str = "directions") -> Flow:
             f"The settings of `render` ask for a rendered scene, but {', '.join(unwanted)} was given too; "
             "give one of the two."
         )
-    return (RENDER, UNDISTORT, KNOWN_GEOMETRY, RAYCAST, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
+    rays = RAYCAST_OF_GIVEN_SURFACE
+    return (RENDER, UNDISTORT, KNOWN_GEOMETRY, rays, CORRESPONDENCE, *light_and_albedo(light), EXPORT)
 
 
 def keeping_within_masks(flow: Flow, settings: Mapping[str, Settings]) -> Flow:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,8 @@ from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from stages.scene.cameras import Camera
 
 
 class FitCheckSettings(Settings):
@@ -62,6 +65,15 @@ class RaycastSettings(Settings):
         "2 or 3 saves most of its time.",
         ge=1,
         le=16,
+    )
+    outline_px: float = setting(
+        6.0,
+        "Of the mesh, what a view shows as even background (`mvs`) is not used in that view this near to the "
+        "mesh's outline: stereo and Poisson go on beyond outlines by up to so much, as into the sky around a "
+        "chimney. 0: all is used. Farther inside it may be a plain wall.",
+        unit="px at working size",
+        ge=0,
+        le=100,
     )
     fit_check: FitCheckSettings = group(
         FitCheckSettings, "Whether the mesh lies where the sparse points are, else a warning."
@@ -120,7 +132,7 @@ def run(job: Job[RaycastSettings]) -> None:
     observed = dict(zip(cameras, sparse.seen, strict=True))
     mesh = read_mesh(job.inputs["mesh"])
     caster = RayCaster(mesh)
-    views, coverage, gaps, behind = [], {}, [], np.zeros(2, np.int64)
+    views, coverage, gaps, behind, beyond = [], {}, [], np.zeros(2, np.int64), 0
     with job.progress("rays", len(cameras)) as step:
         for name in chosen_views(list(cameras), settings.views):
             camera = cameras[name]
@@ -128,7 +140,9 @@ def run(job: Job[RaycastSettings]) -> None:
                 *(max(1, side // settings.reduce) for side in (camera.width, camera.height))
             )
             seen = caster.see(camera, job.threads)
-            used = seen.mask & kept_at(job.inputs["kept"] / f"{name}.png", camera.shape)
+            kept = seen.mask & kept_at(job.inputs["kept"] / f"{name}.png", camera.shape)
+            used = kept & ~_beyond_outline(job, camera, seen.mask)
+            beyond += int(kept.sum() - used.sum())
             coverage[name] = round(float(used.mean()), 4)
             behind += (seen.behind & used).sum(), used.sum()
             gaps.append(gaps_at_points(camera, seen.depth, sparse.x_in_world[observed[name]]))
@@ -155,7 +169,21 @@ def run(job: Job[RaycastSettings]) -> None:
     _tell_fit(job, np.concatenate(gaps), sightings, mesh.diagonal)
     _tell_winding(job, float(behind[0] / behind[1]))
     write_cameras(job.outputs["cameras"], views)
+    job.note(beyond_outlines=beyond)
     job.note(coverage=coverage, mean_coverage=round(float(np.mean(list(coverage.values()))), 4))
+
+
+def _beyond_outline(job: Job[RaycastSettings], camera: Camera, mask: np.ndarray) -> np.ndarray:
+    """Select pixels of the mesh, (h, w), that the photo shows as background; none unless stereo said."""
+    import numpy as np
+
+    from stages.formats.images.masks import background_at
+    from stages.geometry.mesh_fit import beyond_outline
+
+    if "background" not in job.inputs:
+        return np.zeros_like(mask)
+    background = background_at(job.inputs["background"] / f"{camera.name}.png", camera.shape)
+    return beyond_outline(mask, background, job.settings.outline_px / job.settings.reduce)
 
 
 def _tell_fit(job: Job[RaycastSettings], gaps: np.ndarray, sightings: int, size: float) -> None:
@@ -194,10 +222,10 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 RAYCAST = Stage(
     name="raycast",
-    version=1,
+    version=2,
     about="Depth, normals, masks and triangle maps of the mesh in each view.",
     settings=RaycastSettings,
-    takes=("mesh", "workspace", "kept"),
+    takes=("mesh", "workspace", "kept", "background"),
     gives=(
         Artefact("depth", "z-depth per view, EXR, model units, 0 = nothing", output="depth"),
         Artefact("normal", "unit normals per view, EXR, world axes", output="normal"),
@@ -212,3 +240,6 @@ RAYCAST = Stage(
     saves_memory="set raycast.reduce=2, or give a mesh of fewer faces",
     found=in_words,
 )
+
+# Without stereo nobody says where background is.
+RAYCAST_OF_GIVEN_SURFACE = replace(RAYCAST, takes=("mesh", "workspace", "kept"), ignores=("outline_px",))

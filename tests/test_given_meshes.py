@@ -16,7 +16,7 @@ from stages.formats.artefacts.transfer_file import read_transfer
 from stages.formats.colmap.model import pinhole_model
 from stages.formats.images.exr import read_exr
 from stages.formats.meshes.triangle_meshes import Surface, read_mesh, write_mesh
-from stages.raycast import RAYCAST
+from stages.raycast import RAYCAST_OF_GIVEN_SURFACE
 from stages.scene.cameras import Camera
 from stages.texture import TEXTURE
 from stages.transfer import TRANSFER, TransferSettings
@@ -76,8 +76,8 @@ def raycast(folder, surface: Surface, make_job, views: list[Camera]):
     (folder / "kept").mkdir()
     workspace_of(folder / "workspace/sparse", views)
     inputs = {"mesh": adopt.outputs["mesh"], "workspace": folder / "workspace", "kept": folder / "kept"}
-    job = make_job(folder / "rays", RAYCAST, None, **inputs)
-    RAYCAST.run(job)
+    job = make_job(folder / "rays", RAYCAST_OF_GIVEN_SURFACE, None, **inputs)
+    RAYCAST_OF_GIVEN_SURFACE.run(job)
     return adopt, job
 
 

@@ -1,4 +1,4 @@
-"""A mesh beside the surface that the sparse points show is said to be."""
+"""A mesh beside the surface that the photos show: it is said to be, and its rims are not used."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import pycolmap
 import pytest
 
 from stages.formats.colmap.model import pinhole_model
+from stages.formats.images.photos import read_mask, write_mask
 from stages.formats.meshes.triangle_meshes import Surface, write_mesh
-from stages.geometry.mesh_fit import gaps_at_points
+from stages.geometry.mesh_fit import beyond_outline, gaps_at_points
 from stages.geometry.rays import RayCaster
-from stages.raycast import RAYCAST, FitCheckSettings
+from stages.raycast import RAYCAST, RAYCAST_OF_GIVEN_SURFACE, FitCheckSettings, RaycastSettings
 from stages.scene.cameras import Camera, project
 from stages.stereo.workspace import open_workspace
 from tests.test_surface import SQUARE, camera
@@ -77,7 +78,46 @@ def test_a_mesh_in_another_frame_is_said_to_be(make_job, tmp_path, moved, count,
     write_mesh(tmp_path / "mesh.ply", Surface(moved(SQUARE.vertices), SQUARE.faces))
     (tmp_path / "kept").mkdir()
     inputs = {name: tmp_path / file for name, file in (("mesh", "mesh.ply"), ("workspace", "workspace"))}
-    job = make_job(tmp_path / "out", RAYCAST, kept=tmp_path / "kept", **inputs)
-    RAYCAST.run(job)
+    job = make_job(tmp_path / "out", RAYCAST_OF_GIVEN_SURFACE, kept=tmp_path / "kept", **inputs)
+    RAYCAST_OF_GIVEN_SURFACE.run(job)
     assert len(job.warnings) == (said is not None)
     assert said is None or re.search(said, job.warnings[0])
+
+
+def test_background_counts_near_the_outline_alone_and_not_along_the_border_of_the_photo():
+    mask = np.zeros((20, 30), bool)
+    mask[:, 10:] = True
+    background = np.zeros_like(mask)
+    background[:5, :14] = background[:, 20:] = True
+    beyond = np.zeros_like(mask)
+    beyond[:5, 10:13] = True
+    np.testing.assert_array_equal(beyond_outline(mask, background, 3), beyond)
+    assert not beyond_outline(mask, background, 0).any()
+
+
+@pytest.mark.parametrize(("reduce", "outline_px", "taken"), [(1, 3.0, 3), (1, 0.0, 0), (2, 4.0, 2)])
+def test_a_view_does_not_use_the_rim_that_its_photo_shows_as_background(
+    make_job, tmp_path, reduce, outline_px, taken
+):
+    model_of(tmp_path / "workspace/sparse", 60)
+    write_mesh(tmp_path / "mesh.ply", SQUARE)
+    kept, background = tmp_path / "kept", tmp_path / "background"
+    kept.mkdir()
+    sky = np.zeros((30, 40), bool)
+    sky[:, :20] = True
+    write_mask(background / "a.png", sky)
+    folders = {"kept": kept, "background": background, "workspace": tmp_path / "workspace"}
+
+    def masks(stage, settings=None):
+        job = make_job(tmp_path / f"{len(folders)}", stage, settings, mesh=tmp_path / "mesh.ply", **folders)
+        stage.run(job)
+        return job, [read_mask(job.outputs["mask"] / f"{name}.png") for name in ("a", "b")]
+
+    job, found = masks(RAYCAST, RaycastSettings(reduce=reduce, outline_px=outline_px))
+    folders.pop("background")
+    _, whole = masks(RAYCAST_OF_GIVEN_SURFACE, RaycastSettings(reduce=reduce))
+    np.testing.assert_array_equal(found[1], whole[1])
+    row = whole[0].shape[0] // 2
+    assert whole[0][row].sum() - found[0][row].sum() == taken
+    assert found[0][row, 20 // reduce :].sum() == whole[0][row, 20 // reduce :].sum()
+    assert job.facts["beyond_outlines"] == whole[0].sum() - found[0].sum()

@@ -1,7 +1,8 @@
-"""Distances between a mesh and the sparse points."""
+"""How a mesh fits what the photos show: distances to the sparse points, outlines before a background."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from stages.scene.cameras import Camera, in_image, project
@@ -24,3 +25,31 @@ def gaps_at_points(camera: Camera, depth: np.ndarray, x_in_world: np.ndarray) ->
     column, row = xy[inside].astype(np.int64).T
     there = depth[row, column]
     return np.abs(z[inside] - there)[there > 0]
+
+
+def beyond_outline(mask: np.ndarray, background: np.ndarray, reach_px: float) -> np.ndarray:
+    """Select pixels of a mesh at which the view shows background, no farther from its outline than a reach.
+
+    Parameters
+    ----------
+    mask : ndarray, shape (h, w), bool
+        Pixels that see the mesh.
+    background : ndarray, shape (h, w), bool
+        Even background, as stereo tells it by the edges of the photo
+        (`stages.stereo.depth.depth_edges.up_to_edges`).
+    reach_px : float
+        How far a mesh goes on beyond outlines, pixels.
+
+    Returns
+    -------
+    ndarray, shape (h, w), bool
+
+    Notes
+    -----
+    The border of the photo is no outline. A plain wall up to that border passes for background, too; within
+    the mesh it stays.
+    """
+    if not background.any():
+        return np.zeros_like(mask)
+    to_outline_px = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return mask & background & (to_outline_px <= reach_px)

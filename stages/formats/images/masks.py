@@ -1,4 +1,4 @@
-"""The user's masks at the size of the views that are decomposed."""
+"""Masks, the user's and stereo's, at the size of the views that are decomposed."""
 
 from __future__ import annotations
 
@@ -19,11 +19,23 @@ def kept_at(path: Path, shape: tuple[int, int]) -> np.ndarray:
     """
     if not path.exists():
         return np.ones(shape, bool)
-    kept = read_mask(path)
-    if kept.shape == shape:
-        return kept
+    return _wholly(read_mask(path), shape)
+
+
+def background_at(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    """Read where stereo told even background of a view, at `shape` (height, width); nowhere without a file.
+
+    A reduced pixel is background if any part of it is.
+    """
+    return ~_wholly(~read_mask(path), shape) if path.exists() else np.zeros(shape, bool)
+
+
+def _wholly(pixels: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Reduce a mask to the pixels all of which it has."""
+    if pixels.shape == shape:
+        return pixels
     height, width = shape
-    return cv2.resize(kept.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > ALL_KEPT
+    return cv2.resize(pixels.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > ALL_KEPT
 
 
 def nothing_kept(which: str) -> str:
