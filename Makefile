@@ -91,7 +91,7 @@ benchmarks: $(VENV)/.ready-benchmarks ## accuracy (after make sample, make fount
 	$(VENV)/bin/python -m benchmarks.dense_truth workspaces/sample
 	$(VENV)/bin/python -m benchmarks.dense_truth --true-cameras
 	$(VENV)/bin/python -m benchmarks.fountain_poses
-	$(VENV)/bin/python -m benchmarks.mit_berkeley --quick
+	test -z "$(UNSHADE_DATA)" || $(VENV)/bin/python -m benchmarks.mit_berkeley --quick
 	$(VENV)/bin/python -m benchmarks.solver --quick
 
 clean: ## remove the environment and all caches of tools; workspaces stay

@@ -71,7 +71,7 @@ class Given:
         Memory that a stage may take, and each worker, as in `--memory 6GB`; by default 70 % of the machine's.
         Where need be, light and albedo of many views are found in smaller clusters and photos are reduced
         further, which is part of the settings (lighting.pixels, decomposition.clusters.pixels,
-        undistort.auto.view_megapixels).
+        mesh.most_cells, transfer.most_vertices, undistort.auto.view_megapixels).
     workers
         Run the tasks of stages (views, pairs, clusters of pixels) in so many processes of this machine. Needs
         Dask. Never changes a result.

@@ -15,7 +15,7 @@ class ClusterSettings(Settings):
     pixels: int = setting(
         20_000_000,
         "Pixels that take part in a cluster, at most: all that show its part of the surface, and those of "
-        "the margin around it. Memory is about 0.65 kB for each.",
+        "the margin around it. Memory is about 0.5 kB for each.",
         unit="pixels",
         ge=LEAST_PIXELS,
     )

@@ -193,7 +193,7 @@ class LightingSettings(LightSearchSettings):
     pixels: int = setting(
         10_000_000,
         "Masked pixels, at most, of the views that the light is estimated from: all, or some from every part "
-        "of the scene; the pixels of all are then lit in clusters. Memory is about 0.4 kB for each.",
+        "of the scene; the pixels of all are then lit in clusters. Memory is about 0.3 kB for each.",
         unit="pixels",
         ge=LEAST_PIXELS,
     )
