@@ -48,7 +48,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 ADOPT_DEPTH_MAPS = Stage(
     name="adopt_depth_maps",
-    version=1,
+    version=2,
     about="Points fused from the depth maps of a COLMAP workspace.",
     settings=AdoptDepthMapsSettings,
     takes=("dense_folder",),

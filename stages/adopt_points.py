@@ -47,7 +47,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 ADOPT_POINTS = Stage(
     name="adopt_points",
-    version=1,
+    version=2,
     about="The user's own fused points, in the frame of the cameras.",
     settings=AdoptPointsSettings,
     takes=("points_file",),

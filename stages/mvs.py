@@ -94,7 +94,7 @@ def within(settings: MvsSettings, memory: int) -> MvsSettings:
 
 MVS = Stage(
     name="mvs",
-    version=5,
+    version=6,
     about="Depth and normals per view by multi-view stereo, fused into one oriented cloud.",
     settings=MvsSettings,
     takes=("workspace",),

@@ -95,12 +95,13 @@ def cameras_around(surface: Surface, photos: list[Camera], how: TurntableSetting
     from stages.synthetic.views import elevations_of, ring_of_views
 
     upright = upright_from_world(photos, how.upright_within_deg)
+    shown = surface.vertices[np.unique(surface.faces)]  # a file's other vertices may be anywhere
     elevation_deg = how.elevation_deg
     if elevation_deg is None:
-        elevation_deg = float(np.median(elevations_of(photos, surface.vertices.mean(axis=0), upright)))
+        elevation_deg = float(np.median(elevations_of(photos, shown.mean(axis=0), upright)))
     size = (how.side_px, how.side_px)
     first = photos[0].centre_in_world
-    return ring_of_views(how.frames, first, elevation_deg, how.distance, surface.vertices, size, upright)
+    return ring_of_views(how.frames, first, elevation_deg, how.distance, shown, size, upright)
 
 
 def frame_of(
@@ -157,7 +158,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 TURNTABLE = Stage(
     name="turntable",
-    version=1,
+    version=2,
     about="The textured model under another light, from all around.",
     settings=TurntableSettings,
     takes=("textured_model", "cameras", "transfer", "surface_light"),

@@ -360,6 +360,7 @@ DAMAGE = {
     "no json": (transforms, "{", "[", "is of no camera|cannot be read|has \\d+ numbers"),
     "cut": (transforms, "]]", "]", "it is not JSON"),
     "no number": (transforms, '"fl_x": 100.0', '"fl_x": "wide"', "fl_x is 'wide', expected a number"),
+    "no angle": (transforms, '"fl_x": 100.0', '"camera_angle_x": 1, "camera_angle_y": 0', "a camera_angle_y"),
     "infinite": (transforms, '"fl_x": 100.0', '"fl_x": 1e999', "fl_x is inf, expected a number"),
     "huge": (transforms, '"w": 120', '"w": 1e18', "an image has 1e\\+18 × 90 pixels"),
     "negative focal": (transforms, '"fl_x": 100.0', '"fl_x": -100.0', "a focal length of -100 px"),
@@ -382,6 +383,7 @@ DAMAGE = {
     "spherical": (metashape, 'id="0" type="frame"', 'id="0" type="spherical"', "type 'spherical'; expected"),
     "strange sensor": (metashape, 'sensor_id="0"', 'sensor_id="9"', "the sensor '9', which is not there"),
     "r^8": (metashape, "<k1>", "<k4>-900</k4><k1>", "a radial term of the eighth power"),
+    "p3": (metashape, "<k1>", "<p1>.001</p1><p3>5</p3><k1>", "coefficients p3 and p4; expected p1 and p2"),
     "skew": (metashape, "<k1>", "<b2>3</b2><k1>", "has skew or"),
 }
 

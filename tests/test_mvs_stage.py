@@ -13,6 +13,7 @@ import numpy as np
 import open3d
 import pycolmap
 import pytest
+from scipy.spatial import cKDTree
 
 from pipeline import UserError
 from stages.formats.artefacts.array_store import ArrayStore
@@ -72,6 +73,21 @@ def test_the_fused_cloud_is_on_the_surface_and_says_so(finished):
     assert np.quantile(np.minimum(off_ball, off_wall), 0.9) < 0.05
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-4)
     assert set(finished.facts["coverage"]) == {f"{camera.name}.png" for camera in VIEWS}
+
+
+def test_a_georeferenced_scene_is_fused_as_finely(tmp_path, make_job, workspace, finished):
+    """In metres of UTM; numbers of single precision are half a metre apart there."""
+    shift = np.array([500_000.0, 5_700_000.0, 120.0])
+    shutil.copytree(workspace, tmp_path / "w")
+    model = pycolmap.Reconstruction(workspace / "sparse")
+    model.transform(pycolmap.Sim3d(1, pycolmap.Rotation3d(), shift))
+    model.write(tmp_path / "w/sparse")
+    job = make_job(tmp_path, MVS, MvsSettings(**QUICK), workspace=tmp_path / "w")
+    MVS.run(job)
+    (far, _), (near, _) = (read_points(one.outputs["fused"]) for one in (job, finished))
+    assert len(far) == pytest.approx(len(near), rel=0.01)
+    apart, _ = cKDTree(near).query(far - shift)
+    assert np.quantile(apart, 0.99) < 0.01
 
 
 def test_another_number_of_threads_gives_the_same_bytes(finished, tmp_path, make_job, workspace):

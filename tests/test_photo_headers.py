@@ -11,6 +11,7 @@ import numpy as np
 import OpenEXR
 import pycolmap
 import pytest
+import tifffile
 from PIL import Image, ImageCms
 
 from pipeline import UserError
@@ -130,6 +131,19 @@ def test_a_tiff_that_no_decoder_brings_to_light_is_refused(tmp_path, dtype):
         _write_grey_tiff(path, CODES[..., 0].astype(dtype))
     with pytest.raises(UserError, match=r"deep\.tif is a .*xport it"):
         read_photo(path)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_tiff_whose_channels_stand_apart_is_read_or_refused(tmp_path, dtype):
+    """OpenCV takes the channels of 16 bits for interleaved: all were the first."""
+    values = np.random.default_rng(1).integers(0, 255, (9, 14, 3)).astype(dtype)
+    planes = np.moveaxis(values, -1, 0)
+    tifffile.imwrite(tmp_path / "a.tif", planes, planarconfig="separate", photometric="rgb")
+    if dtype == np.uint16:
+        with pytest.raises(UserError, match=r"channels stand one after the other .*export it with inter"):
+            read_photo(tmp_path / "a.tif")
+    else:
+        np.testing.assert_allclose(read_photo(tmp_path / "a.tif"), linear_from_srgb(values / 255), atol=1e-6)
 
 
 def _write_grey_tiff(path: Path, values: np.ndarray) -> None:

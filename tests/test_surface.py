@@ -111,6 +111,12 @@ def test_poisson_finds_the_sphere_the_same_twice():
     np.testing.assert_array_equal(first.faces, second.faces)
 
 
+def test_poisson_of_a_georeferenced_scan_is_the_one_at_the_origin():
+    points, shift = sphere_points(4000), np.array([500_000.0, 5_700_000.0, 120.0])
+    far = s.poisson(s.OrientedPoints(points.x_in_world + shift, points.normals, points.footprints), depth=5)
+    assert np.abs(np.linalg.norm(far.vertices - shift, axis=1) - 1).mean() < 0.01
+
+
 def grid_sheet(at: np.ndarray) -> Surface:
     """A flat sheet, z = 0, with a vertex at every pair of coordinates."""
     x, y = np.meshgrid(at, at)

@@ -17,6 +17,7 @@ from stages.formats.colour.srgb import srgb_from_linear
 from stages.formats.images.exr import read_exr, write_exr
 from stages.formats.images.photos import write_mask
 from stages.formats.meshes import gltf_binary
+from stages.formats.meshes.mesh_files import read_mesh_file
 from stages.formats.meshes.textured_models import Texture, TexturedModel, write_glb
 from stages.formats.meshes.triangle_meshes import Surface, write_mesh
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
@@ -24,6 +25,7 @@ from stages.scene.cameras import Camera, back_project
 from stages.synthetic.views import look_at
 from stages.texture import TEXTURE
 from stages.texturing.completion import Gutters, SurfaceMeans, completed
+from stages.texturing.gathering import typical_footprint
 from stages.texturing.normal_map import tangent_space, tangents_of
 from stages.texturing.settings import ChartSettings, CompletionSettings, TextureSettings
 from stages.texturing.texels import Texels, areas_in_texture, side_of_atlas, texels_of
@@ -277,6 +279,15 @@ def test_the_atlas_is_as_fine_as_the_views_within_bounds():
     assert side_of_atlas(SURFACE, [camera.scaled(4, 4) for camera in views], how) == how.least_px
 
 
+def test_a_wall_of_two_triangles_larger_than_the_photos_is_as_fine_as_they_are():
+    how, views = ChartSettings(), cameras()
+    corners = np.array([[-9.0, -9, -0.2], [9, -9, -0.2], [9, 9, -0.2], [-9, 9, -0.2]])
+    wall = Surface(corners + [4, 0, 0], np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+    texel = 18 / side_of_atlas(wall, views, how)
+    assert texel < 1.1 * typical_footprint(np.zeros((1, 3)), views) / np.sqrt(how.expected_use)
+    assert 0 < typical_footprint(corners + [400, 0, 0], views) < np.inf
+
+
 def test_settings_of_the_stage_are_told_by_name():
     assert TextureSettings().charts.most_px == 4096
 
@@ -291,8 +302,10 @@ def test_a_glb_that_no_header_could_tell_the_length_of_is_refused(monkeypatch):
         gltf_binary.packed({}, buffer)
 
 
-def test_axes_of_a_glb_are_turned_and_nothing_else(tmp_path):
-    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]])
+@pytest.mark.parametrize("shift", [[0.0, 0, 0], [500_000.0, 5_700_000, 120]])
+def test_axes_of_a_glb_are_turned_and_nothing_else(tmp_path, shift):
+    """Not even in metres of UTM, where numbers of single precision are half a metre apart."""
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]]) + shift
     uv = np.array([[0, 1], [1, 1], [1, 0], [0, 0.0]])
     image = np.arange(4 * 4 * 3, dtype=np.uint8).reshape(4, 4, 3)
     up = np.tile([[0.0, 0, 1]], (4, 1))
@@ -304,6 +317,7 @@ def test_axes_of_a_glb_are_turned_and_nothing_else(tmp_path):
     write_glb(tmp_path / "m.glb", model, TO_Y_UP)
     back = trimesh.load(tmp_path / "m.glb", force="mesh", process=False)
     np.testing.assert_allclose(np.asarray(back.vertices) @ TO_Y_UP, square, atol=1e-6)
+    np.testing.assert_allclose(read_mesh_file(tmp_path / "m.glb").vertices @ TO_Y_UP, square, atol=1e-6)
     np.testing.assert_allclose(back.visual.uv, np.column_stack([uv[:, 0], 1 - uv[:, 1]]), atol=1e-6)
     np.testing.assert_array_equal(np.asarray(back.visual.material.baseColorTexture), image)
     assert back.visual.material.roughnessFactor == 0.5

@@ -9,7 +9,7 @@ import pytest
 
 from stages.formats.images.exr import write_exr
 from stages.formats.images.photos import write_png8
-from stages.formats.meshes.textured_models import ObjCorners, Texture, write_obj
+from stages.formats.meshes.textured_models import ObjCorners, Texture, read_model, write_obj
 from stages.reporting.content.page_scene import POSITION_CODES, PageScene
 from stages.reporting.content.textured_surface import TexturedSurface
 from stages.reporting.settings import SurfaceSettings
@@ -19,15 +19,16 @@ TWO_TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]])
 SIDE, BRIGHTER = 64, 0.25
 
 
-@pytest.fixture
-def model(tmp_path) -> Path:
+def square_of(folder, labels: tuple[str, str]) -> Path:
     """A square of two triangles, the second on another UDIM tile, whose textures are of one colour each."""
     uv = np.array([[0.1, 0.1], [0.9, 0.1], [0.9, 0.9], [1.1, 0.1], [1.9, 0.9], [1.1, 0.9]])
     corners = np.column_stack([TWO_TRIANGLES.reshape(-1), np.arange(6), np.zeros(6, int)])
     obj = ObjCorners(SQUARE, uv, np.array([[0.0, 0, 1]]), np.full(2, 3), corners, np.array([1, 0]))
     textures = []
-    for number, label in enumerate(("1001", "1002")):
-        files = {kind: tmp_path / f"{kind}.{label}" for kind in ("albedo", "shading", "confidence", "normal")}
+    for number, label in enumerate(labels):
+        files = {
+            kind: folder / f"{kind}.{1001 + number}" for kind in ("albedo", "shading", "confidence", "normal")
+        }
         colour = np.full((SIDE, SIDE, 3), BRIGHTER * (1 + number), np.float32)
         write_exr(Path(f"{files['albedo']}.exr"), colour)
         write_exr(Path(f"{files['shading']}.exr"), 2 * np.ones_like(colour))
@@ -36,8 +37,20 @@ def model(tmp_path) -> Path:
         for image in images:
             write_png8(image, np.full((SIDE, SIDE, 3), 128, np.uint8))
         textures.append(Texture(label, np.array([1 - number]), *images))
-    write_obj(tmp_path / "model.obj", obj, tuple(textures))
-    return tmp_path
+    write_obj(folder / "model.obj", obj, tuple(textures))
+    return folder
+
+
+@pytest.fixture
+def model(tmp_path) -> Path:
+    return square_of(tmp_path, ("1001", "1002"))
+
+
+@pytest.mark.parametrize("materials", [("wall  a", "wall a"), ("a#1", "a_1"), (" b ", "\n"), ("木", "石")])
+def test_textures_are_found_whatever_their_materials_are_called(tmp_path, materials):
+    found = read_model(square_of(tmp_path, materials) / "model.obj")
+    pictures = [found.base_colours[number].name for number in found.texture]
+    assert pictures == ["albedo.1002.png", "albedo.1001.png"]
 
 
 def test_faces_are_in_the_order_of_their_textures_and_places_within_them(model):

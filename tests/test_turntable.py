@@ -54,6 +54,16 @@ def test_the_first_picture_is_from_the_side_of_the_first_photo():
     assert there @ here > 0.95 * np.linalg.norm(there) * np.linalg.norm(here)
 
 
+def test_vertices_of_no_face_do_not_count():
+    surface = Surface(RNG.normal(size=(5, 3)), np.array([[0, 1, 2]], np.int32))
+    stray = Surface(np.vstack([surface.vertices, [[500.0, 500, 500]]]), surface.faces)
+    alone = Surface(surface.vertices[:3], surface.faces)
+    photos = [towards_origin(azimuth, 25) for azimuth in (70, 0, -70)]
+    rings = [cameras_around(one, photos, TurntableSettings(frames=2, side_px=32)) for one in (stray, alone)]
+    for one, other in zip(*rings, strict=True):
+        np.testing.assert_array_equal(one.cam_from_world, other.cam_from_world)
+
+
 @pytest.fixture(scope="module")
 def ball_over_floor(tmp_path_factory, make_job):
     """A ball that hovers above a floor, all white, and what its vertices see of the sky."""

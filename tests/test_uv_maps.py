@@ -11,7 +11,7 @@ import trimesh
 
 from pipeline import UserError
 from stages.formats.meshes.mesh_files import read_mesh_file, read_uv_map
-from stages.formats.meshes.polygons import triangulate
+from stages.formats.meshes.polygons import distinct, triangulate
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 UV = np.array([[0.1, 0.2], [0.3, 0.25], [1.7, 0.9], [0.123456789, 1 / 3]])
@@ -135,6 +135,21 @@ def test_a_glb_keeps_texture_coordinates_to_the_bit_and_materials(tmp_path):
     assert found.materials == ("material_1", "skin", "material")
     np.testing.assert_array_equal(found.material, np.repeat([0, 1, 2, 0, 1, 2], 2))
     assert (found.uv[found.corners] == found.uv[polygons.corners]).all()
+
+
+def test_materials_of_one_name_are_told_apart(tmp_path):
+    (tmp_path / "a.glb").write_bytes(glb_of(NODES, PARTS, materials=[{"name": "skin"}, {"name": "skin"}]))
+    assert of_file(tmp_path / "a.glb")[1].materials == ("skin_2", "skin", "material")
+    assert distinct(["skin", "wood", "skin", "skin_2", "skin"]) == [
+        "skin",
+        "wood",
+        "skin_2",
+        "skin_2_2",
+        "skin_3",
+    ]
+    words = ["木".encode("shift_jis"), "石".encode("shift_jis")]
+    (tmp_path / "a.obj").write_bytes(OBJ.encode().replace(b"old wood", words[0]).replace(b"iron", words[1]))
+    assert len(of_file(tmp_path / "a.obj")[1].materials) == 2
 
 
 def test_a_glb_is_placed_as_trimesh_places_it(tmp_path):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import open3d as o3d
@@ -70,11 +70,16 @@ def depth_within(points: OrientedPoints, depth: int, shallowest: int, most_cells
 
 
 def poisson(points: OrientedPoints, depth: int) -> Surface:
-    """Reconstruct a screened Poisson surface; on one thread, since more move vertices from run to run."""
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.x_in_world))
+    """Reconstruct a screened Poisson surface; on one thread, since more move vertices from run to run.
+
+    Around the points' mean: it computes in single precision.
+    """
+    middle = points.x_in_world.mean(axis=0)
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.x_in_world - middle))
     cloud.normals = o3d.utility.Vector3dVector(points.normals)
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
-    return from_open3d(mesh)
+    around_origin = from_open3d(mesh)
+    return replace(around_origin, vertices=around_origin.vertices + middle)
 
 
 def trim_to_points(

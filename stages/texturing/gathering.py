@@ -155,13 +155,21 @@ def gathered(
             reference, weight = albedo, sums.weight
             seen = weight > 0
             bright = float(np.quantile(albedo[seen], how.bright_quantile)) if seen.any() else 1.0
+            bright = bright or 1.0  # all but black: then any unit will do
     return Gathered(weight, albedo, maps)
 
 
 def typical_footprint(vertices: np.ndarray, cameras: list[Camera]) -> float:
-    """Compute the median of the vertices' smallest footprints, model units."""
+    """Compute the median of the vertices' smallest footprints, model units.
+
+    Where no vertex is in any image, as of a few large faces: the cameras' own at the middle of the mesh.
+    """
     footprints = smallest_footprints(vertices, cameras)
-    return float(np.median(footprints[np.isfinite(footprints)]))
+    known = footprints[np.isfinite(footprints)]
+    if not len(known):
+        middle = vertices.mean(axis=0)
+        known = np.array([np.linalg.norm(one.centre_in_world - middle) / one.focal_px for one in cameras])
+    return float(np.median(known))
 
 
 def weight_of(

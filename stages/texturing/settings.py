@@ -35,6 +35,15 @@ class ChartSettings(Settings):
     padding_px: int = setting(
         4, "Texels between charts, so that smaller copies of the texture do not mix them.", ge=0, le=64
     )
+    large_face: float = setting(
+        0.01,
+        "A face of more than this share of all surface, of which there are few, is looked for in views at "
+        "many places: no photo may show its middle.",
+        unit="of the mesh's area",
+        gt=0,
+        le=1,
+    )
+    places_along: int = setting(24, "Those places, along each of its sides.", unit="places", ge=2, le=256)
     proxy: ProxySettings = group(ProxySettings, "The decimation.")
 
 

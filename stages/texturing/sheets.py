@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stages.formats.meshes.polygons import distinct
 from stages.formats.meshes.textured_models import ObjCorners
 from stages.scene.cameras import Camera
 from stages.texturing.given_charts import FIRST_UDIM, Chart, GivenCharts
@@ -107,7 +108,8 @@ def names_of(charts: Sequence[Chart]) -> list[tuple[str, str]]:
     first.
     """
     materials = list(dict.fromkeys(chart.material for chart in charts))
-    in_files = dict(zip(materials, _distinct(materials), strict=True))
+    short = [NO_PART_OF_FILES.sub("_", name)[:LONGEST_LABEL] or MATERIAL for name in materials]
+    in_files = dict(zip(materials, distinct(short, key=str.lower), strict=True))
     tiled = any(chart.tile != FIRST_UDIM for chart in charts)
     names = []
     for chart in charts:
@@ -115,15 +117,3 @@ def names_of(charts: Sequence[Chart]) -> list[tuple[str, str]]:
         label = [in_files[chart.material]] if len(materials) > 1 else []
         names.append((".".join([chart.material, *tile]), ".".join([*label, *tile])))
     return names
-
-
-def _distinct(names: Sequence[str]) -> list[str]:
-    found: dict[str, str] = {}
-    for name in names:
-        short = NO_PART_OF_FILES.sub("_", name)[:LONGEST_LABEL] or MATERIAL
-        label, number = short, 1
-        while label.lower() in found:
-            number += 1
-            label = f"{short}_{number}"
-        found[label.lower()] = label
-    return list(found.values())

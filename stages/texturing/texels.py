@@ -149,11 +149,28 @@ def texels_of(mesh: ChartedMesh, side: int) -> Texels:
 
 
 def _texels_of_faces(surface: Surface, cameras: list[Camera], how: ChartSettings) -> np.ndarray:
-    """Count the texels that each face is worth, shape (f,): its pixels in the nearest view; 0 if unseen."""
-    middles = surface.vertices[surface.faces].mean(axis=1)
+    """Count the texels that each face is worth, shape (f,): its pixels in the nearest view; 0 if unseen.
+
+    A face is where its middle is; a large one, of which no photo may show the middle, is in many places.
+    """
+    corners = surface.vertices[surface.faces]
     areas = np.linalg.norm(face_normals(surface.vertices, surface.faces), axis=1) / 2
-    smallest = smallest_footprints(middles, cameras) / how.texels_per_pixel
-    return np.where(np.isfinite(smallest), areas / smallest**2, 0)
+    smallest = smallest_footprints(corners.mean(axis=1), cameras)
+    large = np.flatnonzero(areas > how.large_face * areas.sum())
+    if len(large):
+        places = np.einsum("pc,fcx->fpx", _places_in_a_face(how.places_along), corners[large])
+        nearest = smallest_footprints(places.reshape(-1, 3), cameras).reshape(len(large), -1).min(axis=1)
+        smallest[large] = np.minimum(smallest[large], nearest)
+    texel = smallest / how.texels_per_pixel
+    return np.where(np.isfinite(texel), areas / texel**2, 0)
+
+
+def _places_in_a_face(along: int) -> np.ndarray:
+    """Lay an even grid of so many places along a side, as barycentric coordinates, (p, 3)."""
+    second, third = np.indices((along, along)).reshape(2, -1)
+    inside = second + third < along
+    coordinates = np.stack([along - 1 - second - third, second, third], axis=1)
+    return coordinates[inside] / (along - 1)
 
 
 def _side(texels: float, how: ChartSettings) -> int:

@@ -123,6 +123,11 @@ def _calibrated(sensor: Element, calibration: Element, fisheye: bool, source: Pa
         text = calibration.findtext(name)
         return otherwise if text is None else number(text.strip(), name, source)
 
+    if (of("p3") or of("p4")) and (of("p1") or of("p2")):
+        raise UserError(
+            f"{source} has a lens with the coefficients p3 and p4; expected p1 and p2 alone. Align "
+            "the photos again without them, or undistort the photos in Metashape first."
+        )
     fy = of("f", of("fy"))
     fx = of("f", of("fx")) + of("b1")
     # Metashape's p1 goes with r² + 2x², as OpenCV's p2 does.

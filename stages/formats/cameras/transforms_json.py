@@ -67,6 +67,8 @@ def _lens(fields: Mapping[str, Any], source: Path) -> Lens:
     focal = (given["fl_x"], given.get("fl_y", given["fl_x"])) if "fl_x" in given else None
     if focal is None and not 0 < given.get("camera_angle_x", 0) < math.pi:
         raise damaged(source, "a frame has neither fl_x nor a camera_angle_x between 0 and π")
+    if focal is None and not 0 < given.get("camera_angle_y", 1) < math.pi:
+        raise damaged(source, "a frame has a camera_angle_y that is not between 0 and π")
     size = whole_size(fields["w"], fields["h"], source) if "w" in fields and "h" in fields else None
     return Lens(
         name,

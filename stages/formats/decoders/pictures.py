@@ -36,6 +36,9 @@ TIFF_BITS_PER_SAMPLE = 258
 TIFF_SAMPLE_FORMAT = 339
 TIFF_PHOTOMETRIC = 262
 TIFF_RGB = 2
+TIFF_SAMPLES_PER_PIXEL = 277
+TIFF_PLANAR = 284
+TIFF_APART = 2  # the channels one after another
 TIFF_DEEP = (1, TIFF_RGB)  # what OpenCV decodes at 16 bits: grey whose 0 is black, and RGB
 TIFF_BITS = (1, 2, 4, 8, 16)
 
@@ -180,6 +183,12 @@ def _check_tiff(image: TiffImageFile, path: Path) -> None:
         raise UserError(
             f"{path} is a TIFF of 16 bits a channel that holds neither grey nor RGB (photometric "
             f"interpretation {meaning}); export it as RGB."
+        )
+    apart = image.tag_v2.get(TIFF_PLANAR, 1) == TIFF_APART and image.tag_v2.get(TIFF_SAMPLES_PER_PIXEL, 1) > 1
+    if bits == 16 and apart:  # which OpenCV takes for interleaved: every channel would be the first
+        raise UserError(
+            f"{path} is a TIFF of 16 bits whose channels stand one after the other (planar configuration 2); "
+            "export it with interleaved channels."
         )
 
 

@@ -18,7 +18,7 @@ from stages.formats.meshes.glb_primitives import (
     placed_primitives,
     triangles_of,
 )
-from stages.formats.meshes.polygons import NO_UV, Polygons, UVMap, material_numbers
+from stages.formats.meshes.polygons import NO_UV, Polygons, UVMap, distinct, material_numbers
 
 NOTHING_PLACED = Primitive(np.zeros((0, 3)), np.zeros((0, 3), np.int64), None, None)
 MOST_NODES = 10_000  # seconds, and the time grows faster than they do
@@ -54,7 +54,15 @@ def read_glb_with_uv(path: Path) -> tuple[Polygons, UVMap]:
         _check_promises(content, len(data))
         unread = _unread(content)
         placed = [] if unread else list(placed_primitives(content, binary))
-    except (LookupError, ValueError, TypeError, AttributeError, RecursionError, struct.error) as error:
+    except (
+        LookupError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+        OverflowError,
+        struct.error,
+    ) as error:
         raise UserError(
             f"{path} does not hold what it promises ({' '.join(str(error).split())[:200]}); it was cut off "
             "or damaged. Copy or export it again."
@@ -74,16 +82,14 @@ def _joined(placed: list[Primitive], materials: list[dict[str, Any]]) -> tuple[P
     without = np.concatenate([np.full(len(one.vertices), one.uv is None) for one in placed])
     uv = np.concatenate([np.zeros((len(one.vertices), 2)) if one.uv is None else one.uv for one in placed])
     corners = faces.reshape(-1)
-    of_primitives, named = material_numbers([_name(materials, one.material) for one in placed])
+    names = distinct([str(one.get("name") or f"material_{n}") for n, one in enumerate(materials)])
+    of_primitives, named = material_numbers(
+        ["" if one.material is None else names[one.material] for one in placed]
+    )
     material = np.repeat(of_primitives, [len(one.faces) for one in placed])
     uv_map = UVMap(uv, np.where(without[corners], NO_UV, corners), material, named, v_upwards=False)
     vertices = np.concatenate([one.vertices for one in placed])
     return Polygons(vertices, np.full(len(faces), 3, np.int64), corners), uv_map
-
-
-def _name(materials: list[dict[str, Any]], number: int | None) -> str:
-    """Name a material; those without a name of their own by their number."""
-    return "" if number is None else str(materials[number].get("name") or f"material_{number}")
 
 
 def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline import UserError
 from stages.formats.meshes.ply import Ply, read_ply
-from stages.formats.meshes.polygons import NO_UV, Polygons, UVMap, material_numbers
+from stages.formats.meshes.polygons import NO_UV, Polygons, UVMap, distinct, material_numbers
 
 OF_VERTICES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 OF_CORNERS, OF_CORNERS_SIZES, TEXTURE_NUMBER = "texcoord", "texcoord sizes", "texnumber"
@@ -61,7 +61,7 @@ def _textures_of_faces(file: Ply) -> list[str]:
     if TEXTURE_NUMBER not in file.face:
         name = PurePath(file.textures[0]).stem if len(file.textures) == 1 else ""
         return [name] * len(file.sizes)
-    stems = {number: PurePath(name).stem for number, name in enumerate(file.textures)}
+    stems = dict(enumerate(distinct([PurePath(name).stem for name in file.textures])))
     return [
         stems.get(number, f"texture_{number}") for number in np.asarray(file.face[TEXTURE_NUMBER]).tolist()
     ]

@@ -18,11 +18,13 @@ def write_points(path: Path, x_in_world: np.ndarray, normals: np.ndarray, colour
     Parameters
     ----------
     path : Path
-    x_in_world, normals : ndarray, shape (n, 3)
+    x_in_world : ndarray, shape (n, 3)
+        Written as float64: in geographic coordinates float32 would be off by decimetres.
+    normals : ndarray, shape (n, 3)
         Written as float32.
     colours : ndarray, shape (n, 3), uint8
     """
-    values = [*x_in_world.T.astype("f4"), *normals.T.astype("f4"), *colours.T.astype("u1")]
+    values = [*x_in_world.T.astype("f8"), *normals.T.astype("f4"), *colours.T.astype("u1")]
     write_ply(path, dict(zip(COLUMNS, values, strict=True)))
 
 

@@ -92,7 +92,7 @@ def _parsed_obj(path: Path, with_uv: bool) -> _Obj:
             elif with_uv and words[0] == b"vt":
                 found.uv.append(_texture_coordinate(words))
             elif words[0] == b"usemtl":
-                material = b" ".join(words[1:]).decode("utf-8", "replace")
+                material = b" ".join(words[1:]).decode("utf-8", "backslashreplace")
         except ValueError as error:
             raise UserError(
                 f"{path} cannot be read at line {number}, {b' '.join(words)[:60]!r} ({error}); it was cut "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -160,3 +161,15 @@ def material_numbers(names: list[str]) -> tuple[np.ndarray, tuple[str, ...]]:
     number: dict[str, int] = {}
     material = np.array([number.setdefault(name or NAMELESS, len(number)) for name in names], np.int64)
     return material, tuple(number)
+
+
+def distinct(names: Sequence[str], key: Callable[[str], str] = str) -> list[str]:
+    """Number the names that repeat an earlier one: "wood", "wood_2"; they are compared by a key."""
+    found: dict[str, str] = {}
+    for name in names:
+        own, number = name, 1
+        while key(own) in found:
+            number += 1
+            own = f"{name}_{number}"
+        found[key(own)] = own
+    return list(found.values())

@@ -13,9 +13,10 @@ import numpy as np
 from pipeline import UserError
 from stages.formats.meshes.gltf_binary import BinaryBuffer, packed
 from stages.formats.meshes.mesh_files import read_uv_map
-from stages.formats.meshes.polygons import Polygons, triangulate
+from stages.formats.meshes.polygons import Polygons, distinct, triangulate
 from stages.formats.meshes.triangle_meshes import Surface
 
+FAR_OFF = 100  # from the origin, in diagonals of a model: single precision then rounds its relief
 LINEAR_FILTER, TRILINEAR_FILTER = 9729, 9987  # of glTF: enlarged, reduced
 NO_PART_OF_NAMES = re.compile(r"[\x00-\x1f\x7f#]+")  # of materials in text
 
@@ -105,18 +106,19 @@ def write_glb(path: Path, model: TexturedModel, gltf_from_world: np.ndarray) -> 
     gltf_from_world : ndarray, shape (3, 3)
         Rotation from the model's axes to glTF's, y up.
     """
-    buffer = BinaryBuffer()
+    buffer, origin = BinaryBuffer(), _origin_of(model.vertices)
     primitives = [
-        _primitive(buffer, model, texture.faces, gltf_from_world) | {"material": number}
+        _primitive(buffer, model, texture.faces, origin, gltf_from_world) | {"material": number}
         for number, texture in enumerate(model.textures)
     ]
+    moved = {"translation": (gltf_from_world @ origin).tolist()} if origin.any() else {}
     files = [file for texture in model.textures for file in (texture.base_colour, texture.normal_map)]
     images = [buffer.add(file.read_bytes()) for file in files]
     content = {
         "asset": {"version": "2.0", "generator": "Unshade"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
+        "nodes": [{"mesh": 0} | moved],
         "meshes": [{"primitives": primitives}],
         "materials": [
             _material(texture.material, 2 * number, model.roughness)
@@ -129,14 +131,24 @@ def write_glb(path: Path, model: TexturedModel, gltf_from_world: np.ndarray) -> 
     path.write_bytes(packed(content, buffer))
 
 
+def _origin_of(vertices: np.ndarray) -> np.ndarray:
+    """Choose what vertices, (v, 3), count from: the origin, or a place amid them where they are `FAR_OFF`."""
+    far = np.abs(vertices).max() > FAR_OFF * np.linalg.norm(np.ptp(vertices, axis=0))
+    return np.round(vertices.mean(axis=0)) if far else np.zeros(3)
+
+
 def _primitive(
-    buffer: BinaryBuffer, model: TexturedModel, of_texture: np.ndarray, gltf_from_world: np.ndarray
+    buffer: BinaryBuffer,
+    model: TexturedModel,
+    of_texture: np.ndarray,
+    origin: np.ndarray,
+    gltf_from_world: np.ndarray,
 ) -> dict[str, Any]:
     """Add the faces of a texture and the vertices that they use, in their order."""
     used, faces = np.unique(model.faces[of_texture], return_inverse=True)
     tangents = model.tangents[used]
     attributes = {
-        "POSITION": buffer.attribute(model.vertices[used] @ gltf_from_world.T, bounded=True),
+        "POSITION": buffer.attribute((model.vertices[used] - origin) @ gltf_from_world.T, bounded=True),
         "NORMAL": buffer.attribute(model.normals[used] @ gltf_from_world.T),
         "TANGENT": buffer.attribute(np.column_stack([tangents[:, :3] @ gltf_from_world.T, tangents[:, 3]])),
         "TEXCOORD_0": buffer.attribute(model.uv[used]),
@@ -163,7 +175,7 @@ def write_obj(path: Path, model: ObjCorners, textures: tuple[Texture, ...]) -> N
     Numbers are written with as many digits as tell them from all others.
     """
     material_file = path.with_suffix(".mtl")
-    names = [NO_PART_OF_NAMES.sub("_", texture.material) for texture in textures]
+    names = distinct([_in_a_line(texture.material) for texture in textures])
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(f"mtllib {material_file.name}\n")
         for word, table in (("v", model.positions), ("vt", model.uv), ("vn", model.normals)):
@@ -171,6 +183,11 @@ def write_obj(path: Path, model: ObjCorners, textures: tuple[Texture, ...]) -> N
         file.writelines(_faces(model, names))
     materials = map(_mtl_of, names, textures)
     material_file.write_text("\n".join(materials), encoding="utf-8", newline="\n")
+
+
+def _in_a_line(material: str) -> str:
+    """Write a name in a line as readers that divide it at blanks give it back."""
+    return " ".join(NO_PART_OF_NAMES.sub("_", material).split()) or "material"
 
 
 def _mtl_of(name: str, texture: Texture) -> str:
