@@ -118,6 +118,7 @@ def _run_in_order(request: Request, store: Store, listener: Listener, cluster: C
     for sentence in request.remarks:
         listener.say(sentence)
     available = _read_sources_aloud(request, store, listener)
+    store.memo.save()  # here and after each result: who interrupts a run would have all read again
     output = _output(request, store)
     flow = request.flow[: request.last_index() + 1]
     earlier = {stage.name: latest for stage in flow if (latest := store.latest(stage.name))}
@@ -126,6 +127,7 @@ def _run_in_order(request: Request, store: Store, listener: Listener, cluster: C
     for stage in flow:
         one = _bring_up_to_date(stage, request, store, listener, cluster, available)
         output.show(stage, one.record)
+        store.memo.save()
         available |= one.record.outputs
         listener.finished(one.decision, one.record)
         done.append(one)

@@ -14,11 +14,13 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
+from unittest.mock import patch
 
 import pytest
 
 from pipeline import Artefact, Stage, UserError
 from pipeline.cache.digest import files_below
+from pipeline.cache.output import Output
 from pipeline.cache.store import Store
 from pipeline.inspect import overview
 from tests import toy_flow
@@ -392,6 +394,45 @@ def test_an_output_file_that_is_no_longer_made_disappears(root):
     assert (root / "workspace/output/numbers/extra.txt").exists()
     run_toy(root)
     assert not (root / "workspace/output/numbers/extra.txt").exists()
+
+
+def test_what_an_interrupted_copy_left_in_the_output_is_removed_with_its_result(root, monkeypatch):
+    def some(names):
+        return lambda job: [(job.outputs["numbers"] / f"{name}.txt").write_text(name) for name in names]
+
+    three, two = ((JOIN, replace(COUNT, run=some(names), version=len(names))) for names in ("abc", "ab"))
+    copy = Output._copy
+
+    def interrupted(self, file, target):
+        copy(self, file, target)
+        if target.name == "c.txt":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Output, "_copy", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_toy(root, flow=three)
+    monkeypatch.setattr(Output, "_copy", copy)
+    assert (root / "workspace/output/numbers/c.txt").exists()
+    run_toy(root, flow=two)
+    shown = sorted(path.name for path in (root / "workspace/output/numbers").iterdir())
+    assert shown == ["a.txt", "b.txt"]
+    assert (root / "workspace/output/numbers/a.txt").read_text() == "a"
+
+
+def test_a_folder_that_was_closed_since_costs_nothing(root):
+    """Root may enter it all the same: the dead disk is played."""
+    run_toy(root)
+
+    class Dead(type(Path())):
+        def stat(self, **how):
+            raise PermissionError(13, "closed")
+
+    memo = Store(root / "workspace").memo
+    memo._known["/closed/photo.jpg"] = ((1, 1, 1, 1), "0" * 32)
+    memo._changed = True
+    with patch("pipeline.cache.digest.Path", Dead):
+        memo.save()
+    assert run_toy(root).ran == []
 
 
 def test_what_is_shown_of_an_earlier_run_is_named_and_stays(root):

@@ -466,7 +466,9 @@ def test_the_memory_that_was_given_is_in_the_settings_and_so_in_the_key(tmp_path
     assert of[1] < of[0]
 
 
-@pytest.mark.parametrize(("machine", "fits"), [(None, None), (10**8, 5e8), (8 * 10**9, 5.6e9)])
+@pytest.mark.parametrize(
+    ("machine", "fits"), [(None, None), (10**8, 5e8), (8 * 10**9, 5.6e9), (15_996_123_000, 11e9)]
+)
 def test_without_memory_that_was_given_stages_fit_into_most_of_the_machines(machine, fits, monkeypatch):
     monkeypatch.setattr("stages.command.machine.machine_bytes", lambda: machine)
     assert memory_to_fit(memory_of(Run())) == (None if fits is None else pytest.approx(fits))

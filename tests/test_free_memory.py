@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import UserError
+from pipeline.errors import MachineError
 from pipeline.process.meter import kilobytes, measured, resident_bytes
 from pipeline.process.own_process import in_own_process
 from stages.formats.meshes.triangle_meshes import Surface
@@ -109,7 +109,7 @@ def test_a_process_of_its_own_does_not_count_what_this_one_holds_as_its_peak():
 
 
 def test_a_process_that_the_system_ends_is_a_sentence():
-    with pytest.raises(UserError, match="process that ends at once ended before its time.*memory"):
+    with pytest.raises(MachineError, match="process that ends at once ended before its time.*memory"):
         in_own_process("that ends at once", os._exit, 9)
 
 

@@ -324,6 +324,17 @@ def test_a_workspace_among_the_photos_is_refused_before_anything_is_written(
     assert sorted(photos.iterdir()) == before
 
 
+def test_a_source_among_the_results_of_its_workspace_is_refused_and_left_as_it_is(tmp_path, capsys):
+    """Its own result would have taken the place of a mesh that was mended there."""
+    mended = tmp_path / "w/output/mesh.ply"
+    mended.parent.mkdir(parents=True)
+    mended.write_bytes(b"mended")
+    words = ["--images", SAMPLE / "linear/images", "--colmap", SAMPLE / "linear", "--mesh", mended]
+    code, _, said = unshade(capsys, "run", *words, "--workspace", tmp_path / "w")
+    assert code == 2 and "lies among the results of the workspace" in said
+    assert mended.read_bytes() == b"mended"
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

@@ -15,7 +15,7 @@ from blake3 import blake3
 
 from pipeline.cache.sealed_json import read_sealed, sealed
 from pipeline.errors import UserError
-from pipeline.files.file_kinds import expect_file
+from pipeline.files.file_kinds import expect_file, is_file
 from pipeline.files.replacing import replace_text
 
 DIGEST_HEX_DIGITS = 32  # 128 bits: accidental collisions are negligible
@@ -171,7 +171,7 @@ class DigestMemo:
         if not self._changed:
             return
         kept = {
-            name: [*stamp, digest] for name, (stamp, digest) in self._known.items() if Path(name).exists()
+            name: [*stamp, digest] for name, (stamp, digest) in self._known.items() if is_file(Path(name))
         }
         try:
             replace_text(self._path, sealed(kept))

@@ -17,6 +17,7 @@ from pipeline.files.replacing import FRESH, replace_copy, replace_text
 from pipeline.stage import AnyStage, Artefact
 
 Digests = Mapping[str, Mapping[str, str]]  # by artefact or source, then by file
+BEGUN = ["", 0]  # in place of digest and stamp, of a copy that may be there
 UNKNOWN = ""  # the stage of entries from a ledger that did not yet record stage and key
 
 
@@ -102,9 +103,17 @@ class Output:
         before = shown.get(artefact.name, {"files": {}})["files"]
         self._take_away(before.keys() - wanted.keys())
         self._make_way(wanted.keys(), shown)
-        for target, (file, digest) in wanted.items():
-            if before.get(target) != [digest, _stamp(self.root / target)]:
-                self._copy(file, self.root / target)
+        copied = {
+            target: file
+            for target, (file, digest) in wanted.items()
+            if before.get(target) != [digest, _stamp(self.root / target)]
+        }
+        if copied:  # in the ledger before they are in their places: who interrupts leaves nothing unknown
+            begun = {target: before.get(target, BEGUN) for target in wanted}
+            shown[artefact.name] = {"stage": record.stage, "key": record.key, "files": begun}
+            replace_text(self._ledger, sealed(shown))
+        for target, file in copied.items():
+            self._copy(file, self.root / target)
         files = {target: [digest, _stamp(self.root / target)] for target, (_, digest) in wanted.items()}
         shown[artefact.name] = {"stage": record.stage, "key": record.key, "files": files}
 

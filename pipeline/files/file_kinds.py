@@ -32,8 +32,17 @@ def kind_of_file(path: Path) -> str:
 
 def is_folder(path: Path) -> bool:
     """Test whether there is a folder at a path; there is none at one that is too long, or in a loop."""
+    return _is(FOLDER, path)
+
+
+def is_file(path: Path) -> bool:
+    """Test whether there is a file at a path; there is none in a folder that is closed, or on a dead disk."""
+    return _is(FILE, path)
+
+
+def _is(kind: str, path: Path) -> bool:
     try:
-        return kind_of_file(path) == FOLDER
+        return kind_of_file(path) == kind
     except OSError:
         return False
 

@@ -9,7 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
-from pipeline.errors import UserError
+from pipeline.errors import MachineError
 from pipeline.process.child import die_with
 from pipeline.process.meter import count_process, peak_bytes
 
@@ -31,7 +31,7 @@ def in_own_process(what: str, work: Callable[..., Made], *arguments: Any) -> Mad
 
     Raises
     ------
-    UserError
+    MachineError
         The process ended before its time.
     """
     spawned = get_context("spawn")
@@ -39,7 +39,7 @@ def in_own_process(what: str, work: Callable[..., Made], *arguments: Any) -> Mad
         try:
             made, its_peak = executor.submit(_measured, work, *arguments).result()
         except BrokenProcessPool as error:
-            raise UserError(
+            raise MachineError(
                 f"The process {what} ended before its time. Where memory is full, the system ends what takes "
                 "most of it: close other programs, or give less to do at once."
             ) from error

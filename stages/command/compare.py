@@ -108,9 +108,22 @@ def _compare(a: AddressedResults, b: AddressedResults, terminal: Terminal) -> Co
 
 
 def _side(given: AddressedResults) -> Side:
-    """Open one of the two results."""
+    """Open one of the two results.
+
+    Raises
+    ------
+    UserError
+        Its cameras are gone or damaged.
+    """
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.reporting.comparison.paired_views import Side
 
     places = given.places()
-    return Side({camera.name: camera for camera in read_cameras(places["cameras"])}, places)
+    try:
+        cameras = {camera.name: camera for camera in read_cameras(places["cameras"])}
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        raise UserError(
+            f"{given.label}, {given.name}, has a damaged result ({error}); expected it as it was made. "
+            "`unshade run` makes it again."
+        ) from error
+    return Side(cameras, places)

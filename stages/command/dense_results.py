@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from pipeline.files.file_kinds import is_folder
+from pipeline.files.file_kinds import is_file, is_folder
 
 MODEL = "sparse"  # a dense workspace has its model there, so that it can be given without the results
 MESH, OTHER_MESH = "meshed-poisson.ply", "meshed-delaunay.ply"  # by COLMAP's meshers
@@ -58,4 +58,4 @@ def _has_depth_maps(folder: Path) -> bool:
 
 def _first_in(folder: Path) -> str | None:
     """Name the result in a folder that is best used."""
-    return next((name for name in FLAGS if (folder / name).is_file()), None)
+    return next((name for name in FLAGS if is_file(folder / name)), None)

@@ -58,12 +58,15 @@ def cluster_of(command: Given) -> ClusterRequest | None:
 def memory_to_fit(given: int | None) -> int | None:
     """Choose the memory, bytes, into which stages divide their work: the one given, or most of the machine's.
 
-    None where neither is known.
+    None where neither is known. The machine's is rounded to two digits: what a system keeps for itself
+    changes with its version, and settings that follow from it are part of keys.
     """
     machine = machine_bytes()
     if given is not None or machine is None:
         return given
-    return max(int(SHARE_OF_MACHINE * machine), LEAST_MEMORY)
+    share = int(SHARE_OF_MACHINE * machine)
+    step = 10 ** max(len(str(share)) - 2, 0)
+    return max(share // step * step, LEAST_MEMORY)
 
 
 def memory_of(command: Given | Doctor) -> int | None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 import stages
 from pipeline import UserError, former_names, json_text
+from pipeline.cache.store import Store
 from pipeline.config import Config, check_settings, override
 from pipeline.errors import shown
+from pipeline.files.file_kinds import is_folder
+from pipeline.files.workspace_lock import refusals_explained
+from pipeline.inspect import connected_results
 from pipeline.request import Pointer, Request, Selection, check_flow
 from pipeline.stage import Flow, settings_of
 from stages import additions
@@ -18,6 +22,7 @@ from stages.command.machine import cluster_of, memory_of, memory_to_fit, threads
 from stages.command.report import FILES, write_report
 from stages.command.sources import absent_sources, check_apart, check_text, config_of, existing, sources_of
 from stages.command.workspaces import workspace_of
+from stages.report import REPORT
 from stages.reporting.document.page import HTML
 
 FURTHER: dict[str, Callable[[Flow], Flow]] = {  # flags, called like the stage that they add, in order
@@ -25,6 +30,7 @@ FURTHER: dict[str, Callable[[Flow], Flow]] = {  # flags, called like the stage t
     "texture": additions.with_texture,
     "delit_photos": additions.with_delit_photos,
 }
+OF_ALBEDO = "decomposition"  # whose result leads to all others
 POINTERS = (  # after a run, what is worth opening first
     Pointer("report", HTML, "all of it, to look at in a browser"),
     Pointer("export", "albedo", "the albedo of each view"),
@@ -62,7 +68,7 @@ def _check_selected(added: Sequence[str], command: Run) -> None:
         The run is to end before that stage, or with another.
     """
     for flag, stage in (("to", command.last), ("only", command.only)):
-        if added and stage not in (None, added[-1]):
+        if added and stage not in (None, added[-1], REPORT.name):
             asked = added[-1].replace("_", "-")
             raise UserError(f"--{asked} and --{flag} {stage} were given: it comes last. Leave out one.")
 
@@ -103,7 +109,20 @@ def reporting_of(command: Report) -> Request:
         The command or its configuration has an error that the user can correct.
     """
     config = config_of(command)
-    return _request(command, config, sources_of(command, config), Selection(), [])
+    sources = sources_of(command, config)
+    made = _made_in(workspace_of(command, config, sources))
+    added = [
+        extend for name, extend in (FURTHER | {"relight": additions.with_relighting}).items() if name in made
+    ]
+    return _request(command, config, sources, Selection(), added)
+
+
+def _made_in(workspace: Path) -> Collection[str]:
+    """List the stages whose current results belong to the current albedo."""
+    if not is_folder(workspace / "cache"):
+        return ()
+    with refusals_explained(workspace):
+        return connected_results(Store(workspace), OF_ALBEDO)
 
 
 def _sun_of(given: str) -> str:

@@ -17,11 +17,10 @@ from pipeline.plan import plan, read_sources
 from pipeline.request import Request, Result
 from stages import additions
 from stages.command.arguments import Run
-from stages.command.request import request_of
+from stages.command.request import OF_ALBEDO, request_of
 
 SHOWN = ("linear", "cameras", "mask", "albedo", "shading", "confidence", "scales")
 NEEDED = ("linear", "cameras", "albedo")
-OF_ALBEDO = "decomposition"  # whose result leads to all others
 
 
 @dataclass(frozen=True)

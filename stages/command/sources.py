@@ -111,7 +111,7 @@ def refuse_cameras_of_others(folder: Path) -> None:
 
 def dataset_of(command: Given, config: Config) -> Dataset | None:
     """Find the data set that the photos are of, if the configuration names one and no folder was given."""
-    named = "dataset" in config.sources and command.images is None
+    named = "dataset" in config.sources and "images" not in config.sources and command.images is None
     return find_dataset(config.sources["dataset"]) if named else None
 
 
@@ -191,14 +191,22 @@ def check_text(path: Path) -> None:
 
 
 def check_apart(workspace: Path, sources: dict[str, Path]) -> None:
-    """Refuse a workspace in the folder of a source: the next run would read its results as that source.
+    """Refuse a workspace in the folder of a source, and a source among its results: runs would mix the two.
 
     Raises
     ------
     UserError
-        The workspace lies in such a folder.
+        The workspace lies in such a folder, or a source in its `output` or `cache`. The light to relight with
+        may: no run that uses it makes another.
     """
+    results = [(workspace / own).resolve() for own in ("output", "cache")]
     for name, place in sources.items():
+        if name != "light" and any(place.resolve().is_relative_to(folder) for folder in results):
+            raise UserError(
+                f"The source {name!r}, {place}, lies among the results of the workspace {workspace}, and "
+                "would be replaced by those of this run; expected a place outside. Copy it elsewhere, or "
+                "choose another workspace with --workspace DIR."
+            )
         if workspace.resolve().is_relative_to(place.resolve()):
             raise UserError(
                 f"The workspace {workspace} lies in {place.resolve()}, the folder of the source {name!r}, "

@@ -53,11 +53,17 @@ def remarks(told: Told) -> list[Remark]:
 
 def _named_in(sentence: str, told: Told) -> tuple[int, ...]:
     """Find the views that a sentence names."""
-    return tuple(
-        number
-        for number, view in enumerate(told.views)
-        if re.search(rf"(?<![\w/]){re.escape(view['name'])}(?![\w/])", sentence)
-    )
+    return tuple(n for n, view in enumerate(told.views) if is_named(view["name"], sentence))
+
+
+def is_named(name: str, sentence: str) -> bool:
+    """Tell whether a sentence names a view or a photo: as a word, and no number that counts something."""
+    bare = re.escape(name)
+    if name.isdecimal() and not name.startswith("0"):
+        word = rf"(?<=[Vv]iew ){bare}|(?<=[Pp]hoto ){bare}|(?<![\w/]){bare}\.\w+"
+    else:
+        word = rf"(?<![\w/]){bare}"
+    return re.search(rf"(?:{word})(?![\w/])", sentence) is not None
 
 
 def _of_figures(told: Told) -> list[Remark]:

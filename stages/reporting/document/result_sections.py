@@ -9,6 +9,7 @@ from pipeline import json_text
 from pipeline.cache.record import Record
 from stages.reporting.document.charts import bar, line_chart, view_map
 from stages.reporting.document.markup import Markup, definitions, details, joined, table, tag
+from stages.reporting.document.remarks import is_named
 from stages.reporting.document.told import Told
 from stages.reporting.document.view_sections import data_uri
 from stages.reporting.document.wording import NOTHING, megabytes, seconds, short
@@ -244,7 +245,9 @@ def left_out_section(told: Told) -> Markup:
     said = [sentence for record in told.records.values() for sentence in record.warnings]
 
     def reason(name: str) -> str:
-        return next((one for one in said if name in one), "Not among the cameras, or left out by choice.")
+        return next(
+            (one for one in said if is_named(name, one)), "Not among the cameras, or left out by choice."
+        )
 
     rows = [(name, reason(name)) for name in told.left_out]
     return tag(
