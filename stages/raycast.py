@@ -222,7 +222,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 RAYCAST = Stage(
     name="raycast",
-    version=2,
+    version=3,
     about="Depth, normals, masks and triangle maps of the mesh in each view.",
     settings=RaycastSettings,
     takes=("mesh", "workspace", "kept", "background"),

@@ -47,9 +47,10 @@ def beyond_outline(mask: np.ndarray, background: np.ndarray, reach_px: float) ->
     Notes
     -----
     The border of the photo is no outline. A plain wall up to that border passes for background, too; within
-    the mesh it stays.
+    the mesh it stays. Pixels beside those that are beyond mix both sides, and go with them.
     """
     if not background.any():
         return np.zeros_like(mask)
     to_outline_px = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return mask & background & (to_outline_px <= reach_px)
+    beyond = mask & background & (to_outline_px <= reach_px)
+    return mask & (cv2.dilate(beyond.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
