@@ -95,12 +95,12 @@ def with_calibration(flow: Flow) -> Flow:
     """
     place = 1 + next(k for k, stage in enumerate(flow) if "albedo" in _given((stage,)))
     made = _given(flow[:place])
-    lacking = {name for name in CALIBRATED if name not in made}
+    lacking = {name for name in (*CALIBRATED, "confidence") if name not in made}
     calibration = replace(
         CALIBRATION,
         takes=tuple(name for name in CALIBRATION.takes if name not in lacking),
         gives=tuple(
-            one for one in CALIBRATION.gives if one.name not in {CALIBRATED[name] for name in lacking}
+            one for one in CALIBRATION.gives if one.name not in {CALIBRATED.get(name) for name in lacking}
         ),
     )
     before = [_unshown(stage, CALIBRATED) for stage in flow[:place]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pipeline import Artefact, Job, Settings, Stage, setting
+from pipeline import Artefact, Job, Settings, Stage, UserError, setting
 from stages.scene.distributions import PYCOLMAP
 
 
@@ -22,7 +22,7 @@ class AdoptDepthMapsSettings(Settings):
 
 def run(job: Job[AdoptDepthMapsSettings]) -> None:
     """Fuse the maps of a dense workspace, and save the points."""
-    from stages.formats.meshes.point_clouds import read_cloud, write_points
+    from stages.formats.meshes.point_clouds import write_points
     from stages.stereo.stored_depth_maps import fused_points, views_with_maps
 
     folder = job.inputs["dense_folder"]
@@ -35,8 +35,15 @@ def run(job: Job[AdoptDepthMapsSettings]) -> None:
             "patch_match_stereo to its end."
         )
     with job.progress("COLMAP fusion"):
-        fused = fused_points(folder, names, job.scratch, job.settings.fusion_views, job.settings.cache_gb)
-    x_in_world, normals, colours = read_cloud(fused)
+        x_in_world, normals, colours = fused_points(
+            folder, names, job.scratch, job.settings.fusion_views, job.settings.cache_gb
+        )
+    fewest = min(job.settings.fusion_views, len(names))
+    if not len(x_in_world):
+        raise UserError(
+            f"The depth maps of {folder} agree nowhere in {fewest} views; expected some surface that they "
+            "share. Lower adopt_depth_maps.fusion_views, or leave out --points."
+        )
     write_points(job.outputs["fused"], x_in_world, normals, colours)
     job.note(views=len(names), points=len(x_in_world))
 
@@ -48,7 +55,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 ADOPT_DEPTH_MAPS = Stage(
     name="adopt_depth_maps",
-    version=2,
+    version=3,
     about="Points fused from the depth maps of a COLMAP workspace.",
     settings=AdoptDepthMapsSettings,
     takes=("dense_folder",),

@@ -65,6 +65,8 @@ def _readings(job: Job[CalibrationSettings], cameras: list[Camera]) -> list[Read
         xy = _places(job, image.name, lens_of(model.cameras[image.camera_id]), by_name[view])
         albedo = read_exr(job.inputs["albedo"] / f"{view}.exr")
         mask = read_mask(job.inputs["mask"] / f"{view}.png")
+        if "confidence" in job.inputs:  # 0: no data of its own, as of a card that is clipped
+            mask &= read_exr(job.inputs["confidence"] / f"{view}.exr") > 0
         return read_reference(reference, view, albedo, mask, xy, job.settings.fewest_pixels)
 
     return [reading_of(reference) for reference in references_of(job.settings)]
@@ -169,7 +171,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 CALIBRATION = Stage(
     name="calibration",
-    version=2,
+    version=3,
     about="Absolute scale and white balance from a grey card or a colour chart, where one is given.",
     settings=CalibrationSettings,
     takes=(
@@ -182,6 +184,7 @@ CALIBRATION = Stage(
         "lighting",
         "albedo_tv",
         "light_pictures",
+        "confidence",  # where the stage before tells it
     ),
     gives=(
         Artefact(

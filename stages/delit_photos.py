@@ -165,7 +165,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 DELIT_PHOTOS = Stage(
     name="delit_photos",
-    version=1,
+    version=2,
     about="The photos without their light, under their own names, for other programs.",
     settings=DelitPhotosSettings,
     takes=("images", "model", "cameras", "albedo", "mask", "scales"),

@@ -73,7 +73,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 FULL_RESOLUTION = Stage(
     name="full_resolution",
-    version=6,
+    version=7,
     about="The albedo at the photos' own resolution.",
     settings=FullResolutionSettings,
     takes=("images", "model", "cameras", "albedo", "mask", "scales"),

@@ -161,7 +161,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 MESH = Stage(
     name="mesh",
-    version=5,
+    version=6,
     about="Poisson surface of the fused points, trimmed to what was seen.",
     settings=MeshSettings,
     takes=("fused", "workspace", "background"),

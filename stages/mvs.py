@@ -94,7 +94,7 @@ def within(settings: MvsSettings, memory: int) -> MvsSettings:
 
 MVS = Stage(
     name="mvs",
-    version=6,
+    version=7,
     about="Depth and normals per view by multi-view stereo, fused into one oriented cloud.",
     settings=MvsSettings,
     takes=("workspace",),

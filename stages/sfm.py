@@ -157,7 +157,7 @@ def _write_masks(job: Job[SfmSettings], photos: Sequence[Photo]) -> Path:
 def _match(job: Job[SfmSettings], database: Path, photos: Sequence[Photo], features: Sequence[int]) -> None:
     """Match the photos, given how many features each has."""
     from stages.motion import matching
-    from stages.motion.positions import near_pairs
+    from stages.motion.positions import near_pairs, reach_m
     from stages.motion.retrieval import similar_pairs
     from stages.scene.pairs import all_pairs
 
@@ -167,7 +167,8 @@ def _match(job: Job[SfmSettings], database: Path, photos: Sequence[Photo], featu
     if mode == "auto" and count <= settings.exhaustive_up_to:
         mode = "exhaustive"
     elif mode == "auto":
-        mode = "positions" if len(positions) == count else "retrieval"
+        apart = len(positions) == count and reach_m(positions, settings.near) > settings.position_error_m
+        mode = "positions" if apart else "retrieval"
     if mode == "positions" and len(positions) < count:
         without = [photo.name for photo in photos if photo.position is None]
         raise UserError(
@@ -369,7 +370,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 SFM = Stage(
     name="sfm",
-    version=6,
+    version=7,
     about="Camera poses, lens and sparse points from photos alone (COLMAP).",
     settings=SfmSettings,
     takes=("images",),

@@ -155,7 +155,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 SHADING_NORMALS = Stage(
     name="shading_normals",
-    version=1,
+    version=2,
     about="The mesh's normals without the noise that the photos contradict.",
     settings=ShadingNormalSettings,
     takes=(

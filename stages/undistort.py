@@ -161,6 +161,7 @@ def undistort_view(view: View) -> Undistorted:
     from stages.formats.decoders.exif_exposure import exposure_of
     from stages.formats.images.exr import write_exr
     from stages.formats.images.masked_photos import read_masked_photo
+    from stages.formats.images.photo_folder import LINEAR
     from stages.formats.images.photo_remarks import remarks_on
     from stages.formats.images.photos import write_mask, write_png_srgb8
     from stages.geometry.lenses import through_pinhole
@@ -178,7 +179,7 @@ def undistort_view(view: View) -> Undistorted:
     unlit = not (linear > 0).any()
     transparent = view.mask is None and not impossible and not kept.any()
     linear, kept, touched = through_pinhole(linear, kept, view.lens, view.camera)
-    write_exr(view.linear, linear)
+    write_exr(view.linear, linear, has_white=not view.photo.name.lower().endswith(LINEAR))
     write_png_srgb8(view.image, linear)
     if view.mask is not None or not kept.all():
         write_mask(view.kept, kept)
@@ -345,7 +346,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 UNDISTORT = Stage(
     name="undistort",
-    version=6,
+    version=7,
     about="Pinhole images at working size, in linear light, as a COLMAP workspace.",
     settings=UndistortSettings,
     takes=("images", "model"),

@@ -239,6 +239,15 @@ def test_photos_of_another_shape_are_refused(make_job, tmp_path):
         adopt(make_job, tmp_path, distorted_model(), images)
 
 
+def test_a_panorama_is_refused(make_job, tmp_path):
+    model = distorted_model()
+    model.cameras[7].model = pycolmap.CameraModelId.EQUIRECTANGULAR
+    model.cameras[7].params = [float(WIDTH), HEIGHT]
+    images = photos(tmp_path / "images", [f"sub/photo {i}.png" for i in range(4)])
+    with pytest.raises(UserError, match="EQUIRECTANGULAR .*sees all around; .*Cut the panoramas"):
+        adopt(make_job, tmp_path, model, images)
+
+
 def test_impossible_cameras_are_refused(make_job, tmp_path):
     model = distorted_model()
     model.cameras[7].params = [float("nan"), 61, 44, 0.1]

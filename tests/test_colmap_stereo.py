@@ -55,23 +55,31 @@ def test_the_engine_without_a_card_is_refused_before_colmap_ends_the_process(
 
 
 @pytest.mark.parametrize("points", [True, False])
-def test_colmap_fuses_true_depth_on_the_true_surface(tmp_path, points):
-    """Half a pixel off, as with COLMAP's own intrinsics, points of slanted surface would leave it."""
-    workspace = of_the_scene(tmp_path / "w", points=points)
-    folder = write_colmap_workspace(workspace, tmp_path / "for COLMAP", MvsSettings())
+@pytest.mark.parametrize("shift", [np.zeros(3), np.array([500_000.0, 5_700_000.0, 120.0])])
+def test_colmap_fuses_true_depth_on_the_true_surface(tmp_path, points, shift):
+    """Half a pixel off, as with COLMAP's own intrinsics, points of slanted surface would leave it.
+
+    So would they in metres of UTM, where its single precision knows half a metre.
+    """
+    made = stereo_scene.write_workspace(tmp_path / "w", VIEWS, points=points)
+    model = pycolmap.Reconstruction(made / "sparse")
+    model.transform(pycolmap.Sim3d(1, pycolmap.Rotation3d(), shift))
+    model.write(made / "sparse")
+    workspace, folder = open_workspace(made), tmp_path / "for COLMAP"
+    origin = write_colmap_workspace(workspace, folder, MvsSettings())
     for name, camera, traced in zip(workspace.image_names, VIEWS, TRACED, strict=True):
         write_depth_maps(folder / "stereo", name, camera, traced.depth.astype(np.float32), traced.normals)
-    pycolmap.stereo_fusion(
-        tmp_path / "fused.ply", folder, options=fusion_options(MvsSettings()), output_type="PLY"
-    )
-    x_in_world, _, _ = read_cloud(tmp_path / "fused.ply")
-    assert len(x_in_world) > 5000
-    assert np.median(off_the_surface(x_in_world)) < 0.02 * FOOTPRINT
+    options = fusion_options(MvsSettings(), len(VIEWS))
+    pycolmap.stereo_fusion(tmp_path / "fused.ply", folder, options=options, output_type="PLY")
+    x_from_origin, _, _ = read_cloud(tmp_path / "fused.ply")
+    assert len(x_from_origin) > 5000
+    assert np.median(off_the_surface(x_from_origin + origin - shift)) < 0.02 * FOOTPRINT
 
 
 def test_stand_ins_give_colmap_neighbours_and_depths_where_there_are_no_points(tmp_path):
     workspace = of_the_scene(tmp_path / "w", points=False)
-    folder = write_colmap_workspace(workspace, tmp_path / "for COLMAP", MvsSettings())
+    folder = tmp_path / "for COLMAP"
+    write_colmap_workspace(workspace, folder, MvsSettings())
     model = read_model(folder / "sparse")
     assert not read_model(workspace.folder / "sparse").points3D
     for image in model.images.values():

@@ -80,6 +80,19 @@ def photographed(image: np.ndarray) -> np.ndarray:
     return np.ones(image.shape[:2], bool)
 
 
+@pytest.mark.parametrize("width", [1, 2, 3, 4])
+def test_a_thin_pole_keeps_its_own_albedo_in_its_own_light(width):
+    """The nearest pixels inside the mask are another thing's."""
+    albedo, shading = np.zeros((40, 40, 3), np.float32), np.ones((40, 40, 3), np.float32)
+    albedo[25:, 5:35], albedo[5:25, 20 : 20 + width] = 0.5, (0.6, 0.3, 0.3)
+    shading[5:25, 20 : 20 + width] = 0.3
+    mask = albedo[..., 0] > 0
+    larger = tuple(np.repeat(np.repeat(one, 3, 0), 3, 1) for one in (albedo * shading, mask))
+    fine, _ = at_full_resolution(albedo, mask, *larger, HOW)
+    middle = fine[40:60, 60 + width : 60 + 2 * width]
+    np.testing.assert_allclose(middle, np.broadcast_to([0.6, 0.3, 0.3], middle.shape), rtol=0.15)
+
+
 def test_dark_pixels_and_outliers_are_held_back():
     truth, shading = painted()
     photo = truth * shading

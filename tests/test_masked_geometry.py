@@ -234,7 +234,9 @@ def test_colmap_s_fusion_takes_our_masks(within, workspace, kept, tmp_path):
     for camera in VIEWS:
         write_mask(left_half / f"{camera.name}.png", np.arange(camera.width) < 60 + np.zeros((90, 1)))
     opened = open_workspace(tmp_path / "w", left_half)
-    options = fusion_options(MvsSettings(), write_fusion_masks(opened, tmp_path / "for COLMAP"))
+    options = fusion_options(
+        MvsSettings(), len(opened.cameras), write_fusion_masks(opened, tmp_path / "for COLMAP")
+    )
     options.num_threads = 1
     pycolmap.stereo_fusion(tmp_path / "fused.ply", tmp_path / "w", options=options, output_type="PLY")
     x_in_world, _, _ = read_cloud(tmp_path / "fused.ply")

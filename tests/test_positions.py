@@ -13,7 +13,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from pipeline import UserError
-from stages.motion.positions import GPS_IFD, Position, near_pairs, position_of
+from stages.motion.positions import GPS_IFD, Position, near_pairs, position_of, reach_m
 from stages.motion.sfm_settings import SfmSettings
 from stages.sfm import SFM
 
@@ -112,7 +112,7 @@ def survey_of(tmp_path, make_job, **settings):
 
 def test_many_photos_with_positions_are_compared_by_them_and_else_by_appearance(make_job, tmp_path):
     for number in range(6):
-        write_photo(tmp_path / f"{number}.jpg", at(48 + 1e-4 * number, 16), seed=number)
+        write_photo(tmp_path / f"{number}.jpg", at(48 + 1e-3 * number, 16), seed=number)
     facts = survey_of(tmp_path, make_job, exhaustive_up_to=5, near=1)
     assert (facts["compared"], facts["pairs_compared"]) == ("positions", 5)
     write_photo(tmp_path / "9.jpg", None, seed=9)
@@ -121,6 +121,17 @@ def test_many_photos_with_positions_are_compared_by_them_and_else_by_appearance(
     for photo in tmp_path.glob("*.jpg"):
         photo.rename(again / photo.name)
     assert survey_of(again, make_job, exhaustive_up_to=5)["compared"] == "retrieval"
+
+
+@pytest.mark.parametrize(("step_deg", "reach"), [(0, 0), (1e-5, 1.11), (1e-3, 111.2)])
+def test_positions_within_their_error_do_not_tell_photos_apart(make_job, tmp_path, step_deg, reach):
+    """One for a whole museum, or a ring around a statue: each photo would be compared with the same ones."""
+    positions = [Position(48 + step_deg * number, 16) for number in range(6)]
+    assert reach_m(positions, 1) == pytest.approx(reach, rel=0.01)
+    for number, one in enumerate(positions):
+        write_photo(tmp_path / f"{number}.jpg", at(one.latitude, one.longitude), seed=number)
+    facts = survey_of(tmp_path, make_job, exhaustive_up_to=5, near=1)
+    assert facts["compared"] == ("positions" if reach > 15 else "retrieval")
 
 
 def test_positions_that_are_missing_are_named(make_job, tmp_path):

@@ -59,12 +59,13 @@ def waves(places, length):
     return unit(np.stack([slope[:, 0], slope[:, 1], np.ones(len(places))], axis=1))
 
 
-def kept(mesh_normals, true_normals, paint):
+def kept(mesh_normals, true_normals, paint, log_shading=log_shading, known=None):
     places, faces = grid()
     how = ReliefSettings()
     smoothing = VertexSmoothing.of(faces, len(places), how.steps, how.wider)
     cubes = [Cubes.of(places, how.window * radius) for radius in radii_of(smoothing.steps[1:], 1.0)]
-    photo = Photo(log_shading(true_normals) + paint, np.ones(len(places), bool))
+    known = np.ones(len(places), bool) if known is None else known
+    photo = Photo(log_shading(true_normals) + paint, known)
     return supported_normals(smoothing.normals(mesh_normals), smoothing, cubes, photo, log_shading, how)
 
 
@@ -85,6 +86,17 @@ def test_relief_that_the_photos_show_stays(paint, length):
     relief = waves(grid()[0], length)
     found, shares = kept(relief, relief, paint)
     assert apart_deg(found, relief) < 1, shares
+
+
+def test_vertices_that_nothing_lights_and_no_photo_shows_change_nothing(paint):
+    """As the inside of a double wall: one number that is none spread over all."""
+    relief, dark = waves(grid()[0], 12), np.arange(SIDE * SIDE) < 3
+
+    def with_dark(normals):
+        return np.where(dark, np.nan, log_shading(normals))
+
+    found, shares = kept(relief, relief, paint, with_dark, ~dark)
+    assert apart_deg(found[~dark], relief[~dark]) < 1, shares
 
 
 def test_noise_on_smooth_surface_goes(paint):

@@ -117,6 +117,14 @@ def test_poisson_of_a_georeferenced_scan_is_the_one_at_the_origin():
     assert np.abs(np.linalg.norm(far.vertices - shift, axis=1) - 1).mean() < 0.01
 
 
+@pytest.mark.parametrize("shift", [np.zeros(3), np.array([4_000_000.0, 500_000.0, 4_900_000.0])])
+def test_decimation_far_from_the_origin_is_as_at_it(shift):
+    sphere = s.poisson(sphere_points(4000), depth=5)
+    far = s.decimated(Surface(sphere.vertices + shift, sphere.faces), 1000)
+    radii = np.linalg.norm(far.vertices - shift, axis=1)
+    assert len(far.faces) <= 1000 and np.abs(radii - 1).max() < 0.05
+
+
 def grid_sheet(at: np.ndarray) -> Surface:
     """A flat sheet, z = 0, with a vertex at every pair of coordinates."""
     x, y = np.meshgrid(at, at)

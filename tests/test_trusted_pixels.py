@@ -16,6 +16,8 @@ def test_a_pixel_is_clipped_by_one_channel_unless_the_image_has_no_white():
     assert unclipped(photo, TrustedPixelSettings(saturation=0.9)).tolist() == [True, False, False]
     assert unclipped(np.vstack([photo, [[0, 0, 1.5]]]), HOW).all()
     assert unclipped(photo[:0], HOW).size == 0
+    red_beyond_srgb = np.vstack([photo, [[1.2, 0, 0]]])
+    assert unclipped(red_beyond_srgb, HOW, has_white=True).tolist() == [True, False, True, False]
 
 
 def test_surface_seen_at_a_grazing_angle_does_not_count():

@@ -11,7 +11,7 @@ import pytest
 
 from pipeline import UserError
 from stages.formats.colmap.model import cameras_of, read_model, registered
-from stages.formats.images.exr import read_exr, write_exr
+from stages.formats.images.exr import read_exr, says_white, write_exr
 from stages.formats.images.photos import encode_srgb8, read_mask, read_photo, write_mask, write_png_srgb8
 from stages.geometry.undistortion import oversampling, resample
 from stages.geometry.working_size import AutoSizeSettings, affordable_size, expected_minutes, working_size
@@ -316,6 +316,31 @@ def test_what_lies_beyond_the_photo_is_not_kept(make_job, tmp_path):
     job = undistort(make_job, tmp_path, model, tmp_path / "images", UndistortSettings(blank_pixels=1.0))
     kept = read_mask(job.outputs["kept"] / "a.png")
     assert not kept.all() and kept[kept.shape[0] // 2, kept.shape[1] // 2]
+
+
+@pytest.mark.parametrize(("focal", "k"), [(180, -0.2), (180, -0.12), (240, -0.2), (200, 0.1)])
+def test_what_a_folded_lens_would_mirror_is_not_kept(make_job, tmp_path, focal, k):
+    """Fitted to the middle, radial terms turn back before the corners of a wide photo."""
+    ramp = np.broadcast_to(np.linspace(0, 1, 400)[:, None], (300, 400, 3))
+    write_png_srgb8(tmp_path / "images" / "a.png", ramp)
+    model = one_image_model("a.png", lens_of("SIMPLE_RADIAL", 400, 300, focal, 200, 150, k))
+    job = undistort(make_job, tmp_path, model, tmp_path / "images")
+    linear, kept = read_exr(job.outputs["linear"] / "a.exr")[..., 0], job.outputs["kept"] / "a.png"
+    inside = read_mask(kept) if kept.exists() else np.ones(linear.shape, bool)
+    middle = linear.shape[0] // 2
+    across = linear[middle][inside[middle]]
+    assert (np.diff(across) > -1e-3).all() and np.ptp(across) > 0.6
+
+
+def test_a_photo_has_a_white_point_and_a_linear_image_has_none(make_job, tmp_path):
+    """Saturated colours of a wide gamut are beyond 1 in both: values do not tell."""
+    light = np.full((60, 80, 3), 1.2, np.float32)
+    write_png_srgb8(tmp_path / "images" / "a.png", light)
+    write_raw_exr(tmp_path / "linear" / "a.exr", light)
+    for folder, name, white in (("images", "a.png", True), ("linear", "a.exr", False)):
+        model = one_image_model(name, lens_of("SIMPLE_PINHOLE", 80, 60, 70, 40, 30))
+        job = undistort(make_job, tmp_path, model, tmp_path / folder, out=folder + " undistorted")
+        assert says_white(job.outputs["linear"] / "a.exr") == white
 
 
 def test_pixels_that_are_no_numbers_are_not_kept(make_job, tmp_path):

@@ -159,12 +159,35 @@ def photo_from_pinhole(lens: Lens, camera: Camera) -> np.ndarray:
 
 
 def _source_from_target(lens: pycolmap.Camera, camera: Camera, xy: np.ndarray) -> np.ndarray:
-    """Pixels (n, 2) of the photo behind pixels of the pinhole image; NaN where the lens sees nothing."""
+    """Pixels (n, 2) of the photo behind pixels of the pinhole image; NaN where the lens sees nothing.
+
+    Beyond a fold, where the image of rays farther out turns back, it would be a mirror image of what is
+    inside.
+    """
     K = camera.intrinsics
     rays = np.ones((len(xy), 3))
     rays[:, 0] = (xy[:, 0] - K[0, 2]) / K[0, 0]
     rays[:, 1] = (xy[:, 1] - K[1, 2]) / K[1, 1]
-    return np.asarray(lens.img_from_cam(rays), float)
+    radius = np.hypot(rays[:, 0], rays[:, 1])
+    farthest = float(radius.max(initial=0))
+    source = np.asarray(lens.img_from_cam(rays), float)
+    source[radius > _fold_of(lens, farthest)] = np.nan
+    return source
+
+
+def _fold_of(lens: pycolmap.Camera, farthest: float) -> float:
+    """Find the radius of rays, the tangent of their angle, at which a lens folds; infinite beyond `farthest`.
+
+    Along the axes of the image, in steps of about a pixel.
+    """
+    radii = np.linspace(0, farthest, max(lens.width, lens.height))
+    fold = np.inf
+    for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        xy = np.asarray(lens.img_from_cam(np.stack([x * radii, y * radii, np.ones_like(radii)], axis=1)))
+        outwards = np.diff((xy - xy[0]) @ [x, y]) > 0
+        if not outwards.all():
+            fold = min(fold, float(radii[int(outwards.argmin())]))
+    return fold
 
 
 def _same_camera(lens: pycolmap.Camera, camera: Camera) -> bool:

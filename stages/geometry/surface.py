@@ -164,7 +164,10 @@ def decimated(surface: Surface, target_faces: int | None) -> Surface:
     """Decimate a surface to about `target_faces` by quadrics; None leaves it as it is."""
     if target_faces is None or len(surface.faces) <= target_faces:
         return surface
-    return from_open3d(to_open3d(surface).simplify_quadric_decimation(target_faces))
+    middle = surface.vertices.mean(axis=0)  # quadrics lose their digits far from the origin
+    near = replace(surface, vertices=surface.vertices - middle)
+    fewer = from_open3d(to_open3d(near).simplify_quadric_decimation(target_faces))
+    return replace(fewer, vertices=fewer.vertices + middle)
 
 
 def with_faces(surface: Surface, keep: np.ndarray) -> Surface:

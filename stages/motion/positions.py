@@ -18,6 +18,7 @@ from stages.formats.decoders.pictures import exif_directory, exif_of
 GPS_IFD = 0x8825
 SOUTH, LATITUDE, WEST, LONGITUDE = 1, 2, 3, 4  # tags of the GPS directory
 SEXAGESIMAL = (1, 60, 3600)
+EARTH_RADIUS_M = 6.371e6
 
 
 @dataclass(frozen=True)
@@ -54,9 +55,7 @@ def near_pairs(positions: Sequence[Position], neighbours: int) -> list[tuple[int
     than that were taken in one place, groups would remain without a pair between them: those of each that are
     nearest to another are paired, too, until all are connected.
     """
-    latitude, longitude = np.deg2rad([[one.latitude, one.longitude] for one in positions]).T
-    level = np.cos(latitude)
-    places = np.stack([level * np.cos(longitude), level * np.sin(longitude), np.sin(latitude)], axis=1)
+    places = _on_unit_sphere(positions)
     count = min(neighbours + 1, len(positions))  # the nearest is the photo itself
     _, nearest = cKDTree(places).query(places, k=count)
     found = {(i, int(j)) for i, row in enumerate(nearest.reshape(len(places), count)) for j in row if i != j}
@@ -66,6 +65,19 @@ def near_pairs(positions: Sequence[Position], neighbours: int) -> list[tuple[int
             found |= _out_of(places, group == number, neighbours)
         groups, group = _groups(len(places), found)
     return sorted({(min(pair), max(pair)) for pair in found})
+
+
+def reach_m(positions: Sequence[Position], neighbours: int) -> float:
+    """Measure how far away the last of so many nearest neighbours is, metres, the median over all photos."""
+    places = _on_unit_sphere(positions)
+    distance, _ = cKDTree(places).query(places, k=[min(neighbours + 1, len(places))])
+    return EARTH_RADIUS_M * float(np.median(distance))
+
+
+def _on_unit_sphere(positions: Sequence[Position]) -> np.ndarray:
+    latitude, longitude = np.deg2rad([[one.latitude, one.longitude] for one in positions]).T
+    level = np.cos(latitude)
+    return np.stack([level * np.cos(longitude), level * np.sin(longitude), np.sin(latitude)], axis=1)
 
 
 def _groups(count: int, pairs: Collection[tuple[int, int]]) -> tuple[int, np.ndarray]:

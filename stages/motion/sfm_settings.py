@@ -206,7 +206,7 @@ class SfmSettings(Settings):
         "auto",
         "Which photos are compared: all pairs, those taken nearest to one another by the positions in their "
         "EXIF data, those that look alike, or neighbours in name order. auto: all pairs; of many photos, by "
-        "positions if all have one, else those that look alike.",
+        "positions if these tell all apart (`position_error_m`), else those that look alike.",
     )
     exhaustive_up_to: int = setting(
         200,
@@ -221,6 +221,14 @@ class SfmSettings(Settings):
         unit="photos",
         ge=1,
         le=1000,
+    )
+    position_error_m: float = setting(
+        15.0,
+        "Receivers of satellites are off by as much. Where half of all photos have the `near` nearest to "
+        "them within it, as around a statue or with one position for a whole set, positions do not tell "
+        "which photos are neighbours.",
+        unit="m",
+        gt=0,
     )
     retrieval: RetrievalSettings = group(RetrievalSettings, "How photos that look alike are found.")
     overlap: int = setting(

@@ -84,8 +84,9 @@ def with_detail_of(
     tuple of ndarray, shape (H, W, 3), float32, and ndarray, shape (H, W), bool
         The albedo, 0 outside; and where it is known.
     """
-    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) > 0
-    inner = inner if inner.any() else mask
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3)))
+    thin = mask & (cv2.dilate(inner, np.ones((3, 3))) == 0)  # has no inner pixels of its own
+    inner = (inner > 0) | thin
     floor = how.log_offset * max(float(coarse[inner].mean()), 1e-12)
     shown = _filled(coarse, inner)
     blurred = enlarged(shown)

@@ -12,7 +12,7 @@ from pipeline import Job, UserError
 from stages.formats.colmap.assembly import add_points
 from stages.formats.colmap.dense_workspace import write_stereo_settings
 from stages.formats.colmap.depth_maps import read_map
-from stages.formats.colmap.model import count_from_first_centre, read_model
+from stages.formats.colmap.model import centre_on_cameras, count_from_first_centre, read_model
 from stages.formats.images.photos import write_mask
 from stages.formats.meshes.point_clouds import read_cloud
 from stages.scene.cameras import normals_in_world
@@ -32,16 +32,19 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
         This pycolmap has no CUDA, or the machine no card.
     """
     _check_card()
+    views = len(workspace.cameras)
     if not len(workspace.points.x_in_world):
         job.note(depth_ranges="from the poses: the model has no 3-D points")
-    folder = write_colmap_workspace(workspace, job.scratch / "workspace", job.settings)
+    folder = job.scratch / "workspace"
+    origin = write_colmap_workspace(workspace, folder, job.settings)
     with job.progress("COLMAP PatchMatch"):
-        pycolmap.patch_match_stereo(folder, options=patch_match_options(job.settings))
-    options = fusion_options(job.settings, write_fusion_masks(workspace, job.scratch / "masks"))
+        pycolmap.patch_match_stereo(folder, options=patch_match_options(job.settings, views))
+    options = fusion_options(job.settings, views, write_fusion_masks(workspace, job.scratch / "masks"))
     with job.progress("COLMAP fusion"):
         pycolmap.stereo_fusion(job.scratch / "fused.ply", folder, options=options, output_type="PLY")
     job.note(coverage=_hand_over(job, workspace, folder / "stereo"))
-    return FusedPoints(*read_cloud(job.scratch / "fused.ply"))
+    x_from_origin, normals, colours = read_cloud(job.scratch / "fused.ply")
+    return FusedPoints(x_from_origin + origin, normals, colours)
 
 
 def _check_card() -> None:
@@ -58,38 +61,46 @@ def _check_card() -> None:
         )
 
 
-def write_colmap_workspace(workspace: Workspace, folder: Path, settings: MvsSettings) -> Path:
-    """Write a workspace for COLMAP's stereo: images, lists of what to match, and its own kind of model."""
+def write_colmap_workspace(workspace: Workspace, folder: Path, settings: MvsSettings) -> np.ndarray:
+    """Write a workspace for COLMAP's stereo: images, lists of what to match, and its own kind of model.
+
+    Returns the origin that the model counts from, (3,), in world axes.
+    """
     shutil.copytree(workspace.folder / "images", folder / "images")
     write_stereo_settings(folder, workspace.image_names)
     (folder / "sparse").mkdir()
-    model_for_stereo(workspace, settings).write(folder / "sparse")
-    return folder
+    model, origin = model_for_stereo(workspace, settings)
+    model.write(folder / "sparse")
+    return origin
 
 
-def model_for_stereo(workspace: Workspace, settings: MvsSettings) -> pycolmap.Reconstruction:
-    """Convert the workspace's model to what COLMAP's stereo expects.
+def model_for_stereo(
+    workspace: Workspace, settings: MvsSettings
+) -> tuple[pycolmap.Reconstruction, np.ndarray]:
+    """Convert the workspace's model to what COLMAP's stereo expects; returns its origin, (3,), as well.
 
-    The principal points move (`count_from_first_centre`). Neighbours and depth ranges are found by 3-D
-    points only: where there are none, points from the poses stand in.
+    The principal points move (`count_from_first_centre`), and all of it does (`centre_on_cameras`).
+    Neighbours and depth ranges are found by 3-D points only: where there are none, points from the poses
+    stand in.
     """
     model = read_model(workspace.model_folder)
     count_from_first_centre(model)
     if not len(workspace.points.x_in_world):
         stand_ins = points_from_poses(workspace.cameras, settings.pose_points)
         add_points(model, workspace.image_names, stand_ins.x_in_world, stand_ins.seen)
-    return model
+    return model, centre_on_cameras(model)
 
 
-def patch_match_options(settings: MvsSettings) -> pycolmap.PatchMatchOptions:
+def patch_match_options(settings: MvsSettings, views: int) -> pycolmap.PatchMatchOptions:
     """Set up PatchMatch with a geometric pass and its filter, our threshold of consistency, and its memory.
 
-    It works on one view at a time on each card: several on one card were as slow (pycolmap-cuda12 4.2.1).
+    Of `views` no more need agree than there are. It works on one view at a time on each card: several on one
+    card were as slow (pycolmap-cuda12 4.2.1).
     """
     options = pycolmap.PatchMatchOptions()
     options.geom_consistency = True
     options.filter = True
-    options.filter_min_num_consistent = settings.consistent_views
+    options.filter_min_num_consistent = min(settings.consistent_views, views - 1)
     options.filter_geom_consistency_max_cost = settings.consistent_px
     options.cache_size = settings.colmap.cache_gb
     return options
@@ -105,8 +116,10 @@ def write_fusion_masks(workspace: Workspace, folder: Path) -> Path | None:
     return folder
 
 
-def fusion_options(settings: MvsSettings, masks: Path | None = None) -> pycolmap.StereoFusionOptions:
-    """Set up fusion with our thresholds of agreement, and the folder of masks to keep within.
+def fusion_options(
+    settings: MvsSettings, views: int, masks: Path | None = None
+) -> pycolmap.StereoFusionOptions:
+    """Set up fusion of so many views with our thresholds of agreement, and the masks to keep within.
 
     It holds some maps at a time and works in one thread: several would find other points in every run.
     """
@@ -114,7 +127,7 @@ def fusion_options(settings: MvsSettings, masks: Path | None = None) -> pycolmap
     if masks is not None:
         options.mask_path = masks
     options.use_cache, options.cache_size, options.num_threads = True, settings.colmap.cache_gb, 1
-    options.min_num_pixels = settings.fusion_views
+    options.min_num_pixels = min(settings.fusion_views, views)
     options.max_reproj_error = settings.consistent_px
     options.max_depth_error = settings.fusion_depth_share
     options.max_normal_error = settings.fusion_normal_deg

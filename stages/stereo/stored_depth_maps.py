@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
 from pipeline import UserError
 from stages.formats.colmap.depth_maps import check_map
-from stages.formats.colmap.model import count_from_first_centre, read_model, registered
+from stages.formats.colmap.model import centre_on_cameras, count_from_first_centre, read_model, registered
+from stages.formats.meshes.point_clouds import read_cloud
 
 MAPS = ("depth_maps", "normal_maps")
 KIND = "geometric"  # maps that other views have confirmed; `photometric` ones have not been filtered
@@ -40,8 +42,10 @@ def views_with_maps(folder: Path) -> tuple[list[str], list[str]]:
     return whole, lacking
 
 
-def fused_points(folder: Path, names: list[str], scratch: Path, fewest_views: int, cache_gb: float) -> Path:
-    """Fuse the maps of these images into a PLY in the scratch folder, and return its path.
+def fused_points(
+    folder: Path, names: list[str], scratch: Path, fewest_views: int, cache_gb: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fuse the maps of these images: positions and normals, (n, 3), and colours, as `read_cloud`.
 
     Parameters
     ----------
@@ -52,7 +56,7 @@ def fused_points(folder: Path, names: list[str], scratch: Path, fewest_views: in
     scratch : Path
         Takes a workspace of links.
     fewest_views : int
-        Views that agree on a point.
+        Views that agree on a point, or all of them where there are fewer.
     cache_gb : float
         Maps in memory, GB.
 
@@ -70,10 +74,12 @@ def fused_points(folder: Path, names: list[str], scratch: Path, fewest_views: in
     model = read_model(folder / "sparse")
     count_from_first_centre(model)
     (linked / "sparse").mkdir()
+    origin = centre_on_cameras(model)
     model.write(linked / "sparse")
     options = pycolmap.StereoFusionOptions()
-    options.min_num_pixels, options.num_threads = fewest_views, 1
+    options.min_num_pixels, options.num_threads = min(fewest_views, len(names)), 1
     options.use_cache, options.cache_size = True, cache_gb
     fused = scratch / "fused.ply"
     pycolmap.stereo_fusion(fused, linked, input_type=KIND, options=options, output_type="PLY")
-    return fused
+    x_from_origin, normals, colours = read_cloud(fused)
+    return x_from_origin + origin, normals, colours

@@ -52,8 +52,9 @@ def points_from_poses(cameras: list[Camera], settings: PosePointsSettings) -> Sp
     centres = np.stack([camera.centre_in_world for camera in cameras])
     axes = np.stack([camera.rotation[2] for camera in cameras])
     projectors = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    at = (projectors @ centres[:, :, None]).sum(0)[:, 0]
-    focus = np.linalg.lstsq(projectors.sum(0), at, rcond=settings.rank_tolerance)[0]
+    middle = centres.mean(axis=0)  # parallel axes leave some of it open: then it is beside the cameras
+    at = (projectors @ (centres - middle)[:, :, None]).sum(0)[:, 0]
+    focus = middle + np.linalg.lstsq(projectors.sum(0), at, rcond=settings.rank_tolerance)[0]
     reach = np.sum((focus - centres) * axes, axis=1)
     gaps = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
     rounding = 1e-12 * np.abs(centres).max()
@@ -64,9 +65,9 @@ def points_from_poses(cameras: list[Camera], settings: PosePointsSettings) -> Sp
     side = settings.rays_per_side
     inverse = np.linspace(1 / settings.nearest, 1 / settings.farthest, settings.depths_per_ray)
     points = []
-    for camera, middle in zip(cameras, np.maximum(reach, nearest), strict=True):
+    for camera, halfway in zip(cameras, np.maximum(reach, nearest), strict=True):
         rays = rays_in_world(camera.scaled(side, side)).reshape(-1, 1, 3)
-        steps = middle / inverse[None, :, None]
+        steps = halfway / inverse[None, :, None]
         points.append((camera.centre_in_world + rays * steps).reshape(-1, 3))
     x_in_world = np.concatenate(points)
     return SparsePoints(

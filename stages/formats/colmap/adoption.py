@@ -62,13 +62,18 @@ def adopt_images(
     Raises
     ------
     UserError
-        A photo has another shape than its camera.
+        A photo has another shape than its camera, or is a panorama.
     """
     adopted = AdoptedImages([], [], [])
     for image in registered(model):
         if image.name not in photos:
             continue
         name, camera = photos[image.name], model.cameras[image.camera_id]
+        if not len(camera.focal_length_idxs()):
+            raise UserError(
+                f"{name} has a camera of the kind {camera.model_name} in the model, which sees all around; "
+                "expected a perspective or fisheye lens. Cut the panoramas into pinhole views first."
+            )
         said = None if listed_as_stored is None else name in listed_as_stored
         size, turned = _size_in_model(folder / name, camera, tolerance_px, prefer_as_stored, said)
         adopted.as_stored.extend([name] * turned)

@@ -306,3 +306,13 @@ def count_from_first_centre(model: pycolmap.Reconstruction) -> None:
     for camera in model.cameras.values():
         shifted = intrinsics_for_integer_centres(np.array(camera.calibration_matrix(), float))
         camera.principal_point_x, camera.principal_point_y = shifted[0, 2], shifted[1, 2]
+
+
+def centre_on_cameras(model: pycolmap.Reconstruction) -> np.ndarray:
+    """Move a model, in place, until the mean of its cameras is at the origin; returns where that was, (3,).
+
+    COLMAP's PatchMatch and fusion compute in single precision.
+    """
+    centre = np.mean([image.projection_center() for image in registered(model)], axis=0)
+    model.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(), -centre))
+    return np.asarray(centre, float)

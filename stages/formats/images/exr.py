@@ -12,6 +12,7 @@ import OpenEXR
 from pipeline import UserError
 from stages.formats.colour.rgb_primaries import REC_709, Primaries
 
+HAS_WHITE = "hasWhitePoint"  # an attribute of our own
 MOST_VALUES = 1 << 30  # of all parts and channels: four channels of the largest photo
 
 
@@ -22,11 +23,12 @@ def write_exr(
     half: bool = False,
     is_colour: bool = True,
     primaries: Primaries = REC_709,
+    has_white: bool = False,
 ) -> None:
     """Write `image`, (h, w) as Y, (h, w, 3) as RGB or (h, w, 4) as RGBA; ZIP, float32 unless `half`.
 
-    The header says that colours are linear light of these primaries, unless three channels are no colour.
-    The folder is made.
+    The header says that colours are linear light of these primaries, unless three channels are no colour; and
+    that they are of a photo with a white point, if they are. The folder is made.
 
     Raises
     ------
@@ -43,6 +45,8 @@ def write_exr(
     header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     if pixels.ndim > 2 and is_colour:
         header["chromaticities"] = primaries
+    if has_white:
+        header[HAS_WHITE] = 1
     try:
         with OpenEXR.File(header, {"Y" if pixels.ndim == 2 else "RGBA"[: pixels.shape[2]]: pixels}) as file:
             file.write(str(path))
@@ -76,6 +80,19 @@ def check_exr_header(path: Path) -> tuple[int, int]:
             f"and channels; expected at most {MOST_VALUES}. Scale it down, or remove channels."
         )
     return sizes[0]
+
+
+def says_white(path: Path) -> bool:
+    """Read whether an EXR of ours is of a photo with a white point, in which what is as bright is clipped.
+
+    Raises
+    ------
+    UserError
+        As `check_exr_header`.
+    """
+    check_exr_header(path)
+    with OpenEXR.File(str(path), header_only=True) as file:
+        return HAS_WHITE in file.header()
 
 
 def _window_size(header: dict[str, Any]) -> tuple[int, int]:

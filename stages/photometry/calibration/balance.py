@@ -159,7 +159,7 @@ def _refuse(reading: Reading, shown: int, fewest: int) -> None:
         )
     raise UserError(
         f"{reading.reference.given}: {what} in {reading.view} has {most} pixels with an albedo above 0; "
-        f"expected {fewest} (calibration.fewest_pixels). It lies outside of the masks or of the surface: "
-        "include it in the mask, give another photo in which it is seen, or lay it on the surface when the "
-        "photos are taken."
+        f"expected {fewest} (calibration.fewest_pixels). It is overexposed, or lies outside of the masks or "
+        "of the surface: include it in the mask, give another photo in which it is seen, or lay it on the "
+        "surface when the photos are taken."
     )

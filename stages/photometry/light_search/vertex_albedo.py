@@ -28,7 +28,9 @@ def brightest_albedo(albedo: np.ndarray, light: np.ndarray, quantile: float) -> 
     if total <= 0:
         return 1.0
     count, above = 0, 0.0
-    while above < (1 - quantile) * total and count < values.size:  # only the brightest are sorted
+    while not count or (
+        above < (1 - quantile) * total and count < values.size
+    ):  # only the brightest are sorted
         count = min(values.size, 4 * count or values.size // FEW + 1)
         brightest = np.argpartition(values, values.size - count)[values.size - count :]
         above = float(weights[brightest].sum(dtype=np.float64))

@@ -70,10 +70,12 @@ class ViewFiles:
     def read(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Read a view: linear values, normals, ways to the camera, (N, 3) each; and what is not clipped."""
         from stages.formats.artefacts.view_files import read_views, ways_to_cameras
+        from stages.formats.images.exr import says_white
         from stages.photometry.lighting.trusted_pixels import unclipped
 
         ((mask, normal, linear),) = read_views(self.paths, [camera])
-        return linear, normal[mask], ways_to_cameras([camera], [mask]), unclipped(linear, self.how)
+        white = says_white(self.paths["linear"] / f"{camera.name}.exr")
+        return linear, normal[mask], ways_to_cameras([camera], [mask]), unclipped(linear, self.how, white)
 
     def viewing(self, unclipped: np.ndarray, normals: np.ndarray, towards: np.ndarray) -> Viewing:
         """Tell which pixels count."""

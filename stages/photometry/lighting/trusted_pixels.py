@@ -39,12 +39,13 @@ class Viewing:
         return replace(self, trusted=trusted) if trusted.any() else self
 
 
-def unclipped(linear: np.ndarray, how: TrustedPixelSettings) -> np.ndarray:
+def unclipped(linear: np.ndarray, how: TrustedPixelSettings, has_white: bool = False) -> np.ndarray:
     """Select the pixels of a view, (n, 3), that are clipped in no channel of its photo: (n,), bool.
 
-    A linear image with values beyond 1 has no white point, and nothing in it is clipped.
+    A linear image with values beyond 1 has no white point, and nothing in it is clipped; unless it is said to
+    have one: saturated colours of a wider gamut than sRGB's are beyond it as well.
     """
-    if linear.max(initial=0.0) > WHITE:
+    if not has_white and linear.max(initial=0.0) > WHITE:
         return np.ones(len(linear), bool)
     return np.all(linear < how.saturation, axis=1)
 

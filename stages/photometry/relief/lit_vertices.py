@@ -36,5 +36,7 @@ class LitVertices:
         count = len(normals)
         pixels = self.scene.with_pixels(normals, self.to_proxy, np.zeros((count, 0), np.uint8))
         shading = self.light.shading(pixels, np.array([0, count]), np.zeros(1, np.int64))
-        logs: np.ndarray = np.log(np.maximum(shading, self.least * np.median(shading))).mean(axis=1)
+        lit = shading[shading > 0]  # of closed objects half lies in the dark
+        least = self.least * float(np.median(lit)) if len(lit) else 1.0
+        logs: np.ndarray = np.log(np.maximum(shading, least)).mean(axis=1)
         return logs

@@ -90,7 +90,7 @@ def _supported_share(
     costs = []
     for share in how.shares:
         off = np.square((photo - share * shading) / usual)
-        cost = known * (off / (1 + off) + how.price * (1 - share))
+        cost = np.where(known, off / (1 + off) + how.price * (1 - share), 0)
         costs.append(cubes.sums(cost) + how.shared * float(cost.sum()) / some)
     return cubes.interpolated(_least(np.stack(costs), shares))
 

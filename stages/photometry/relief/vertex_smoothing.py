@@ -61,7 +61,7 @@ class VertexSmoothing:
         weight = np.maximum(self.around @ own, 1)
 
         def once(now: np.ndarray) -> np.ndarray:
-            averaged: np.ndarray = (self.around @ (own * now)) / weight
+            averaged: np.ndarray = (self.around @ np.where(known, now, 0)) / weight
             return averaged
 
         finer = self._repeated(values.astype(np.float32), once, least)

@@ -175,14 +175,14 @@ def fuse_views(
     `fusion_views` must agree, or all where there are fewer. `kept` holds the pixels to use, (h, w), bool;
     `used`, those that are in the cloud already, or are not to be: it is filled here.
     """
-    fewest, views_with_depth = min(settings.fusion_views, len(scene.cameras)), sorted(kept)
+    views_with_depth = sorted(kept)
     for view in views_with_depth:
         used[view] = ~kept[view]
     parts = []
     for view in views_with_depth:
         chosen = [view, *(j for j in scene.plans[view].sources if j in kept)]
         views = _depth_views(scene, chosen, kept, used)
-        parts.append(fuse_view(views, settings, fewest))
+        parts.append(fuse_view(views, settings, min(settings.fusion_views, len(chosen))))
         for slot, j in zip(views.used, chosen, strict=True):
             used[j] = slot[: used[j].shape[0], : used[j].shape[1]].copy()
         step()

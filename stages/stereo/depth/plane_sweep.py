@@ -18,11 +18,14 @@ from stages.stereo.mvs_settings import MvsSettings
 
 F = np.float32
 INVALID = np.uint8(255)  # a score: the pixel falls outside of the source
+PLACES = 9  # across an image and down it, at which its speed is taken
 WORST = np.uint8(254)  # a cost: no correlation
 
 
 def pixels_per_inverse_depth(projections: np.ndarray, shape: tuple[int, int], inverse: float) -> np.ndarray:
-    """Compute how fast each source's image of the central pixel moves with inverse depth, (S,), px × depth.
+    """Compute how fast each source's image of a pixel moves with inverse depth, (S,), px × depth: the median.
+
+    Over places all over the image: at its centre alone nothing moves where the camera went straight ahead.
 
     Parameters
     ----------
@@ -33,11 +36,13 @@ def pixels_per_inverse_depth(projections: np.ndarray, shape: tuple[int, int], in
     inverse : float
         Inverse depth at which the speed is taken.
     """
-    centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2, 1.0, inverse])
-    q = projections @ centre
-    e = projections[:, :, 3]
-    speed = (e[:, :2] * q[:, 2:] - q[:, :2] * e[:, 2:]) / q[:, 2:] ** 2
-    return np.where(q[:, 2] > 0, np.hypot(speed[:, 0], speed[:, 1]), 0.0)
+    across, down = (np.linspace(0, side - 1, PLACES) for side in (shape[1], shape[0]))
+    x, y = (axis.ravel() for axis in np.meshgrid(across, down))
+    q = projections @ np.stack([x, y, np.ones_like(x), np.full_like(x, inverse)])
+    e = projections[:, :, 3:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = (e[:, :2] * q[:, 2:] - q[:, :2] * e[:, 2:]) / q[:, 2:] ** 2
+    return np.median(np.where(q[:, 2] > 0, np.hypot(speed[:, 0], speed[:, 1]), 0.0), axis=1)
 
 
 def inverse_depth_planes(
