@@ -22,7 +22,6 @@ from stages.command.machine import cluster_of, memory_of, memory_to_fit, threads
 from stages.command.report import FILES, write_report
 from stages.command.sources import absent_sources, check_apart, check_text, config_of, existing, sources_of
 from stages.command.workspaces import workspace_of
-from stages.report import REPORT
 from stages.reporting.document.page import HTML
 
 FURTHER: dict[str, Callable[[Flow], Flow]] = {  # flags, called like the stage that they add, in order
@@ -68,7 +67,7 @@ def _check_selected(added: Sequence[str], command: Run) -> None:
         The run is to end before that stage, or with another.
     """
     for flag, stage in (("to", command.last), ("only", command.only)):
-        if added and stage not in (None, added[-1], REPORT.name):
+        if added and stage not in (None, added[-1], *(last.name for last in stages.LAST)):
             asked = added[-1].replace("_", "-")
             raise UserError(f"--{asked} and --{flag} {stage} were given: it comes last. Leave out one.")
 
