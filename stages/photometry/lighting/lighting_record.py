@@ -149,11 +149,11 @@ def write_light_of(
     around = LightAround(directions, found.cells, lights, every.light_of_view, every.gains, *sphere)
     absolute = found.turn_deg is not None and job.settings.known_scale == "fixed"
     write_light_around(job.outputs["lighting"], every.cameras, around, image_scale, absolute)
-    mean = found.light.shading.mean(axis=0, dtype=np.float64)
+    mean = found.light.shading.mean(axis=0, dtype=np.float64) if absolute else np.ones(3)
     stored_light = StoredLight(
         around=around,
         image_scale=image_scale,
-        mean_shading=np.where(mean > 0, mean, 1) if absolute else np.ones(3),  # a lamp may lack a channel
+        mean_shading=np.where(mean > 0, mean, 1),  # a lamp may lack a channel
         specular_strength=found.specular.strength if found.specular else np.zeros(3),
         specular_roughness=found.specular.roughness if found.specular else 0.0,
         glossy=found.observations.glossy,
