@@ -14,6 +14,7 @@ from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
 if TYPE_CHECKING:
     import numpy as np
 
+    from stages.geometry.rays import Seen
     from stages.scene.cameras import Camera
 
 
@@ -118,9 +119,7 @@ def run(job: Job[RaycastSettings]) -> None:
     import numpy as np
 
     from stages.formats.artefacts.camera_file import write_cameras
-    from stages.formats.images.exr import write_exr
     from stages.formats.images.masks import kept_at
-    from stages.formats.images.photos import write_mask
     from stages.formats.meshes.triangle_meshes import read_mesh
     from stages.geometry.mesh_fit import gaps_at_points
     from stages.geometry.rays import RayCaster
@@ -154,12 +153,7 @@ def run(job: Job[RaycastSettings]) -> None:
                 )
                 continue
             views.append(camera)
-            write_exr(job.outputs["depth"] / f"{name}.exr", seen.depth)
-            write_exr(job.outputs["normal"] / f"{name}.exr", seen.normals, is_colour=False)
-            write_mask(job.outputs["mask"] / f"{name}.png", used)
-            triangles = job.outputs["triangles"] / f"{name}.npz"
-            triangles.parent.mkdir(parents=True, exist_ok=True)
-            np.savez(triangles, triangles=seen.triangles, barycentric=seen.barycentric)
+            _save_maps(job, name, seen, used)
     if not views:
         raise UserError(
             "No view sees the mesh; expected cameras and mesh in one frame. Check that --mesh and --colmap "
@@ -169,8 +163,23 @@ def run(job: Job[RaycastSettings]) -> None:
     _tell_fit(job, np.concatenate(gaps), sightings, mesh.diagonal)
     _tell_winding(job, float(behind[0] / behind[1]))
     write_cameras(job.outputs["cameras"], views)
-    job.note(beyond_outlines=beyond)
-    job.note(coverage=coverage, mean_coverage=round(float(np.mean(list(coverage.values()))), 4))
+    mean_coverage = round(float(np.mean(list(coverage.values()))), 4)
+    job.note(beyond_outlines=beyond, coverage=coverage, mean_coverage=mean_coverage)
+
+
+def _save_maps(job: Job[RaycastSettings], name: str, seen: Seen, used: np.ndarray) -> None:
+    """Save what a view sees of the mesh, and which of its pixels are used, (h, w), bool."""
+    import numpy as np
+
+    from stages.formats.images.exr import write_exr
+    from stages.formats.images.photos import write_mask
+
+    write_exr(job.outputs["depth"] / f"{name}.exr", seen.depth)
+    write_exr(job.outputs["normal"] / f"{name}.exr", seen.normals, is_colour=False)
+    write_mask(job.outputs["mask"] / f"{name}.png", used)
+    triangles = job.outputs["triangles"] / f"{name}.npz"
+    triangles.parent.mkdir(parents=True, exist_ok=True)
+    np.savez(triangles, triangles=seen.triangles, barycentric=seen.barycentric)
 
 
 def _beyond_outline(job: Job[RaycastSettings], camera: Camera, mask: np.ndarray) -> np.ndarray:

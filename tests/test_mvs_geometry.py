@@ -27,7 +27,12 @@ from stages.stereo.depth.plane_sweep import (
     pixels_per_inverse_depth,
 )
 from stages.stereo.depth.semi_global import aggregate, winner
-from stages.stereo.mvs_settings import MvsSettings, PosePointsSettings, ViewSelectionSettings
+from stages.stereo.mvs_settings import (
+    MvsSettings,
+    PlaneSweepSettings,
+    PosePointsSettings,
+    ViewSelectionSettings,
+)
 from stages.stereo.sparse_surface import oriented_normals
 from stages.stereo.view_selection import (
     SparsePoints,
@@ -53,6 +58,7 @@ REFINEMENT = MvsSettings(
 )
 PLANES = MvsSettings(sweep_step_px=1.0, sweep_planes=160)
 QUARTILE = 0.75
+SWEEP = PlaneSweepSettings(parallax_quantile=QUARTILE)
 
 
 def true_planes(view: int) -> np.ndarray:
@@ -133,7 +139,7 @@ def test_neighbouring_planes_are_a_pixel_apart():
     q = np.einsum("sij,kj->ski", projections, centre)
     moved = np.linalg.norm(np.diff(q[..., :2] / q[..., 2:], axis=1)[:, 0], axis=1)
     assert np.quantile(moved, QUARTILE) == pytest.approx(1, rel=0.05)
-    speed = pixels_per_inverse_depth(projections, VIEWS[2].shape, float(depths[len(depths) // 2]))
+    speed = pixels_per_inverse_depth(projections, VIEWS[2].shape, float(depths[len(depths) // 2]), 9)
     np.testing.assert_allclose(speed * np.diff(depths).mean(), moved, rtol=0.05)
 
 
@@ -231,7 +237,7 @@ def refined(view: int, threads: int = 2, settings: MvsSettings = REFINEMENT):
     scene = Scene(
         VIEWS, lambda j: np.repeat(np.rint(255 * TRACED[j].grey)[..., None], 3, 2), stereo_scene.plans(VIEWS)
     )
-    step = scene.step(view, QUARTILE)
+    step = scene.step(view, SWEEP)
     start = true_planes(view)
     start[..., 0] += np.random.default_rng(4).uniform(-1.5, 1.5, start.shape[:2]) * step
     start[..., 1:] = 0
@@ -280,7 +286,7 @@ def test_true_depth_is_confirmed_and_false_depth_is_not(scene):
     seen = TRACED[2].depth > 0
     assert np.mean(count[seen] >= 2) > 0.8
     assert not count[~seen].any()
-    wrong = np.where(truth > 0, truth + 6 * np.float32(scene.step(2, QUARTILE)), np.float32(0)).astype(
+    wrong = np.where(truth > 0, truth + 6 * np.float32(scene.step(2, SWEEP)), np.float32(0)).astype(
         np.float32
     )
     assert np.mean(consistent_views(wrong, sources, 1.0) > 0) < 0.03

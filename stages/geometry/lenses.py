@@ -16,7 +16,7 @@ from stages.formats.images.masked_photos import read_masked_photo
 from stages.formats.images.photo_settings import FireflySettings
 from stages.formats.images.photo_turns import read_as_stored
 from stages.formats.images.photos import read_mask
-from stages.geometry.undistortion import BAND_ROWS, oversampling, resample
+from stages.geometry.undistortion import BAND_ROWS, SourceFromTarget, oversampling, resample
 from stages.scene.cameras import Camera, pixel_centres, view_name
 
 Lens = dict[str, Any]  # a COLMAP camera as keywords, which a worker can be sent
@@ -127,7 +127,7 @@ def through_pinhole(
         linear,
         kept,
         (camera.width, camera.height),
-        lambda xy: _source_from_target(given, camera, xy),
+        _source_from_target(given, camera),
         oversampling(given.mean_focal_length(), camera.focal_px),
     )
     return linear, kept, True
@@ -154,25 +154,36 @@ def pinhole_from_photo(lens: Lens, camera: Camera) -> np.ndarray:
 def photo_from_pinhole(lens: Lens, camera: Camera) -> np.ndarray:
     """Compute where a pinhole image's pixels lie in the photo: pixels, (h, w, 2); NaN beyond the lens."""
     centres = pixel_centres(camera.width, camera.height)
-    xy = _source_from_target(pycolmap.Camera(**lens), camera, centres.reshape(-1, 2))
-    return xy.reshape(centres.shape)
+    source = _source_from_target(pycolmap.Camera(**lens), camera)
+    return source(centres.reshape(-1, 2)).reshape(centres.shape)
 
 
-def _source_from_target(lens: pycolmap.Camera, camera: Camera, xy: np.ndarray) -> np.ndarray:
-    """Pixels (n, 2) of the photo behind pixels of the pinhole image; NaN where the lens sees nothing.
+def _source_from_target(lens: pycolmap.Camera, camera: Camera) -> SourceFromTarget:
+    """Find the photo's pixels, (n, 2), behind pixels of the pinhole image; NaN where the lens sees nothing.
 
     Beyond a fold, where the image of rays farther out turns back, it would be a mirror image of what is
     inside.
     """
     K = camera.intrinsics
-    rays = np.ones((len(xy), 3))
-    rays[:, 0] = (xy[:, 0] - K[0, 2]) / K[0, 0]
-    rays[:, 1] = (xy[:, 1] - K[1, 2]) / K[1, 1]
-    radius = np.hypot(rays[:, 0], rays[:, 1])
-    farthest = float(radius.max(initial=0))
-    source = np.asarray(lens.img_from_cam(rays), float)
-    source[radius > _fold_of(lens, farthest)] = np.nan
+
+    def rays_through(xy: np.ndarray) -> np.ndarray:
+        return np.column_stack([(xy - K[:2, 2]) / K.diagonal()[:2], np.ones(len(xy))])
+
+    corners = np.array([[x, y] for x in (0, camera.width) for y in (0, camera.height)], float)
+    fold = _fold_of(lens, float(_radius(rays_through(corners)).max()))
+
+    def source(xy: np.ndarray) -> np.ndarray:
+        rays = rays_through(xy)
+        found = np.asarray(lens.img_from_cam(rays), float)
+        found[_radius(rays) > fold] = np.nan
+        return found
+
     return source
+
+
+def _radius(rays: np.ndarray) -> np.ndarray:
+    """Compute the tangent of the angle between rays, (n, 3), z = 1, and the optical axis, (n,)."""
+    return np.hypot(rays[:, 0], rays[:, 1])
 
 
 def _fold_of(lens: pycolmap.Camera, farthest: float) -> float:

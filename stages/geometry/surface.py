@@ -78,8 +78,7 @@ def poisson(points: OrientedPoints, depth: int) -> Surface:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.x_in_world - middle))
     cloud.normals = o3d.utility.Vector3dVector(points.normals)
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
-    around_origin = from_open3d(mesh)
-    return replace(around_origin, vertices=around_origin.vertices + middle)
+    return moved(from_open3d(mesh), middle)
 
 
 def trim_to_points(
@@ -165,9 +164,13 @@ def decimated(surface: Surface, target_faces: int | None) -> Surface:
     if target_faces is None or len(surface.faces) <= target_faces:
         return surface
     middle = surface.vertices.mean(axis=0)  # quadrics lose their digits far from the origin
-    near = replace(surface, vertices=surface.vertices - middle)
-    fewer = from_open3d(to_open3d(near).simplify_quadric_decimation(target_faces))
-    return replace(fewer, vertices=fewer.vertices + middle)
+    near = to_open3d(moved(surface, -middle))
+    return moved(from_open3d(near.simplify_quadric_decimation(target_faces)), middle)
+
+
+def moved(surface: Surface, by: np.ndarray) -> Surface:
+    """Translate a surface by a vector, (3,)."""
+    return replace(surface, vertices=surface.vertices + by)
 
 
 def with_faces(surface: Surface, keep: np.ndarray) -> Surface:

@@ -81,6 +81,14 @@ class PlaneSweepSettings(Settings):
         ge=0,
         le=1,
     )
+    speed_places: int = setting(
+        9,
+        "The speed of a source is the median over so many places across the image and down it: where the "
+        "camera went straight ahead, nothing moves at the middle.",
+        unit="places",
+        ge=1,
+        le=100,
+    )
     fewest_planes: int = setting(
         8, "At least so many planes, however small the disparities: a parabola needs neighbours.", ge=3, le=64
     )

@@ -27,10 +27,8 @@ def brightest_albedo(albedo: np.ndarray, light: np.ndarray, quantile: float) -> 
     values, weights, total = albedo.ravel(), light.ravel(), float(light.sum(dtype=np.float64))
     if total <= 0:
         return 1.0
-    count, above = 0, 0.0
-    while not count or (
-        above < (1 - quantile) * total and count < values.size
-    ):  # only the brightest are sorted
+    count, above = 0, 0.0  # only the brightest are sorted
+    while count == 0 or (above < (1 - quantile) * total and count < values.size):
         count = min(values.size, 4 * count or values.size // FEW + 1)
         brightest = np.argpartition(values, values.size - count)[values.size - count :]
         above = float(weights[brightest].sum(dtype=np.float64))

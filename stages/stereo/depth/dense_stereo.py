@@ -18,9 +18,9 @@ from stages.stereo.depth.fusion import DepthViews, FusedPoints, fuse_view
 from stages.stereo.depth.geometric_consistency import confirmed, consistent_views
 from stages.stereo.depth.inverse_depth import fit_planes, j_from_i, normals_from_planes, resample_planes
 from stages.stereo.depth.patch_match import UNMATCHABLE, Sources, refine
-from stages.stereo.depth.plane_sweep import inverse_depth_planes, matching_costs, pixels_per_inverse_depth
+from stages.stereo.depth.plane_sweep import disparity_speed, inverse_depth_planes, matching_costs
 from stages.stereo.depth.semi_global import aggregate, winner
-from stages.stereo.mvs_settings import MvsSettings
+from stages.stereo.mvs_settings import MvsSettings, PlaneSweepSettings
 
 NO_MAPS = np.zeros((0, 1, 1), np.float32)
 GREY = np.array([0.299, 0.587, 0.114], np.float32)  # luma of Rec. 601
@@ -68,15 +68,11 @@ class Scene:
         """Stack `j_from_i` of the view's sources, shape (S, 3, 4)."""
         return np.stack([j_from_i(self.cameras[view], self.cameras[j]) for j in self.plans[view].sources])
 
-    def step(self, view: int, parallax_quantile: float) -> float:
-        """Compute the inverse depth per pixel of disparity at the middle of the view's range.
-
-        The disparity is that of the source at the `parallax_quantile` of speeds.
-        """
-        plan, projections = self.plans[view], self.projections(view)
+    def step(self, view: int, how: PlaneSweepSettings) -> float:
+        """Compute the inverse depth per pixel of `disparity_speed` at the middle of the view's range."""
+        plan = self.plans[view]
         middle = (1 / plan.near + 1 / plan.far) / 2
-        speeds = pixels_per_inverse_depth(projections, self.cameras[view].shape, middle)
-        return float(1 / np.quantile(speeds, parallax_quantile))
+        return 1 / disparity_speed(self.projections(view), self.cameras[view].shape, middle, how)
 
 
 def padded(arrays: list[np.ndarray]) -> np.ndarray:
@@ -140,7 +136,7 @@ def refine_view(
     plan = scene.plans[view]
     sources = sources_of(scene, view, with_depth=geometric)
     limits = (1 / plan.far, 1 / plan.near)
-    step = scene.step(view, settings.sweep.parallax_quantile)
+    step = scene.step(view, settings.sweep)
     return refine(scene.grey(view), sources, scene.planes[view], settings, step, limits)
 
 

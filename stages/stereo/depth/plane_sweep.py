@@ -14,18 +14,17 @@ import numpy as np
 from numba import njit, prange
 
 import stages.solvers.kernels.threading_layer  # noqa: F401 -- chooses the threads below
-from stages.stereo.mvs_settings import MvsSettings
+from stages.stereo.mvs_settings import MvsSettings, PlaneSweepSettings
 
 F = np.float32
 INVALID = np.uint8(255)  # a score: the pixel falls outside of the source
-PLACES = 9  # across an image and down it, at which its speed is taken
 WORST = np.uint8(254)  # a cost: no correlation
 
 
-def pixels_per_inverse_depth(projections: np.ndarray, shape: tuple[int, int], inverse: float) -> np.ndarray:
+def pixels_per_inverse_depth(
+    projections: np.ndarray, shape: tuple[int, int], inverse: float, places: int
+) -> np.ndarray:
     """Compute how fast each source's image of a pixel moves with inverse depth, (S,), px × depth: the median.
-
-    Over places all over the image: at its centre alone nothing moves where the camera went straight ahead.
 
     Parameters
     ----------
@@ -35,8 +34,10 @@ def pixels_per_inverse_depth(projections: np.ndarray, shape: tuple[int, int], in
         (height, width) of view i, pixels.
     inverse : float
         Inverse depth at which the speed is taken.
+    places : int
+        Across the image and down it.
     """
-    across, down = (np.linspace(0, side - 1, PLACES) for side in (shape[1], shape[0]))
+    across, down = (np.linspace(0, side - 1, places) for side in (shape[1], shape[0]))
     x, y = (axis.ravel() for axis in np.meshgrid(across, down))
     q = projections @ np.stack([x, y, np.ones_like(x), np.full_like(x, inverse)])
     e = projections[:, :, 3:]
@@ -45,13 +46,21 @@ def pixels_per_inverse_depth(projections: np.ndarray, shape: tuple[int, int], in
     return np.median(np.where(q[:, 2] > 0, np.hypot(speed[:, 0], speed[:, 1]), 0.0), axis=1)
 
 
+def disparity_speed(
+    projections: np.ndarray, shape: tuple[int, int], inverse: float, how: PlaneSweepSettings
+) -> float:
+    """Compute the disparity of the source at the `parallax_quantile` of speeds, px per inverse depth."""
+    speeds = pixels_per_inverse_depth(projections, shape, inverse, how.speed_places)
+    return float(np.quantile(speeds, how.parallax_quantile))
+
+
 def inverse_depth_planes(
     projections: np.ndarray, shape: tuple[int, int], near: float, far: float, settings: MvsSettings
 ) -> np.ndarray:
     """Space inverse depths evenly from 1/far to 1/near, by about `sweep_step_px` of disparity.
 
-    The disparity is that of the source at the `parallax_quantile` of speeds, at the middle of the range; at
-    least `fewest_planes`, never more than `sweep_planes`.
+    The disparity is `disparity_speed` at the middle of the range; at least `fewest_planes`, never more than
+    `sweep_planes`.
 
     Returns
     -------
@@ -59,8 +68,7 @@ def inverse_depth_planes(
         Ascending.
     """
     first, last = 1.0 / far, 1.0 / near
-    speeds = pixels_per_inverse_depth(projections, shape, (first + last) / 2)
-    speed = np.quantile(speeds, settings.sweep.parallax_quantile)
+    speed = disparity_speed(projections, shape, (first + last) / 2, settings.sweep)
     count = int(np.ceil((last - first) * speed / settings.sweep_step_px)) + 1
     most = int(np.clip(count, settings.sweep.fewest_planes, settings.sweep_planes))
     return np.linspace(first, last, most).astype(np.float32)
