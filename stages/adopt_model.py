@@ -42,10 +42,10 @@ def _photo_of_each(job: Job[AdoptModelSettings], names: list[str], source: Path)
     """The photo of every image of the model: the same name, or the same but for the extension."""
     from stages.formats.colmap.adoption import warn_of_missing
     from stages.formats.images.photo_folder import find_photos
-    from stages.scene.cameras import view_name
+    from stages.scene.image_names import view_as_typed
 
-    by_view = {view_name(photo): photo for photo in find_photos(job.inputs["images"])}
-    found = {name: by_view[view_name(name)] for name in names if view_name(name) in by_view}
+    by_view = {view_as_typed(photo): photo for photo in find_photos(job.inputs["images"])}
+    found = {name: by_view[view_as_typed(name)] for name in names if view_as_typed(name) in by_view}
     missing = [name for name in names if name not in found]
     if not found:
         expected = f"expected {listed(missing)}" if missing else "the model has no image with a pose"

@@ -208,9 +208,9 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
     if found.apart:
         return False
     job.note(light_found_on=[cameras[view].name for view in some])
-    typical, found = float(np.median(found.light.shading)), found.without_pixels()
+    found = found.without_pixels()
     del opened, scenes, seen, rays
-    clipped, untrusted, usable, shadowed = _light_all(job, scene, found, typical, gains, scale)
+    clipped, untrusted, usable, shadowed = _light_all(job, scene, found, gains, scale)
     record.warn_of_clipping(job, clipped, int(scene.graph.pixels.sum()))
     record.note_light(job, scene.stored, found, untrusted, shadowed)
     record.report_light(job, scene.stored, found)
@@ -223,7 +223,6 @@ def _light_all(
     job: Job[LightingSettings],
     scene: Scene,
     found: Illumination,
-    typical: float,
     gains: np.ndarray,
     scale: float,
 ) -> tuple[int, int, int, int]:
@@ -240,9 +239,7 @@ def _light_all(
     )
     tell_too_large(job, clusters, job.settings.clusters)
     parts = Parts(job.scratch, scene.files.paths, scene.cameras, clusters)
-    task = LightTask(
-        scene.files, scene.blend, scene.rays, scene.stored.normals, parts, found, typical, gains, scale
-    )
+    task = LightTask(scene.files, scene.blend, scene.rays, scene.stored.normals, parts, found, gains, scale)
     every = range(len(scene.cameras))
     with job.progress("bounces", len(every)) as step:
         seen = counted(job.tasks.small(seen_vertices, every, task), step)
@@ -336,7 +333,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 LIGHTING = Stage(
     name="lighting",
-    version=16,
+    version=17,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=(

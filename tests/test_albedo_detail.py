@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -14,6 +16,7 @@ from stages.photometry.detail.noise_estimation import (
 )
 from stages.photometry.detail.octaves import KnownPixels, gaussian_mean, response_to_noise
 from stages.photometry.detail.other_views import OtherViews
+from stages.photometry.detail.part_of_scene import whole_scene
 from stages.photometry.detail.scene_statistics import DetailStatistics
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.detail.shading_uncertainty import ShownChange, error_of_change, log_shading
@@ -51,6 +54,12 @@ def several_views(count: int) -> StackedViews:
     )
 
 
+def apart(count: int) -> StackedViews:
+    """Views that share nothing."""
+    together = several_views(count)
+    return StackedViews(together.starts, together.basis, together.masks, {})
+
+
 def relief(seed: int = 5, strength: float = 0.2) -> np.ndarray:
     """Shading of a rough thing, (N, 3), half of it even."""
     logs = fractal(seed, strength)
@@ -65,7 +74,8 @@ def noisy(image: np.ndarray, share: float, seed: int = 9) -> np.ndarray:
 def found_in(image: np.ndarray, shading: np.ndarray, smooth: np.ndarray = PAINT, **how) -> Detail:
     trusted = how.get("trusted", np.ones(len(image), bool))
     albedo = np.broadcast_to(smooth, image.shape).astype(np.float32)
-    return with_detail(how.get("views", one_view()), albedo, image, shading, trusted, HOW)
+    views = how.get("views", one_view())
+    return with_detail(views, albedo, image, shading, trusted, HOW, gains=how.get("gains"))
 
 
 def detail_of(image: np.ndarray, shading: np.ndarray, smooth: np.ndarray = PAINT, **how) -> np.ndarray:
@@ -404,3 +414,20 @@ def test_where_more_error_is_expected_there_is_more():
     expected = np.sqrt([one.mean() for one in np.array_split(np.sort(found.variance), 8)])
     assert measured[-1] > 1.5 * measured[0]
     assert ((expected / measured > 0.5) & (expected / measured < 5)).all()
+
+
+def test_a_view_that_is_darker_is_divided_by_no_more_than_its_light():
+    """Least light is of the photo as bright as the view shows it."""
+    shading = relief()
+    truth = PAINT * np.exp(fractal(1, 0.2)).reshape(-1, 1)
+    pixels, gains = len(shading), np.array([1, 1 / 128], np.float32)
+    both = np.repeat(gains, pixels)[:, None]
+    image, light = (np.concatenate([each, each]) * both for each in (truth * shading, shading))
+    seen = image.astype(np.float32), light.astype(np.float32)
+    part = replace(whole_scene(shading, seen[0][:pixels], HOW.log_offset, 10**6), of_scene=2 * pixels)
+    smooth = np.broadcast_to(PAINT, image.shape).astype(np.float32)
+    trusted, views = np.ones(2 * pixels, bool), apart(2)
+    part = replace(part, places=np.arange(2 * pixels), own=trusted)
+    albedo = with_detail(views, smooth, *seen, trusted, HOW, part, gains=gains).albedo
+    means = np.log(albedo.reshape(2, pixels, 3)).mean(axis=(1, 2))
+    assert abs(means[0] - means[1]) < 0.05

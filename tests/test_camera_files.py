@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import unicodedata
 from pathlib import Path
 
 import numpy as np
@@ -344,6 +345,12 @@ def test_photos_are_found_by_the_end_of_their_paths():
         photo_of_each_path(["1.jpg"], photos, Path("x"))
     with pytest.raises(UserError, match=r"which are both left/1\.jpg"):
         photo_of_each_path(["left/1", "a/left/1.png"], photos, Path("x"))
+
+
+def test_photos_are_found_however_their_accents_are_spelled():
+    composed, decomposed = (unicodedata.normalize(form, "château/façade.jpg") for form in ("NFC", "NFD"))
+    for path, photo in ((composed, decomposed), (decomposed, composed)):
+        assert photo_of_each_path([path], [photo], Path("x")) == {path: photo}
 
 
 def test_poses_invert_and_flip_twice_to_themselves():

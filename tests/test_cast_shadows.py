@@ -35,7 +35,9 @@ def view_of(radiance: np.ndarray, free: np.ndarray | None = None) -> SunlitView:
     shape = radiance.shape[:2]
     free = np.ones(shape, bool) if free is None else free
     gain = (free[..., None] * WARM).astype(np.float32)
-    return SunlitView(np.log(radiance).astype(np.float32), gain, np.ones(shape, np.float32), free)
+    return SunlitView(
+        np.log(radiance).astype(np.float32), gain, np.ones(shape, np.float32), free, float(np.sqrt(free.size))
+    )
 
 
 def lit(seen: np.ndarray, albedo: np.ndarray | float = 0.4) -> np.ndarray:
@@ -134,7 +136,7 @@ def test_an_edge_of_shadow_lies_where_the_photo_has_it_and_not_some_pixels_besid
     by_mesh = view_of(radiance, known > 0)
     scales = texture_scales(by_mesh, how)
     share = known * sun_seen(by_mesh, scales, how)
-    beside = beside_edges(known, np.ones(known.shape, bool), how)
+    beside = beside_edges(known, np.ones(known.shape, bool), 400, how)
     found = edges_decided(view_of(radiance), share, known, beside, scales, how)
     assert np.abs(found - truth).sum(axis=1).mean() < 0.2  # px
     np.testing.assert_array_equal(found[~beside], share[~beside])
@@ -148,7 +150,7 @@ def test_stains_beside_the_edge_of_a_shadow_are_paint():
     albedo[60:66, 50:70] *= [0.9, 0.5, 0.3]
     how, every = ShadowSettings(), view_of(lit(truth, albedo))
     scales = texture_scales(view_of(lit(truth, albedo), truth > 0), how)
-    beside = beside_edges(truth, np.ones(truth.shape, bool), how)
+    beside = beside_edges(truth, np.ones(truth.shape, bool), 100, how)
     found = edges_decided(every, truth, truth, beside, scales, how)
     assert np.abs(found - truth).mean() < 0.001
 
@@ -212,6 +214,7 @@ def test_suns_are_hidden_one_by_one_from_pixels_and_from_the_vertices_that_most_
         image,
         trusted,
         masks,
+        SIDE,
         PairSettings(),
         ShadowSettings(),
     )
@@ -222,3 +225,22 @@ def test_suns_are_hidden_one_by_one_from_pixels_and_from_the_vertices_that_most_
     by_vertices = np.unpackbits(found.vertices.visible, axis=1, count=66)
     np.testing.assert_array_equal(by_vertices[:, 64:], [[0, 1], [1, 1], [1, 1], [1, 1]])
     assert by_vertices[:, :64].all()
+
+
+def test_a_part_of_a_view_finds_what_the_whole_view_finds():
+    """Widths beside edges, and how coarse a search begins, are the view's, not those of what is cut out."""
+    truth = np.ones((256, 384), np.float32)
+    truth[:, 90:200] = np.linspace(1, 0, 110).round(1)
+    truth[:, 200:300] = 0
+    radiance = lit(truth, textured(truth.shape, 0.05))
+    whole = view_of(radiance)
+    part = replace(view_of(radiance[:, 64:320]), side=whole.side)
+    scales, how = texture_scales(whole, ShadowSettings()), ShadowSettings()
+    of_whole, of_part = (sun_seen(each, scales, how) for each in (whole, part))
+    assert np.mean(of_whole[:, 64:320] != of_part) < 0.01
+    narrow = slice(64, 84)
+    beside = [
+        beside_edges(truth[:, place], np.ones(truth[:, place].shape, bool), whole.side, how)
+        for place in (slice(None), narrow)
+    ]
+    np.testing.assert_array_equal(beside[0][:, narrow], beside[1])

@@ -356,7 +356,6 @@ def test_further_views_are_lit_as_those_that_the_light_was_found_on(gloss, tmp_p
     suns = found.explained.scene.suns
     shading, data, _ = further_pixels(
         found.without_pixels(),
-        float(np.median(found.light.shading)),
         opened.views.stack,
         np.stack(opened.images, axis=1),
         opened.viewing,

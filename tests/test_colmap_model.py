@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import unicodedata
 
 import numpy as np
 import pycolmap
@@ -203,6 +204,16 @@ def test_adoption_follows_the_photos_names_whatever_the_extension(make_job, tmp_
     assert model.num_points3D() == 40 and not job.warnings
     assert model.cameras[1].params.tolist() == [100, 61, 44, 0.1]
     assert job.facts["camera_models"] == ["SIMPLE_RADIAL"]
+
+
+def test_adoption_takes_accents_however_they_are_spelled(make_job, tmp_path):
+    model, composed = distorted_model(), unicodedata.normalize("NFC", "façade {}.png")
+    for number, image in enumerate(model.images.values()):
+        image.name = unicodedata.normalize("NFD", composed.format(number))
+    images = photos(tmp_path / "images", [composed.format(number) for number in range(4)])
+    job, adopted = adopt(make_job, tmp_path, model, images)
+    assert [image.name for image in registered(adopted)] == [composed.format(number) for number in range(4)]
+    assert not job.warnings
 
 
 def test_missing_photos_are_named_and_the_rest_is_adopted(make_job, tmp_path):

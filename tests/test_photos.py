@@ -6,6 +6,7 @@ import os
 import struct
 import subprocess
 import sys
+import unicodedata
 import zlib
 from pathlib import Path
 
@@ -296,6 +297,17 @@ def test_masks_are_found_by_three_names(tmp_path):
     assert find_mask(tmp_path, "s/b.jpg") == tmp_path / "s/b.png"
     assert find_mask(tmp_path, "s/c.jpg") == tmp_path / "s/c.jpg.png"
     assert find_mask(tmp_path, "d.jpg") is None
+
+
+def test_accents_may_be_spelled_in_two_ways(tmp_path):
+    """As on a Mac's disk, and as typed: masks belong to photos all the same, and two photos are one view."""
+    composed, decomposed = (unicodedata.normalize(form, "é") for form in ("NFC", "NFD"))
+    assert composed != decomposed
+    touch(tmp_path / "m", f"{decomposed}.png")
+    assert find_mask(tmp_path / "m", f"{composed}.jpg") == tmp_path / "m" / f"{decomposed}.png"
+    touch(tmp_path / "p", f"{composed}.jpg", f"{decomposed}.jpg")
+    with pytest.raises(UserError, match="how their accents are spelled"):
+        find_photos(tmp_path / "p")
 
 
 def test_pycolmap_before_opencv_does_not_corrupt_png(tmp_path):

@@ -28,7 +28,7 @@ from stages.photometry.light_search.light_from_pairs import (
 )
 from stages.photometry.light_search.pair_sampling import COLOUR, Pairs, alike_pairs, sample_of
 from stages.photometry.light_search.search import Search, disagreements, estimate_light
-from stages.photometry.lighting.estimate_illumination import explained_best
+from stages.photometry.lighting.estimate_illumination import explained_best, find_illumination
 from stages.photometry.lighting.observations import Observations
 from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.lighting.trusted_pixels import Viewing
@@ -867,3 +867,18 @@ def linked_to_others(views: StackedViews) -> np.ndarray:
         for end in pair:
             linked[end] = True
     return linked
+
+
+def test_a_photo_that_is_many_stops_darker_is_not_unlit(lit):
+    """A bracketed set: its gain is no lack of light, and its pixels count as before."""
+    views, sky, albedo, shading, _ = lit
+    image = photo_of(albedo, shading)
+    stops = np.repeat([1.0, 1 / 128, 1.0], np.diff(views.starts))[:, None]
+    darker = (image * stops).astype(np.float32)
+    every = viewing(np.ones(len(image), bool))
+    found, as_before = (
+        find_illumination(views, list(each.T), [sky], every, FEW, 1, lambda: None) for each in (darker, image)
+    )
+    np.testing.assert_allclose(found.gains.gains[1] / found.gains.gains[0], 1 / 128, rtol=0.02)
+    trusted = [np.add.reduceat(each.observations.trusted, views.starts[:-1]) for each in (found, as_before)]
+    assert trusted[0][1] > 0.95 * trusted[1][1] > 0

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-UNLIT = 0.02  # of the median shading: a quotient by less carries no information
 BY_PIXEL = ("observed", "diffuse", "trusted")  # of `AlbedoData`
 
 

@@ -169,6 +169,7 @@ def _with_detail(
         opened.part,
         common,
         task.parts.folder,
+        opened.light.around.gains[list(views.numbers)].mean(axis=1).astype(np.float32),
     )
 
 

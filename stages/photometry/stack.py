@@ -27,6 +27,8 @@ from stages.solvers.least_squares.difference_operators import (
 )
 from stages.solvers.least_squares.reweighted_least_squares import NormalEquations, without_empty_rows
 
+ALIGNED = 64  # px: crops begin at multiples, so that groups of pixels of any level are those of whole views
+
 
 @dataclass(frozen=True, eq=False)
 class StackedViews:
@@ -196,8 +198,8 @@ def unstack_pixels(masks: Sequence[np.ndarray], stacked: np.ndarray) -> list[np.
     return list(images_of(masks, stacked))
 
 
-def cropped(mask: np.ndarray, aligned: int = 1) -> np.ndarray:
-    """Crop a mask to what is in it, from multiples of `aligned`: its pixels and their order stay."""
+def cropped(mask: np.ndarray) -> np.ndarray:
+    """Crop a mask to what is in it, from multiples of `ALIGNED`: its pixels and their order stay."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    top, left = rows[0] // aligned * aligned, columns[0] // aligned * aligned
+    top, left = rows[0] // ALIGNED * ALIGNED, columns[0] // ALIGNED * ALIGNED
     return np.ascontiguousarray(mask[top : rows[-1] + 1, left : columns[-1] + 1])

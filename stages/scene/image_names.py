@@ -17,6 +17,16 @@ LONGEST_NAME = 1024  # bytes, folders included; a system takes 4096 with all tha
 UNSHOWN = ("Cc", "Zl", "Zp")  # Unicode's control characters and line breaks: lists of names have a line each
 
 
+def view_as_typed(name: str) -> str:
+    """Name the view of an image, for comparison: disks of a Mac spell accents as characters of their own."""
+    return unicodedata.normalize("NFC", view_name(name))
+
+
+def spellings(name: str) -> tuple[str, ...]:
+    """List a name as it is, and with its accents spelled in the other ways that disks know."""
+    return tuple(dict.fromkeys((name, *(unicodedata.normalize(form, name) for form in ("NFC", "NFD")))))
+
+
 def fault_of_name(name: str) -> str:
     """Describe why a name cannot be one of a result; empty where it can.
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections import defaultdict
 from collections.abc import Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from pipeline import UserError
 from pipeline.errors import shown
 from stages.formats.images.photo_folder import PHOTOS
-from stages.scene.cameras import view_name
 
 
 def photo_of_each_path(paths: Sequence[str], photos: Sequence[str], source: Path) -> dict[str, str]:
@@ -36,7 +36,7 @@ def photo_of_each_path(paths: Sequence[str], photos: Sequence[str], source: Path
     """
     by_stem: dict[str, list[str]] = defaultdict(list)
     for photo in photos:
-        by_stem[PurePosixPath(view_name(photo)).name].append(photo)
+        by_stem[_parts(photo)[-1]].append(photo)
     found: dict[str, str] = {}
     path_of: dict[str, str] = {}
     for path in paths:
@@ -61,8 +61,11 @@ def photo_of_each_path(paths: Sequence[str], photos: Sequence[str], source: Path
 
 
 def _parts(path: str) -> list[str]:
-    """Folders and name of a path, without the extension of a photo; other full stops are of the name."""
-    plain = path.replace("\\", "/")
+    """Folders and name of a path, without the extension of a photo; other full stops are of the name.
+
+    Accents are those of one spelling: disks of a Mac have another.
+    """
+    plain = unicodedata.normalize("NFC", path.replace("\\", "/"))
     if plain.lower().endswith(PHOTOS):
         plain = plain.rsplit(".", 1)[0]
     return [part for part in plain.split("/") if part not in ("", ".", "..")]

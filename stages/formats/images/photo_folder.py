@@ -11,7 +11,7 @@ from pipeline import UserError
 from pipeline.cache.digest import files_below
 from pipeline.errors import shown
 from stages.scene.cameras import view_name
-from stages.scene.image_names import CAMERA_RAW, ENDINGS, HEIF, fault_of_name
+from stages.scene.image_names import CAMERA_RAW, ENDINGS, HEIF, fault_of_name, spellings, view_as_typed
 from stages.scene.wording import listed
 
 ENCODED = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".avif")
@@ -40,13 +40,13 @@ def find_photos(folder: Path) -> list[str]:
     for name in _readable(files_below(folder, PHOTOS)):
         if fault := fault_of_name(name):
             raise UserError(f"A photo in {folder} is called {shown(name)}, which {fault}. Rename it.")
-        other = seen.setdefault(view_name(name), name)
+        other = seen.setdefault(view_as_typed(name), name)
         if other != name:
             raise UserError(
-                f"{other} and {name} in {folder} differ only in their extension, so their results would have "
-                "the same name; rename or remove one of them."
+                f"{other} and {name} in {folder} differ only in their extension, or in how their accents are "
+                "spelled, so their results would have the same name; rename or remove one of them."
             )
-    check_view_names(seen, folder)
+    check_view_names([view_name(name) for name in seen.values()], folder)
     return list(seen.values())
 
 
@@ -120,12 +120,12 @@ def find_masks(folder: Path, names: Sequence[str]) -> dict[str, Path]:
 def find_mask(folder: Path, image_name: str) -> Path | None:
     """Find a photo's mask: its name, its stem with ``.png``, or COLMAP's ``name.ext.png``; else None.
 
-    Extensions in capitals are the same.
+    Extensions in capitals are the same, and accents however they are spelled.
     """
     stem = view_name(image_name)
     suffix = PurePosixPath(image_name).suffix
     endings = [*_written(suffix), *_written(".png"), *(suffix + one for one in _written(".png"))]
-    names = [stem + ending for ending in endings]
+    names = [written + ending for written in spellings(stem) for ending in endings]
     return next((folder / name for name in names if (folder / name).is_file()), None)
 
 

@@ -19,8 +19,6 @@ from stages.photometry.clusters.typical_views import ViewGraph
 from stages.photometry.stack import StackedViews, cropped, stack_views
 from stages.scene.cameras import Camera, back_project, footprint
 
-ALIGNED = 64  # px: crops begin at multiples, so that groups of pixels of any level are those of whole views
-
 
 @dataclass(frozen=True, eq=False)
 class ClusterViews:
@@ -162,7 +160,7 @@ def open_cluster(
         for (i, j), block in zip(pairs, each(select_links, pairs), strict=True)
         if block.nnz
     }
-    crops = masks if cluster.is_whole else [cropped(mask, ALIGNED) for mask in masks]
+    crops = masks if cluster.is_whole else [cropped(mask) for mask in masks]
     return ClusterViews(
         numbers,
         [cameras[view] for view in numbers],

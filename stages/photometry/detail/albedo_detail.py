@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.process.free_memory import give_back_free_memory
-from stages.photometry.albedo_data import UNLIT
 from stages.photometry.detail.detail_octaves import (
     AXES,
     QUOTIENT,
@@ -67,6 +66,7 @@ def with_detail(
     part: PartOfScene | None = None,
     known: DetailStatistics | None = None,
     folder: Path | None = None,
+    gains: np.ndarray | None = None,
 ) -> Detail:
     """Add the photo's detail to a smooth albedo, except what noise and shading error explain.
 
@@ -87,6 +87,8 @@ def with_detail(
         Of the scene; None: they are measured.
     folder : Path or None
         Where the model waits until its octaves are filtered; None: in memory.
+    gains : ndarray, shape (n,), or None
+        Brightness of the views, which image and shading include; None: 1.
 
     Notes
     -----
@@ -107,8 +109,12 @@ def with_detail(
     the local mean square of r, plus the variance between views.
     """
     part = part or whole_scene(shading, image, how.log_offset, how.sample_pixels)
-    least = UNLIT * max(part.typical.light, 1e-6)
-    light, smooth, explained = in_file(pixelwise(partial(_model, least), albedo, shading), folder)
+    least = np.float32(how.least_light * max(part.typical.light, 1e-6))
+    of_pixel = np.repeat(
+        np.full(views.view_count, least) if gains is None else least * gains, np.diff(views.starts)
+    )
+    light, smooth, explained = in_file(pixelwise(_model, albedo, shading, of_pixel), folder)
+    del of_pixel
     scene = DetailScene(views, image, light, explained, trusted, how, part, known)
     kept, variance, octaves, alone = _kept(scene)
     filled, has_value = scene.others.filled_in(np.column_stack([kept, variance]))
@@ -121,10 +127,10 @@ def with_detail(
 
 
 def _model(
-    least: float, albedo: np.ndarray, shading: np.ndarray
+    albedo: np.ndarray, shading: np.ndarray, least: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Bound the shading and the smooth albedo from below; returns both and their product."""
-    light = np.maximum(shading, least)
+    light = np.maximum(shading, least[:, None])
     smooth = np.maximum(albedo, 0).astype(np.float32)
     return light, smooth, smooth * light
 

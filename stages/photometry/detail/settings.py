@@ -217,6 +217,13 @@ class DetailSettings(Settings):
         unit="of the scaled image",
         gt=0,
     )
+    least_light: float = setting(
+        0.02,
+        "Least shading that photos are divided by: a quotient by less carries no information.",
+        unit="of the median shading, as bright as the view shows it",
+        gt=0,
+        lt=1,
+    )
     largest_residual: float = setting(
         1.0,
         "Residuals of the smooth albedo are clipped to this: larger ones are glints, or shadows wrongly "

@@ -44,8 +44,6 @@ class LightTask:
         Where shading and data of the pixels are kept, until they are put together view by view.
     found : Illumination
         Of some views, without their pixels.
-    typical : float
-        Median shading of these.
     gains : ndarray, shape (n, 3)
         Of all views.
     scale : float
@@ -58,7 +56,6 @@ class LightTask:
     vertex_normals: np.ndarray
     parts: Parts
     found: Illumination
-    typical: float
     gains: np.ndarray
     scale: float
 
@@ -75,7 +72,6 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
     traced = task.rays(opened.views.cameras, opened.views.masks, threads).see(*suns, opened.normals)
     shading, data, shadowed = further_pixels(
         task.found,
-        task.typical,
         opened.views.stack,
         image,
         opened.viewing,
@@ -93,7 +89,6 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
 
 def further_pixels(
     found: Illumination,
-    typical_shading: float,
     views: StackedViews,
     image: np.ndarray,
     viewing: Viewing,
@@ -108,8 +103,6 @@ def further_pixels(
     ----------
     found : Illumination
         One light for all views.
-    typical_shading : float
-        Median over the pixels that it was estimated from.
     views : StackedViews
     image : ndarray, shape (N, 3), float32
         In the unit of the images that the light was estimated from.
@@ -144,12 +137,13 @@ def further_pixels(
             photos = _without_gloss(own.specular, own.removed_under, photos, normals, blend)
     how, hidden = photos.settings, np.zeros((len(image), 1), bool)
     if how.sun.shadows.find and traced.shape[1]:
-        seen = photos.diffuse, photos.viewing.trusted, views.masks
+        seen = photos.diffuse, photos.viewing.trusted, views.masks, views.side
         traced, hidden = cast_shadows(scene, light, shading, *seen, how.pairs, how.sun.shadows)
         scene = replace(scene, pixels=replace(scene.pixels, traced=traced))  # vertices keep their bounces
         shading = light.shading(scene, views.starts, np.zeros(views.view_count, np.int64))
-    shading = (shading * of_pixel / found.light.unit).astype(np.float32)
-    lit = photos.viewing.trusted & ~unlit(shading, typical_shading, photos.settings.trusted_pixels)
+    shading = (shading / found.light.unit).astype(np.float32)
+    lit = photos.viewing.trusted & ~unlit(shading, found.typical_shading, photos.settings.trusted_pixels)
+    shading *= of_pixel
     data = AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit, own.glossy)
     return shading, data, np.any(hidden, axis=1)
 

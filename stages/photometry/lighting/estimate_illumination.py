@@ -217,7 +217,7 @@ def _with_cast_shadows(now: Explanation, rays: PixelRays, step: Step) -> Explana
 def _as_shadowed(now: Explanation, by_mesh: LitScene, how: ShadowSettings) -> tuple[Explanation, np.ndarray]:
     """Find the shadows under the current light; returns also what `cast_shadows` finds hidden."""
     photos, shading = now.photos, now.photos.shading(by_mesh, now.light)
-    seen = photos.diffuse, photos.viewing.trusted, photos.views.masks
+    seen = photos.diffuse, photos.viewing.trusted, photos.views.masks, photos.views.side
     by_photo, hidden = cast_shadows(by_mesh, now.light, shading, *seen, photos.settings.pairs, how)
     scene = with_visibility(by_mesh, by_photo)
     return replace(now, scene=scene, shadowed=np.any(hidden, axis=1)), hidden

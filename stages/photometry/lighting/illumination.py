@@ -164,6 +164,8 @@ class Illumination:
     apart : float
         Weight of per-view lights against a shared one, 0 to 1.
     observations : AlbedoData
+    typical_shading : float
+        Median, gains divided out.
     directions : ndarray, shape (M, 3)
         Of the light.
     cells : ndarray, shape (M,)
@@ -187,6 +189,7 @@ class Illumination:
     light_of_view: np.ndarray
     apart: float
     observations: AlbedoData
+    typical_shading: float
     directions: np.ndarray
     cells: np.ndarray
     brightest: float
@@ -205,6 +208,8 @@ class Illumination:
     ) -> Illumination:
         """Combine an explanation with the pixels' data for the albedo under its light."""
         own, directions = explained.photos, explained.scene.pixels
+        shading = light.shading / photos.of_pixel
+        typical = float(np.median(shading))
         return cls(
             light=light,
             scene=explained.number,
@@ -214,7 +219,8 @@ class Illumination:
             brightening=own.brightening,
             light_of_view=own.light_of_view,
             apart=own.apart,
-            observations=_albedo_data(explained, photos.of_pixel, light.shading),
+            observations=_albedo_data(explained, photos.of_pixel, shading, typical),
+            typical_shading=typical,
             directions=directions.directions,
             cells=directions.cells,
             brightest=brightest,
@@ -268,9 +274,14 @@ def reflectance_under(
     return reflectance_of(light, left, explained.light, step, photos.settings.brightest or how.usual, how)
 
 
-def _albedo_data(explained: Explanation, of_pixel: np.ndarray, shading: np.ndarray) -> AlbedoData:
-    """Collect observed and diffuse radiance, view gains included, and the pixels trusted under this light."""
+def _albedo_data(
+    explained: Explanation, of_pixel: np.ndarray, shading: np.ndarray, typical: float
+) -> AlbedoData:
+    """Collect observed and diffuse radiance, view gains included, and the pixels trusted under this light.
+
+    `shading`, (N, 3), of which `typical` is the median, has the gains divided out: a photo that is many stops
+    darker is not unlit.
+    """
     photos = explained.photos
-    typical = float(np.median(shading))
     lit = photos.viewing.without(unlit(shading, typical, photos.settings.trusted_pixels))
     return AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit.trusted, explained.glossy)

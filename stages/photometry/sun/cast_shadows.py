@@ -34,6 +34,7 @@ def cast_shadows(
     image: np.ndarray,
     trusted: np.ndarray,
     masks: Sequence[np.ndarray],
+    side: float,
     pairs: PairSettings,
     how: ShadowSettings,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -51,7 +52,9 @@ def cast_shadows(
         Gains of the views divided out.
     trusted : ndarray, shape (N,), bool
     masks : sequence of ndarray, shape (h_i, w_i), bool
-        Of the views: N pixels in all.
+        Of the views, or of parts cut out of them as by `cropped`: N pixels in all.
+    side : float
+        Mean side of the whole views, taken as squares, px.
     pairs : PairSettings
         Noise of the image, and its darkest.
     how : ShadowSettings
@@ -75,11 +78,11 @@ def cast_shadows(
             unhidden = 4 * facing * (pixels.cells[sun] * light.radiance[0, sun] / WHOLE).astype(np.float32)
             by_sun = seen[own, number, None] * unhidden
             rest = shading[own] - by_sun
-            laid_out = partial(_sunlit_view, mask, image[own], trusted[own], rest, how=pairs)
+            laid_out = partial(_sunlit_view, mask, side, image[own], trusted[own], rest, how=pairs)
             sunlit, known = laid_out(by_sun), _on_mask(mask, seen[own, number] / np.float32(WHOLE))
             scales = texture_scales(sunlit, how)
             share = known * sun_seen(sunlit, scales, how)
-            beside = beside_edges(known, mask, how)
+            beside = beside_edges(known, mask, side, how)
             share = edges_decided(laid_out(WHOLE * unhidden), share, known, beside, scales, how)
             hidden[own, number] = (share < known)[mask] & ~beside[mask]
             seen[own, number] = np.rint(WHOLE * share[mask])
@@ -91,6 +94,7 @@ def cast_shadows(
 
 def _sunlit_view(
     mask: np.ndarray,
+    side: float,
     image: np.ndarray,
     trusted: np.ndarray,
     rest: np.ndarray,
@@ -105,7 +109,7 @@ def _sunlit_view(
         "weight": (trusted * reliability(image.min(axis=1), how)).astype(np.float32),
         "free": by_sun.any(axis=1),
     }
-    return SunlitView(**{name: _on_mask(mask, value) for name, value in values.items()})
+    return SunlitView(**{name: _on_mask(mask, value) for name, value in values.items()}, side=side)
 
 
 def _on_mask(mask: np.ndarray, values: np.ndarray) -> np.ndarray:

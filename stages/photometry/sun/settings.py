@@ -25,7 +25,7 @@ class ShadowSettings(Settings):
     )
     coarsest_side: int = setting(
         60,
-        "Least shorter side of the grid that the search begins on. Its cost grows with the square of it.",
+        "Least side of a whole view's grid that the search begins on. Its cost grows with the square of it.",
         unit="cells",
         ge=8,
     )
@@ -43,18 +43,18 @@ class ShadowSettings(Settings):
         unit="share of the sun",
     )
     penumbra_width: float = setting(
-        0.01,
+        0.012,
         "How far from the edge of a shadow its penumbra reaches. The sun's disc makes it a hundredth of the "
         "way to what hides it, which is as far away as the view is wide.",
-        unit="share of a view's longer side",
+        unit="of a view's side, taken as a square",
         gt=0,
         le=0.2,
     )
     uncertain_width: float = setting(
-        0.005,
+        0.006,
         "How far beside the edge of a shadow of the mesh the photo decides where that edge is: so far are "
         "mesh and sun off.",
-        unit="share of a view's longer side",
+        unit="of a view's side, taken as a square",
         gt=0,
         le=0.1,
     )

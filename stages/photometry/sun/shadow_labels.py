@@ -33,12 +33,15 @@ class SunlitView:
         Reliability, 0 to 1; 0 outside the mask.
     free : ndarray, shape (h, w), bool
         The sun may reach the pixel, as far as the mesh is known.
+    side : float
+        Mean side of whole views, taken as squares, px: these pixels may be cut out of one.
     """
 
     shaded: np.ndarray
     gain: np.ndarray
     weight: np.ndarray
     free: np.ndarray
+    side: float
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -62,7 +65,8 @@ class SunlitView:
             _sum_of_four(values * self.weight[..., None]) / own[..., None]
             for values in (self.shaded, self.gain)
         )
-        return SunlitView(shaded, gain, total / 4, _sum_of_four(self.weight * self.free) > own / 2)
+        free = _sum_of_four(self.weight * self.free) > own / 2
+        return SunlitView(shaded, gain, total / 4, free, self.side / 2)
 
 
 def sun_seen(view: SunlitView, scales: Scales, how: ShadowSettings) -> np.ndarray:
@@ -83,7 +87,7 @@ def sun_seen(view: SunlitView, scales: Scales, how: ShadowSettings) -> np.ndarra
     finer grid decides only the pixels beside the borders of the coarser one.
     """
     known = view.free.astype(np.float32)
-    if min(view.shape) >= 2 * how.coarsest_side:
+    if view.side >= 2 * how.coarsest_side:
         rows, columns = view.shape
         half = view.halved()
         coarse = sun_seen(half, texture_scales(half, how), how)
@@ -91,8 +95,8 @@ def sun_seen(view: SunlitView, scales: Scales, how: ShadowSettings) -> np.ndarra
         seen = _chosen(view, seen, known, _border(seen, view.sure, how.margin), (0.0, 1.0), scales, how)
     else:
         seen = _chosen(view, known, known, view.sure, (0.0,), scales, how)
-    beside = max(1, round(how.penumbra_width * max(view.shape)))
-    return _chosen(view, seen, known, _border(seen, view.sure, beside), how.penumbra, scales, how)
+    beside = _border(seen, view.sure, _cells(how.penumbra_width, view.side))
+    return _chosen(view, seen, known, beside, how.penumbra, scales, how)
 
 
 def edges_decided(
@@ -130,9 +134,16 @@ def edges_decided(
     return _chosen(view, seen, by_mesh, among & (view.weight > 0), levels, scales, how)
 
 
-def beside_edges(seen: np.ndarray, mask: np.ndarray, how: ShadowSettings) -> np.ndarray:
-    """Find the pixels of a mask, (h, w), bool, beside edges of what the mesh lets see of a sun, (h, w)."""
-    return _border(seen, mask, max(1, round(how.uncertain_width * max(mask.shape))))
+def beside_edges(seen: np.ndarray, mask: np.ndarray, side: float, how: ShadowSettings) -> np.ndarray:
+    """Find the pixels of a mask, (h, w), bool, beside edges of what the mesh lets see of a sun, (h, w).
+
+    `side`: that of `SunlitView`.
+    """
+    return _border(seen, mask, _cells(how.uncertain_width, side))
+
+
+def _cells(share: float, side: float) -> int:
+    return max(1, round(share * side))
 
 
 def texture_scales(view: SunlitView, how: ShadowSettings) -> Scales:
