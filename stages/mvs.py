@@ -19,12 +19,8 @@ BYTES_PER_GB = 10**9
 
 
 def engine_of(settings: MvsSettings) -> Mapping[str, str]:
-    """Choose the engine that computes depth on this machine: part of the key."""
-    if settings.engine != "auto":
-        return {"engine": settings.engine}
-    from stages.stereo.cuda_cards import count_cards
-
-    return {"engine": "cuda" if count_cards() else "cpu"}
+    """Choose the engine that computes depth: part of the key."""
+    return {"engine": "cpu" if settings.engine == "auto" else settings.engine}
 
 
 def run(job: Job[MvsSettings]) -> None:

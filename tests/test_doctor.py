@@ -174,13 +174,13 @@ def test_mistakes_are_answered_in_a_sentence(words, told, capsys, monkeypatch, t
 @pytest.mark.parametrize(
     ("facts", "told"),
     [
-        ({"cuda": False, "devices": 0}, "without CUDA; dense stereo takes the processor"),
+        ({"cuda": False, "devices": 0}, "without CUDA; dense stereo is our own"),
         ({"cuda": False, "devices": 1}, "`pycolmap-cuda12` in place of `pycolmap`"),
-        ({"cuda": True, "devices": 2}, "dense stereo takes COLMAP's PatchMatch"),
-        ({"cuda": True, "devices": 0}, "but no device: dense stereo takes the processor"),
+        ({"cuda": True, "devices": 2}, "2 device(s): mvs.engine=cuda takes COLMAP's PatchMatch"),
+        ({"cuda": True, "devices": 0}, "but no device: dense stereo is our own"),
     ],
 )
-def test_the_engine_of_dense_stereo_depends_on_library_and_device(facts, told):
+def test_what_a_card_can_be_used_for_depends_on_library_and_device(facts, told):
     assert told in advice.on_stereo(Library("pycolmap", "4.0", None, facts))
 
 

@@ -16,16 +16,14 @@ LEAST_DISK_BYTES = 10**9  # of which a workspace can grow by some photos
 
 
 def on_stereo(pycolmap: Library) -> str:
-    """Say which engine dense stereo takes."""
+    """Say whether COLMAP's PatchMatch, which `mvs.engine` may choose for dense stereo, can run."""
     facts = pycolmap.facts
-    if not facts["cuda"]:
-        more = ", though there is a CUDA device: `pycolmap-cuda12` in place of `pycolmap` uses it"
-        return (
-            f"without CUDA{more if facts['devices'] else ''}; dense stereo takes the processor (mvs.engine)"
-        )
-    if facts["devices"]:
-        return f"with CUDA, {facts['devices']} device(s): dense stereo takes COLMAP's PatchMatch (mvs.engine)"
-    return "with CUDA, but no device: dense stereo takes the processor (mvs.engine)"
+    if facts["cuda"] and facts["devices"]:
+        return f"with CUDA, {facts['devices']} device(s): mvs.engine=cuda takes COLMAP's PatchMatch"
+    if facts["cuda"]:
+        return "with CUDA, but no device: dense stereo is our own (mvs.engine)"
+    more = ", though there is a CUDA device: `pycolmap-cuda12` in place of `pycolmap` can use it"
+    return f"without CUDA{more if facts['devices'] else ''}; dense stereo is our own (mvs.engine)"
 
 
 def on_loops(numba: Library, folder: str | None) -> str:
