@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from stages.motion.pairs import Pair
     from stages.motion.photo_set import Photo
 
+EVERY = slice(None)
+
 
 def run(job: Job[SfmSettings]) -> None:
     """Survey the photos, find and compare features, place, adjust, publish."""
@@ -31,7 +33,7 @@ def run(job: Job[SfmSettings]) -> None:
         _match(job, database, photos, [len(own) for own in colours])
         names = [photo.name for photo in photos]
         pairs = _check_pairs(job, database, names)
-        models, database = _map(job, database, names, pairs)
+        models, database = _map(job, database, [len(own) for own in colours], names, pairs)
         _tell_left_out(job, models, names, pairs)
         model = _adjust(job, models[0])
         _check_focal_lengths(job, model, names)
@@ -203,14 +205,18 @@ def _check_pairs(job: Job[SfmSettings], database: Path, names: Sequence[str]) ->
 
 
 def _map(
-    job: Job[SfmSettings], database: Path, names: Sequence[str], pairs: Sequence[Pair]
+    job: Job[SfmSettings],
+    database: Path,
+    features: Sequence[int],
+    names: Sequence[str],
+    pairs: Sequence[Pair],
 ) -> tuple[list[pycolmap.Reconstruction], Path]:
     """The models of the best attempt, the largest first, and the database with their cameras."""
     from stages.motion.placeable import no_model
 
     models = _map_globally(job, database) if job.settings.mapper == "global" else []
     if not models:
-        models = _map_incrementally(job, database, len(names))
+        models, database = _map_compared_again(job, database, features, pairs)
     if not models:
         raise UserError(no_model(pairs, names, str(job.inputs["images"])))
     own = _map_with_own_cameras(job, database, models[0], len(names))
@@ -233,7 +239,7 @@ def _map_with_own_cameras(
         return None
     own_database = job.scratch / "own_cameras.db"
     write_own_cameras(database, own_database)
-    models = _map_incrementally(job, own_database, count, "a camera each")
+    models = _map_incrementally(job, own_database, count, how="a camera each")
     if not models or models[0].num_reg_images() < shared.num_reg_images():
         return None
     before, after = (m.compute_mean_reprojection_error() for m in (shared, models[0]))
@@ -272,17 +278,58 @@ def _map_globally(job: Job[SfmSettings], database: Path) -> list[pycolmap.Recons
     return models
 
 
+def _map_compared_again(
+    job: Job[SfmSettings], database: Path, features: Sequence[int], pairs: Sequence[Pair]
+) -> tuple[list[pycolmap.Reconstruction], Path]:
+    """The best models, and the database that they are of: photos left out at first are compared again."""
+    settings, count = job.settings, len(features)
+    first = _map_incrementally(job, database, count, tries=slice(0, 1))
+    placed = {image_id - 1 for image_id in first[0].reg_image_ids()} if first else set()
+    if len(placed) >= settings.enough * count:
+        return first, database
+    again = [(pair.one.photo, pair.other.photo) for pair in pairs]
+    again = [pair for pair in again if not placed.issuperset(pair)]
+    further, tries = database, slice(1, None)
+    if again and settings.guided_matching:
+        further, tries = _match_again(job, database, again, features), EVERY
+    more = _map_incrementally(job, further, count, tries=tries, beyond=len(placed))
+    return (more, further) if more else (first, database)
+
+
+def _match_again(
+    job: Job[SfmSettings], database: Path, pairs: Sequence[tuple[int, int]], features: Sequence[int]
+) -> Path:
+    """A copy of the database in which these pairs have the matches along epipolar lines as well."""
+    from stages.motion.database import write_without_matches
+    from stages.motion.matching import in_batches, match_pairs
+
+    copy = job.scratch / "compared_again.db"
+    write_without_matches(database, copy, pairs)
+    job.note(pairs_compared_again=len(pairs))
+    with job.progress("comparing pairs again", len(pairs)) as step:
+        for batch in in_batches(pairs):
+            match_pairs(copy, batch, features, job.settings.seed, job.threads, guided=True)
+            step(len(batch))
+    return copy
+
+
 def _map_incrementally(
-    job: Job[SfmSettings], database: Path, count: int, how: str = ""
+    job: Job[SfmSettings],
+    database: Path,
+    count: int,
+    *,
+    tries: slice = EVERY,
+    beyond: int = 0,
+    how: str = "",
 ) -> list[pycolmap.Reconstruction]:
-    """Attempt after attempt until enough photos are placed; the models of the best one."""
+    """Attempt after attempt until enough are placed; models of the best that places more than `beyond`."""
     from stages.motion.mapping import attempts, map_incrementally
 
     settings = job.settings
-    tries = attempts(settings.attempts, settings.seed, settings.mapping)
+    attempted = list(enumerate(attempts(settings.attempts, settings.seed, settings.mapping), 1))
     best: list[pycolmap.Reconstruction] = []
-    placed = 0
-    for number, attempt in enumerate(tries, 1):
+    placed = beyond
+    for number, attempt in attempted[tries]:
         label = ", ".join(filter(None, ["placing photos", how, f"attempt {number}" if number > 1 else ""]))
         folder = job.scratch / f"{database.stem}_{number}"
         folder.mkdir()
@@ -370,7 +417,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 SFM = Stage(
     name="sfm",
-    version=7,
+    version=8,
     about="Camera poses, lens and sparse points from photos alone (COLMAP).",
     settings=SfmSettings,
     takes=("images",),

@@ -325,6 +325,46 @@ def test_similarity_alignment_recovers_a_known_one():
     assert np.linalg.det(similarity(source, source * [1, 1, -1]).rotation) == pytest.approx(1)  # no mirror
 
 
+HARD = MappingSettings(pose_inliers=(1000, 30), two_view_points=(False,))  # only a pair is placed at first
+
+
+def test_photos_that_are_left_out_are_compared_again_along_epipolar_lines(make_job, tmp_path, folder, placed):
+    """Only pairs of them: the two that were placed keep theirs. Bytes are the same on one thread."""
+    two = run(make_job, tmp_path / "two", folder, threads=2, mapping=HARD)
+    assert two.facts["registered"] == 6 and two.facts["attempt"] == 2
+    before, after = (inliers(job.outputs["database"]) for job in (placed, two))
+    kept = [pair for pair in before if after[pair] == before[pair]]
+    assert two.facts["pairs_compared_again"] == len(before) - 1
+    assert kept and all(after[pair] >= count for pair, count in before.items())
+    assert sum(after.values()) > 1.1 * sum(before.values())
+    one = bytes_of(run(make_job, tmp_path / "one", folder, threads=1, mapping=HARD))
+    assert one == bytes_of(two)
+
+
+def test_photos_are_not_compared_again_where_that_is_not_wanted(make_job, tmp_path, folder, placed):
+    job = run(make_job, tmp_path, folder, mapping=HARD, guided_matching=False)
+    assert job.facts["registered"] == 6 and job.facts["attempt"] == 2
+    assert "pairs_compared_again" not in job.facts
+    assert job.outputs["database"].read_bytes() == placed.outputs["database"].read_bytes()
+
+
+def inliers(database: Path) -> dict[int, int]:
+    """Verified matches of each pair."""
+    with closing(sqlite3.connect(database)) as opened:
+        return dict(opened.execute("SELECT pair_id, rows FROM two_view_geometries WHERE rows > 0"))
+
+
+@pytest.mark.slow
+def test_a_set_that_barely_connects_is_placed_whole(make_job, tmp_path, data_folder):
+    """Every second photo of eleven: by the first matches, four of six."""
+    images = tmp_path / "images"
+    images.mkdir()
+    for photo in sorted((data_folder / "photos-bundler-kermit").glob("*.jpg"))[::2]:
+        (images / photo.name).symlink_to(photo)
+    assert run(make_job, tmp_path / "again", images).facts["registered"] == 6
+    assert run(make_job, tmp_path / "once", images, guided_matching=False).facts["registered"] < 6
+
+
 @pytest.mark.slow
 def test_fountain_is_placed_as_well_as_promised(make_job, tmp_path, data_folder):
     """Camera centres within 5 mm, rotations within 0.1° of the ground truth, on average."""

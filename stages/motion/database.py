@@ -86,6 +86,19 @@ def write_own_cameras(database: Path, copy: Path) -> None:
             opened.update_image(image)
 
 
+def write_without_matches(database: Path, copy: Path, pairs: Iterable[tuple[int, int]]) -> None:
+    """Copy a database of working names without the matches of some pairs of photos; nobody may have it open.
+
+    Raises what `check_room` does.
+    """
+    check_room(copy, room_for_copy(database))
+    shutil.copyfile(database, copy)
+    with pycolmap.Database.open(copy) as opened:
+        for one, other in pairs:
+            opened.delete_matches(one + 1, other + 1)
+            opened.delete_two_view_geometry(one + 1, other + 1)
+
+
 def _write_camera(database: pycolmap.Database, camera: pycolmap.Camera) -> None:
     """Write a camera and the rig of it alone, of the same id."""
     database.write_camera(camera, use_camera_id=True)

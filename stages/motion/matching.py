@@ -29,10 +29,17 @@ def in_batches(pairs: Sequence[tuple[int, int]], batch: int = BATCH) -> list[lis
 
 
 def match_pairs(
-    database: Path, pairs: Sequence[tuple[int, int]], features: Sequence[int], seed: int, threads: int
+    database: Path,
+    pairs: Sequence[tuple[int, int]],
+    features: Sequence[int],
+    seed: int,
+    threads: int,
+    guided: bool = False,
 ) -> None:
     """Match and verify pairs of photos (indices) in a database, given how many features each photo has.
 
+    Pairs that have matches are passed over. `guided`: once more then, along the epipolar lines of the motion
+    that the matches agree with, where a feature has fewer rivals: more matches, for some times the cost.
     The result does not depend on `threads`: every pair draws from its own generator, started at `seed`.
     Raises what `check_room` does.
     """
@@ -46,7 +53,7 @@ def match_pairs(
     verification.ransac.num_threads = 1
     pycolmap.match_image_pairs(
         database,
-        pycolmap.FeatureMatchingOptions(num_threads=threads, use_gpu=False),
+        pycolmap.FeatureMatchingOptions(num_threads=threads, use_gpu=False, guided_matching=guided),
         pycolmap.ImportedPairingOptions(match_list_path=pairs_file),
         verification,
         pycolmap.Device.cpu,

@@ -246,6 +246,12 @@ class SfmSettings(Settings):
     enough: float = setting(
         0.9, "An attempt that places this share of the photos is good enough to stop.", gt=0, le=1
     )
+    guided_matching: bool = setting(
+        True,
+        "Photos that the first attempt leaves out are compared again with those that they share matches "
+        "with, along epipolar lines: half as many matches again, or more. Of all pairs, it takes up to six "
+        "times as long.",
+    )
     free_principal_point: bool = setting(
         True, "A last bundle adjustment moves the principal point off the centre."
     )
