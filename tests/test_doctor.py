@@ -95,7 +95,8 @@ def test_a_machine_without_a_library_cannot_run_and_says_which(tmp_path, monkeyp
     assert main(["doctor", "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     (problem,) = told["problems"]
-    assert problem.startswith("xatlas does not load: ImportError: it is torn. Install it: pip install")
+    assert problem.startswith("xatlas does not load: ImportError: it is torn. Install it: ")
+    assert " -m pip install --force-reinstall xatlas" in problem
     assert told["libraries"]["pycolmap"]["fault"] is None
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.cluster.dask_tasks import DaskTasks
 from pipeline.errors import MachineError, UserError
 from pipeline.files.boundary import check_own_folder
+from pipeline.process.installation import install_extra
 from pipeline.process.library_messages import library_messages_in
 
 if TYPE_CHECKING:
@@ -151,8 +152,8 @@ def _dask() -> Any:
         import distributed
     except ImportError as error:
         raise UserError(
-            "--workers and --scheduler need Dask, which is not installed; expected unshade[cluster]. "
-            "Install it: pip install 'distributed' 'cryptography', or '.[cluster]' in the checkout."
+            "--workers and --scheduler need Dask, which is not installed; expected the extra `cluster`. "
+            f"Install it: {install_extra('cluster')}"
         ) from error
     return distributed
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.util import find_spec
 
+from pipeline.process.installation import install_extra
+
 
 @dataclass(frozen=True)
 class Extra:
@@ -31,7 +33,7 @@ class Extra:
     @property
     def command(self) -> str:
         """The command that installs it."""
-        return f"pip install 'unshade[{self.name}]'"
+        return install_extra(self.name)
 
 
 EXTRAS = (  # those for users: not of tests and benchmarks

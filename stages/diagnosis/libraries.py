@@ -13,6 +13,7 @@ from signal import Signals
 from typing import Any
 
 from pipeline.cache.key import tool_version
+from pipeline.process.installation import pip_install
 
 PATIENCE_S = 900  # a cold disk and busy processors read a gigabyte of libraries in minutes
 ROOT = Path(__file__).parents[2]  # where `stages` is found, also from a checkout
@@ -118,5 +119,5 @@ def what_to_do(library: Library) -> str:
     if "SIGILL" in fault:
         return "Its wheel was built for a newer processor; build it from source, or take another machine."
     distribution = NEEDED.get(library.module, (library.module,))[0]
-    again = "" if fault.startswith(NOT_THERE) else "--force-reinstall "
-    return f"Install it: pip install {again}{distribution}"
+    again = [] if fault.startswith(NOT_THERE) else ["--force-reinstall"]
+    return f"Install it: {pip_install(*again, distribution)}"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipeline import UserError
+from pipeline.process.installation import install_extra
 
 if TYPE_CHECKING:
     import rawpy
@@ -81,7 +82,7 @@ def _opened(path: Path) -> Iterator[rawpy.RawPy]:
         import rawpy
     except ImportError as error:
         raise UserError(
-            f"{path} is camera raw, which takes the extra `raw`: pip install 'unshade[raw]'. Or export it "
+            f"{path} is camera raw, which takes the extra `raw`: {install_extra('raw')}. Or export it "
             "as TIFF or EXR."
         ) from error
     raw = rawpy.RawPy()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipeline import UserError
+from pipeline.process.installation import install_extra
 
 if TYPE_CHECKING:
     import pi_heif
@@ -74,7 +75,7 @@ def _opened(path: Path) -> pi_heif.HeifFile:
         import pi_heif
     except ImportError as error:
         raise UserError(
-            f"{path} is HEIF, which takes the extra `heic`: pip install 'unshade[heic]'. Or export it as "
+            f"{path} is HEIF, which takes the extra `heic`: {install_extra('heic')}. Or export it as "
             "JPEG or TIFF."
         ) from error
     try:

@@ -10,6 +10,7 @@ from pathlib import Path, PurePosixPath
 from pipeline import UserError
 from pipeline.cache.digest import files_below
 from pipeline.errors import shown
+from pipeline.process.installation import install_extra
 from stages.scene.cameras import view_name
 from stages.scene.image_names import CAMERA_RAW, ENDINGS, HEIF, fault_of_name, spellings, view_as_typed
 from stages.scene.wording import listed
@@ -81,8 +82,8 @@ def unread_photos(folder: Path, read: Sequence[str]) -> str:
             counts = Counter(Path(name).suffix.lower() for name in missed)
             counted = listed([f"{count} {suffix}" for suffix, count in sorted(counts.items())])
             sentences.append(
-                f"{folder} holds {counted}, which takes the extra `{extra}`: pip install "
-                f"'unshade[{extra}]'. Or export them as JPEG, TIFF or EXR."
+                f"{folder} holds {counted}, which takes the extra `{extra}`: {install_extra(extra)}. "
+                "Or export them as JPEG, TIFF or EXR."
             )
     return " ".join(sentences)
 
