@@ -30,10 +30,11 @@ def run(job: Job[SfmSettings]) -> None:
     with quiet_colmap():
         photos = _survey(job)
         colours = _find_features(job, photos, database)
-        _match(job, database, photos, [len(own) for own in colours])
+        features = [len(own) for own in colours]
+        _match(job, database, photos, features)
         names = [photo.name for photo in photos]
         pairs = _check_pairs(job, database, names)
-        models, database = _map(job, database, [len(own) for own in colours], names, pairs)
+        models, database = _map(job, database, features, names, pairs)
         _tell_left_out(job, models, names, pairs)
         model = _adjust(job, models[0])
         _check_focal_lengths(job, model, names)
@@ -158,7 +159,7 @@ def _write_masks(job: Job[SfmSettings], photos: Sequence[Photo]) -> Path:
 
 def _match(job: Job[SfmSettings], database: Path, photos: Sequence[Photo], features: Sequence[int]) -> None:
     """Match the photos, given how many features each has."""
-    from stages.motion import matching
+    from stages.motion.matching import sequential_pairs
     from stages.motion.positions import near_pairs, reach_m
     from stages.motion.retrieval import similar_pairs
     from stages.scene.pairs import all_pairs
@@ -184,11 +185,24 @@ def _match(job: Job[SfmSettings], database: Path, photos: Sequence[Photo], featu
     elif mode == "retrieval":
         pairs = similar_pairs(database, settings.retrieval, job.scratch, job.threads, settings.seed)
     else:
-        pairs = matching.sequential_pairs(count, settings.overlap)
+        pairs = sequential_pairs(count, settings.overlap)
     job.note(compared=mode, pairs_compared=len(pairs))
-    with job.progress("comparing pairs", len(pairs)) as step:
-        for batch in matching.in_batches(pairs):
-            matching.match_pairs(database, batch, features, settings.seed, job.threads)
+    _compare(job, database, pairs, features)
+
+
+def _compare(
+    job: Job[SfmSettings],
+    database: Path,
+    pairs: Sequence[tuple[int, int]],
+    features: Sequence[int],
+    again: bool = False,
+) -> None:
+    """Match pairs, batch by batch; again: along epipolar lines as well."""
+    from stages.motion.matching import in_batches, match_pairs
+
+    with job.progress("comparing pairs again" if again else "comparing pairs", len(pairs)) as step:
+        for batch in in_batches(pairs):
+            match_pairs(database, batch, features, job.settings.seed, job.threads, guided=again)
             step(len(batch))
 
 
@@ -301,15 +315,11 @@ def _match_again(
 ) -> Path:
     """A copy of the database in which these pairs have the matches along epipolar lines as well."""
     from stages.motion.database import write_without_matches
-    from stages.motion.matching import in_batches, match_pairs
 
     copy = job.scratch / "compared_again.db"
     write_without_matches(database, copy, pairs)
     job.note(pairs_compared_again=len(pairs))
-    with job.progress("comparing pairs again", len(pairs)) as step:
-        for batch in in_batches(pairs):
-            match_pairs(copy, batch, features, job.settings.seed, job.threads, guided=True)
-            step(len(batch))
+    _compare(job, copy, pairs, features, again=True)
     return copy
 
 

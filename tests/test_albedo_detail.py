@@ -74,8 +74,7 @@ def noisy(image: np.ndarray, share: float, seed: int = 9) -> np.ndarray:
 def found_in(image: np.ndarray, shading: np.ndarray, smooth: np.ndarray = PAINT, **how) -> Detail:
     trusted = how.get("trusted", np.ones(len(image), bool))
     albedo = np.broadcast_to(smooth, image.shape).astype(np.float32)
-    views = how.get("views", one_view())
-    return with_detail(views, albedo, image, shading, trusted, HOW, gains=how.get("gains"))
+    return with_detail(how.get("views", one_view()), albedo, image, shading, trusted, HOW)
 
 
 def detail_of(image: np.ndarray, shading: np.ndarray, smooth: np.ndarray = PAINT, **how) -> np.ndarray:
