@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
-from pipeline.process.tasks import LocalTasks, Tasks
+from pipeline.cluster.tasks import LocalTasks, Tasks
 from pipeline.settings import Settings
 
 Made = TypeVar("Made")

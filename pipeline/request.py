@@ -104,7 +104,12 @@ class Request:
     memory : int or None
         Bytes that a stage may take, and each worker; None: what is free.
     cluster : ClusterRequest or None
-        Where the tasks of stages run; None: on threads of this process.
+        Where the tasks of stages run; None: on threads of the stage's process.
+    forks : bool
+        Each stage has a process of its own, whose memory is free after it, where no cluster is wanted. For a
+        program that has not begun any threads; off, all is done in this process.
+    shared_imports : tuple of str
+        Modules that most stages import: once then, before the first fork. They begin no threads.
     absent : mapping of str to Absent
         Those of the sources whose files are fetched only if a stage reads them.
     remarks : tuple of str
@@ -125,6 +130,8 @@ class Request:
     threads: int = 1
     memory: int | None = None
     cluster: ClusterRequest | None = None
+    forks: bool = False
+    shared_imports: tuple[str, ...] = ()
     selection: Selection = field(default_factory=Selection)
     absent: Mapping[str, Absent] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timezone
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,19 +16,19 @@ from pipeline.cache.key import Ingredients
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store
 from pipeline.cluster.on_demand import ClusterOnDemand
+from pipeline.cluster.tasks import Tasks
 from pipeline.errors import UserError
 from pipeline.job import Job, Progress
 from pipeline.plan import Decision, located_inputs, read_sources
+from pipeline.process.forked import in_fork
 from pipeline.process.logbook import logged
 from pipeline.process.memory_limits import compare_with_allowed_memory, memory_errors_told
-from pipeline.process.meter import measured
+from pipeline.process.meter import Reading, measured
 from pipeline.process.spans import Span, TimedProgress
-from pipeline.process.tasks import Tasks
 from pipeline.process.temporary_files import temporary_files_in
 from pipeline.reasons import changed_files
 from pipeline.request import Request
-from pipeline.settings import Settings
-from pipeline.stage import AnyStage, S, Stage, settings_of
+from pipeline.stage import AnyStage, settings_of
 
 
 class Listener(Progress, Protocol):
@@ -60,35 +61,117 @@ def run_stage(
         raise RuntimeError(f"{stage.name} was to run though {decision.reason}")
     _fetch_absent_sources(stage, request, listener)
     partial = store.begin(stage.name)
-    with _kept_only_if_finished(partial), _threads(request.threads) as executor:
-        timed = TimedProgress(listener)
-        job = _job(stage, made_from, request, store, listener, timed, executor, cluster.tasks(), partial)
+    with _kept_only_if_finished(partial):
+        places = _places(stage, made_from, request, store, partial)
+        try:
+            left = _work_shown(stage, made_from, places, request, listener, cluster.tasks())
+        except Exception:
+            _check_inputs(stage, places, made_from, request, store)  # an input that is gone says more
+            raise
+        _check_inputs(stage, places, made_from, request, store)
+        shutil.rmtree(places.scratch)
+        record = _record(stage, made_from, places, left, store)
+        _compare_with_twin(store, record, listener)
+        store.publish(partial, record)
+    return record
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Where a stage reads and writes: as in its job, and its log."""
+
+    inputs: Mapping[str, Path]
+    outputs: Mapping[str, Path]
+    scratch: Path
+    log: Path
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What a stage leaves beside its files: facts and warnings, what it cost, and its spans."""
+
+    facts: dict[str, Any]
+    warnings: Sequence[str]
+    reading: Reading
+    spans: Sequence[Span]
+
+
+class _Told:
+    """Progress and sentences of a stage in a fork, told to the process that shows them."""
+
+    def __init__(self, tell: Callable[..., None]) -> None:
+        self._tell = tell
+
+    def begin(self, label: str, total: int | None, at_most: bool = False) -> None:
+        """Tell that a task begins."""
+        self._tell("begin", label, total, at_most)
+
+    def advance(self, steps: int = 1) -> None:
+        """Tell of steps."""
+        self._tell("advance", steps)
+
+    def end(self) -> None:
+        """Tell that the task has ended."""
+        self._tell("end")
+
+    def say(self, sentence: str) -> None:
+        """Tell a sentence."""
+        self._tell("say", sentence)
+
+
+def _work_shown(
+    stage: AnyStage,
+    made_from: Ingredients,
+    places: _Places,
+    request: Request,
+    listener: Listener,
+    cluster: Tasks | None,
+) -> _Work:
+    """Do the work of a stage in a fork, if the request says so and no threads to a cluster are needed."""
+    if not request.forks or cluster is not None:
+        return _work(stage, made_from, places, request, listener, cluster)
+    with memory_errors_told(stage):
+        for name in request.shared_imports:
+            import_module(name)
+    return in_fork(
+        lambda tell: _work(stage, made_from, places, request, _Told(tell), None),
+        lambda event, *values: getattr(listener, event)(*values),
+    )
+
+
+def _work(
+    stage: AnyStage,
+    made_from: Ingredients,
+    places: _Places,
+    request: Request,
+    shown: Listener | _Told,
+    cluster: Tasks | None,
+) -> _Work:
+    """Do the work of a stage in this process."""
+    with _threads(request.threads) as executor:
+        timed = TimedProgress(shown)
+        job = Job(
+            settings=settings_of(stage, request.settings),
+            inputs=places.inputs,
+            outputs=places.outputs,
+            scratch=places.scratch,
+            threads=request.threads,
+            executor=executor,
+            shown=timed,
+            say=shown.say,
+            machine=made_from.machine,
+            cluster=cluster,
+        )
         with (
             memory_errors_told(stage),
-            logged(stage, job, partial / "log.txt", request.workspace / "logs"),
+            logged(stage, job, places.log, request.workspace / "logs"),
             temporary_files_in(job.scratch),
             measured() as reading,
         ):
             timed.restart()  # as `reading` does
-            try:
-                compare_with_allowed_memory(stage, job, request.memory)
-                stage.run(job)
-            except Exception:
-                _check_inputs(stage, job, made_from, request, store)  # an input that is gone says more
-                raise
-        _check_inputs(stage, job, made_from, request, store)
-        shutil.rmtree(job.scratch)
-        record = _record(stage, made_from, job, store)
-        record = replace(
-            record,
-            seconds=reading.seconds,
-            cpu_seconds=reading.cpu_seconds,
-            peak_bytes=reading.peak_bytes,
-            spans=tuple(map(_rounded, timed.spans)),
-        )
-        _compare_with_twin(store, record, listener)
-        store.publish(partial, record)
-    return record
+            compare_with_allowed_memory(stage, job, request.memory)
+            stage.run(job)
+    return _Work(job.facts, tuple(job.warnings), reading, tuple(timed.spans))
 
 
 def _fetch_absent_sources(stage: AnyStage, request: Request, listener: Listener) -> None:
@@ -139,18 +222,10 @@ def _threads(number: int) -> Iterator[Executor]:
         executor.shutdown(wait=True, cancel_futures=True)
 
 
-def _job(
-    stage: Stage[S],
-    made_from: Ingredients,
-    request: Request,
-    store: Store,
-    listener: Listener,
-    timed: TimedProgress,
-    executor: Executor,
-    cluster: Tasks | None,
-    partial: Path,
-) -> Job[S]:
-    """Build the job of a stage: locate its inputs, create its output folders.
+def _places(
+    stage: AnyStage, made_from: Ingredients, request: Request, store: Store, partial: Path
+) -> _Places:
+    """Locate the inputs of a stage, and create its output folders.
 
     Raises
     ------
@@ -169,22 +244,11 @@ def _job(
             outputs[artefact.name].mkdir()
     scratch = partial / "scratch"
     scratch.mkdir()
-    return Job(
-        settings=settings_of(stage, request.settings),
-        inputs=inputs,
-        outputs=outputs,
-        scratch=scratch,
-        threads=request.threads,
-        executor=executor,
-        shown=timed,
-        say=listener.say,
-        machine=made_from.machine,
-        cluster=cluster,
-    )
+    return _Places(inputs, outputs, scratch, partial / "log.txt")
 
 
 def _check_inputs(
-    stage: AnyStage, job: Job[Settings], made_from: Ingredients, request: Request, store: Store
+    stage: AnyStage, places: _Places, made_from: Ingredients, request: Request, store: Store
 ) -> None:
     """Refuse a result whose inputs changed since the run began: its key has their earlier digests.
 
@@ -196,7 +260,7 @@ def _check_inputs(
     """
     found = read_sources(replace(request, flow=(stage,), absent={}), store)
     cached = [name for name in made_from.inputs if name not in request.sources]
-    found |= {name: store.digests(job.inputs[name]) for name in cached}
+    found |= {name: store.digests(places.inputs[name]) for name in cached}
     for name, files in found.items():
         before = made_from.inputs[name]
         if files != before:
@@ -206,14 +270,14 @@ def _check_inputs(
                 f"{stage.name} made of it was dropped; expected files that stay as they are. Earlier results "
                 "are kept: run again."
             )
-    if not job.scratch.is_dir():
+    if not places.scratch.is_dir():
         raise UserError(
-            f"{job.scratch}, where {stage.name} worked, was deleted during the run; expected a cache that is "
-            "left alone. Earlier results are kept as far as they are there: run again."
+            f"{places.scratch}, where {stage.name} worked, was deleted during the run; expected a cache that "
+            "is left alone. Earlier results are kept as far as they are there: run again."
         )
 
 
-def _record(stage: AnyStage, made_from: Ingredients, job: Job[Settings], store: Store) -> Record:
+def _record(stage: AnyStage, made_from: Ingredients, places: _Places, left: _Work, store: Store) -> Record:
     """Build the record of a finished stage.
 
     Raises
@@ -221,7 +285,7 @@ def _record(stage: AnyStage, made_from: Ingredients, job: Job[Settings], store: 
     RuntimeError
         The stage did not write what it declares: a fault of the program.
     """
-    missing = [name for name, path in job.outputs.items() if not path.exists()]
+    missing = [name for name, path in places.outputs.items() if not path.exists()]
     if missing:
         raise RuntimeError(f"{stage.name} ended without writing {', '.join(missing)}")
     return Record(
@@ -232,10 +296,14 @@ def _record(stage: AnyStage, made_from: Ingredients, job: Job[Settings], store: 
         inputs=made_from.inputs,
         tools=made_from.tools,
         machine=made_from.machine,
-        outputs={name: store.digests(path) for name, path in job.outputs.items()},
-        facts=job.facts,
-        warnings=tuple(job.warnings),
+        outputs={name: store.digests(path) for name, path in places.outputs.items()},
+        facts=left.facts,
+        warnings=tuple(left.warnings),
         finished=datetime.now(timezone.utc).isoformat(timespec="microseconds"),
+        seconds=left.reading.seconds,
+        cpu_seconds=left.reading.cpu_seconds,
+        peak_bytes=left.reading.peak_bytes,
+        spans=tuple(map(_rounded, left.spans)),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -17,6 +18,7 @@ from pipeline.command import verbs
 from pipeline.command.streams import prepare_process
 from pipeline.command.terminal import Terminal, output_stream
 from pipeline.files.file_kinds import is_folder
+from pipeline.process.forked import in_fork
 from pipeline.process.memory_limits import is_out_of_memory
 from pipeline.request import Request
 from stages import IN_ORDER
@@ -45,6 +47,7 @@ from stages.command.sources import check_lights
 from stages.command.workspaces import existing_workspace
 
 COMMANDS = [kind.__name__.lower() for kind in get_args(Command)]
+SHARED = ("numba", "scipy.ndimage", "cv2", "OpenEXR")  # a second and 100 MB; open3d is for few stages
 USER_MISTAKE, FAULT, INTERRUPTED = 2, 1, 130
 
 
@@ -150,11 +153,14 @@ def obey(command: Command, terminal: Terminal, in_child: bool) -> int:
 
 
 def carry_out(request: Request, terminal: Terminal, in_child: bool) -> int:
-    """Run the stages of a request, in a child process or in this one."""
+    """Run the stages of a request, in child processes or in this one."""
 
     def work() -> None:
-        check_lights(request.sources)  # reads them with libraries: their threads would not survive a fork
-        verbs.run_verb(request, terminal)
+        if in_child:  # libraries that read lights begin threads, which the forks of stages would miss
+            in_fork(lambda _: check_lights(request.sources), lambda: None)
+        else:
+            check_lights(request.sources)
+        verbs.run_verb(replace(request, forks=in_child, shared_imports=SHARED), terminal)
 
     return in_process(work, request, terminal, in_child)
 

@@ -90,7 +90,7 @@ def within(settings: MvsSettings, memory: int) -> MvsSettings:
 
 MVS = Stage(
     name="mvs",
-    version=7,
+    version=8,
     about="Depth and normals per view by multi-view stereo, fused into one oriented cloud.",
     settings=MvsSettings,
     takes=("workspace",),

@@ -121,7 +121,7 @@ def run(job: Job[RaycastSettings]) -> None:
     from stages.formats.artefacts.camera_file import write_cameras
     from stages.formats.images.masks import kept_at
     from stages.formats.meshes.triangle_meshes import read_mesh
-    from stages.geometry.mesh_fit import gaps_at_points
+    from stages.geometry.outlines.mesh_fit import gaps_at_points
     from stages.geometry.rays import RayCaster
     from stages.stereo.workspace import open_workspace
 
@@ -187,7 +187,7 @@ def _beyond_outline(job: Job[RaycastSettings], camera: Camera, mask: np.ndarray)
     import numpy as np
 
     from stages.formats.images.masks import background_at
-    from stages.geometry.mesh_fit import beyond_outline
+    from stages.geometry.outlines.mesh_fit import beyond_outline
 
     if "background" not in job.inputs:
         return np.zeros_like(mask)
@@ -231,7 +231,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 RAYCAST = Stage(
     name="raycast",
-    version=3,
+    version=4,
     about="Depth, normals, masks and triangle maps of the mesh in each view.",
     settings=RaycastSettings,
     takes=("mesh", "workspace", "kept", "background"),

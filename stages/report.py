@@ -300,7 +300,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 REPORT = Stage(
     name="report",
-    version=6,
+    version=7,
     about="Pictures, figures and a model for the report, which is written from them and all records.",
     settings=ReportSettings,
     takes=(

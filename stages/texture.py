@@ -250,7 +250,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 TEXTURE = Stage(
     name="texture",
-    version=5,
+    version=6,
     about="A textured model, GLB and OBJ; on the texture coordinates of a given mesh where it has them.",
     settings=TextureSettings,
     takes=("mesh", "cameras", "mask", "depth", "normal", "albedo", "shading", "scales"),

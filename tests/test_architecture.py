@@ -78,6 +78,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "solvers/primal_dual": {"kernels"},
     "geometry/covisibility": set(),
     "geometry/decimation": set(),
+    "geometry/outlines": set(),
     "formats/colour": set(),
     "formats/decoders": set(),
     "formats/images": {"colour", "decoders"},

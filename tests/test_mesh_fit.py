@@ -11,7 +11,7 @@ import pytest
 from stages.formats.colmap.model import pinhole_model
 from stages.formats.images.photos import read_mask, write_mask
 from stages.formats.meshes.triangle_meshes import Surface, write_mesh
-from stages.geometry.mesh_fit import beyond_outline, gaps_at_points
+from stages.geometry.outlines.mesh_fit import beyond_outline, gaps_at_points
 from stages.geometry.rays import RayCaster
 from stages.raycast import RAYCAST, RAYCAST_OF_GIVEN_SURFACE, FitCheckSettings, RaycastSettings
 from stages.scene.cameras import Camera, project

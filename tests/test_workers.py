@@ -19,9 +19,9 @@ import pytest
 from pipeline import UserError
 from pipeline.cluster import on_demand, worker_checks
 from pipeline.cluster.on_demand import ClusterOnDemand, ClusterRequest
+from pipeline.cluster.tasks import LocalTasks
 from pipeline.cluster.worker_checks import check_workers
 from pipeline.errors import MachineError
-from pipeline.process.tasks import LocalTasks
 from stages.command.arguments import Run
 from stages.command.machine import cluster_of
 from tests.faults import small_runs

@@ -40,7 +40,7 @@ def request(root: Path, seconds: float = 0.0, **selection) -> Request:
         replace(toy_flow.COUNT, run=count, found=lambda facts: f"{facts['letters']} letters"),
         toy_flow.REPORT,
     )
-    return replace(toy_flow.request(root, flow=flow, **selection), pointers=POINTERS)
+    return replace(toy_flow.request(root, flow=flow, **selection), forks=True, pointers=POINTERS)
 
 
 def main(words: list[str]) -> int:

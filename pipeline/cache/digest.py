@@ -42,8 +42,11 @@ def _canonical(value: Any) -> str:
 
 
 def digest_file(path: Path) -> str:
-    """Compute the digest of a file's bytes."""
-    hasher = blake3(max_threads=blake3.AUTO)
+    """Compute the digest of a file's bytes.
+
+    On one thread: the library's threads, once begun, would be missed for ever by the forks of stages.
+    """
+    hasher = blake3()
     with path.open("rb"):  # its error names the file; blake3's does not
         hasher.update_mmap(path)
     return hasher.hexdigest()[:DIGEST_HEX_DIGITS]

@@ -22,7 +22,7 @@ from typing import NoReturn
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PATIENCE_S = 1.0  # until a killed child is gone: one with much memory, or in a system call, takes its time
 POLL_S = 0.005
-PR_SET_PDEATHSIG = 1  # of prctl(2)
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # of prctl(2)
 
 
 @dataclass(frozen=True)
@@ -48,16 +48,20 @@ def run_in_child(work: Callable[[], int]) -> Ending:
     """Fork, run `work` in the child, and wait for it. Call it from the main thread, before others start.
 
     The child ends by the exit code that `work` returns. It dies when the parent is killed (on Linux), and as
-    soon as the parent receives SIGINT, SIGTERM or SIGHUP, unless that signal is ignored.
+    soon as the parent receives SIGINT, SIGTERM or SIGHUP, unless that signal is ignored. Children of its own,
+    which die with it, are waited for.
     """
-    _flush_streams()  # else the child would write the same text again
+    _adopt_orphans()
+    flush_streams()  # else the child would write the same text again
     heeded = [one for one in ENDING if signal.getsignal(one) is not signal.SIG_IGN]
     with _blocked({*ENDING, signal.SIGCHLD}):
         parent = os.getpid()
         child = os.fork()
         if child == 0:
-            _work_as_child(work, parent)
+            work_as_child(work, parent)
         ending = _wait(child, {*heeded, signal.SIGCHLD})
+        if ending.signal is not None:
+            _await_children()
         if ending.requested:
             for one in heeded:  # a second one, as `timeout` sends it, must not disturb the clearing up
                 signal.signal(one, signal.SIG_IGN)
@@ -76,7 +80,7 @@ def _blocked(signals: set[Signals]) -> Iterator[None]:
         signal.signal(signal.SIGCHLD, former)
 
 
-def _work_as_child(work: Callable[[], int], parent: int) -> NoReturn:
+def work_as_child(work: Callable[[], int], parent: int) -> NoReturn:
     """Run `work` and leave without the interpreter's farewell, in which native libraries may crash."""
     code = 1
     try:
@@ -85,11 +89,12 @@ def _work_as_child(work: Callable[[], int], parent: int) -> NoReturn:
     except BaseException:
         traceback.print_exc()
     finally:
-        _flush_streams()
+        flush_streams()
         os._exit(code)
 
 
-def _flush_streams() -> None:
+def flush_streams() -> None:
+    """Write out what the standard streams still hold, as far as they take it."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()
@@ -113,11 +118,19 @@ def _wait(child: int, awaited: set[Signals]) -> Ending:
             return Ending(code) if code >= 0 else Ending(1, Signals(-code))
         if received != signal.SIGCHLD:
             os.kill(child, signal.SIGKILL)
-            _await_end(child)
             return Ending(128 + received, Signals(received), requested=True)
 
 
-def _await_end(child: int) -> None:
+def _adopt_orphans() -> None:
+    """Ask Linux for the children of a child that dies, so that they can be waited for."""
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
+
+
+def _await_children() -> None:
+    """Wait until all children, and orphans of theirs, are gone."""
     deadline = time.monotonic() + PATIENCE_S
-    while os.waitpid(child, os.WNOHANG)[0] == 0 and time.monotonic() < deadline:
-        time.sleep(POLL_S)
+    with suppress(ChildProcessError):  # there are none any more
+        while time.monotonic() < deadline:
+            if os.waitpid(-1, os.WNOHANG)[0] == 0:
+                time.sleep(POLL_S)

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit, prange
 
 import stages.solvers.kernels.threading_layer  # noqa: F401 -- chooses the threads below
+from stages.geometry.outlines.border_distances import distances_from_border
 from stages.scene.cameras import (
     Camera,
     footprint,
@@ -194,8 +195,7 @@ def weight_of(
     around = np.ones((3, 3), np.uint8)
     jump = cv2.dilate(depth, around) - cv2.erode(depth, around)
     whole = mask & (depth > 0) & (jump <= how.jump_footprints * footprint(camera, depth))
-    framed = np.pad(whole, 1).astype(np.uint8)
-    inside = cv2.distanceTransform(framed, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    inside = distances_from_border(np.pad(whole, 1))[1:-1, 1:-1]
     faded = np.clip((inside - 1) / how.border_px, 0, 1)
     return (faded * confidence).astype(np.float32)
 

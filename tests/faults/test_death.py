@@ -1,7 +1,7 @@
 """Death at random moments of every stage: nothing half-made is seen, nothing piles up, digests are the same.
 
-The program is a parent that waits and a child that computes. Ctrl-C goes to both, SIGTERM to the parent or to
-both, SIGKILL to either or to both.
+The program is a parent that waits, a child that runs the stages, and a child of that for the stage at work.
+Ctrl-C goes to all, SIGTERM to the parent or to all, SIGKILL to one of them or to all.
 """
 
 from __future__ import annotations
@@ -37,16 +37,17 @@ class Attack:
 
     name: str
     number: signal.Signals
-    whom: str  # parent, child or both
+    whom: str  # parent, child, stage or all
 
 
 ATTACKS = (
-    Attack("Ctrl-C", signal.SIGINT, "both"),
+    Attack("Ctrl-C", signal.SIGINT, "all"),
     Attack("SIGTERM", signal.SIGTERM, "parent"),
-    Attack("SIGTERM to the group", signal.SIGTERM, "both"),
+    Attack("SIGTERM to the group", signal.SIGTERM, "all"),
     Attack("SIGKILL", signal.SIGKILL, "parent"),
-    Attack("SIGKILL to the group", signal.SIGKILL, "both"),
-    Attack("SIGKILL of the working process", signal.SIGKILL, "child"),
+    Attack("SIGKILL to the group", signal.SIGKILL, "all"),
+    Attack("SIGKILL of the process that runs the stages", signal.SIGKILL, "child"),
+    Attack("SIGKILL of the stage at work", signal.SIGKILL, "stage"),
 )
 
 
@@ -108,22 +109,25 @@ class Running:
         while self.process.poll() is None and not set(folder.glob(f"{PARTIAL}*")) - self.of_earlier_runs:
             time.sleep(0.002)
 
-    def child(self) -> int | None:
-        """The process that computes."""
-        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
-        with suppress(OSError):
-            return next(iter(map(int, children.read_text().split())), None)
+    def child(self, generations: int) -> int | None:
+        """The process that runs the stages (one generation on), or the stage at work (two)."""
+        found = self.process.pid
+        with suppress(OSError, StopIteration):
+            for _ in range(generations):
+                children = Path(f"/proc/{found}/task/{found}/children")
+                found = next(iter(map(int, children.read_text().split())))
+            return found
         return None
 
     def attack(self, how: Attack) -> tuple[int, str, float]:
         """Send the signal; returns the exit code, the last line and the seconds until it had left."""
         begun = time.perf_counter()
         with suppress(ProcessLookupError):
-            if how.whom == "both":
+            if how.whom == "all":
                 os.killpg(self.process.pid, how.number)
             elif how.whom == "parent":
                 self.process.send_signal(how.number)
-            elif (child := self.child()) is not None:
+            elif (child := self.child(1 if how.whom == "child" else 2)) is not None:
                 os.kill(child, how.number)
         said, _ = self.process.communicate(timeout=60)  # to the end of both: the child has the streams, too
         return (
@@ -151,7 +155,7 @@ def check_ending(how: Attack, code: int, line: str, seconds: float) -> bool:
     """The exit code and the line that a signal gives; False where the run had ended before it came."""
     if code == 0:
         return False
-    if how.number == signal.SIGKILL and how.whom != "child":
+    if how.number == signal.SIGKILL and how.whom in ("parent", "all"):
         assert code == -signal.SIGKILL
         return True
     if code < 0:  # the interpreter was about to begin or to end: nothing runs yet, or no longer
@@ -160,7 +164,7 @@ def check_ending(how: Attack, code: int, line: str, seconds: float) -> bool:
     if line == NOTHING_BEGUN:  # it was being loaded
         return code == 128 + signal.SIGINT
     assert "To go on: unshade run " in line or "the same command continues there" in line, line
-    assert code == (1 if how.whom == "child" else 128 + how.number), line
+    assert code == (1 if how.whom in ("child", "stage") else 128 + how.number), line
     assert seconds < LEAVES_WITHIN_S
     return True
 

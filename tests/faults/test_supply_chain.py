@@ -46,6 +46,7 @@ EXCEPTIONS = {
     "pipeline/cluster/dask_tasks.py": (3, "sends tasks to these, and names their errors and types"),
     "pipeline/cluster/worker_checks.py": (1, "names a type"),
     "pipeline/process/own_process.py": (2, "sends its own arrays to a process that it starts itself"),
+    "pipeline/process/forked.py": (3, "hears what a fork of this process tells, by a pipe without a name"),
     "benchmarks/mit_berkeley/__main__.py": (2, "sends its own values to processes that it starts itself"),
     "tests/faults/test_supply_chain.py": (1, "springs the trap once, to show that it is one"),
 }

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import maximum_filter
 
+from stages.geometry.outlines.border_distances import distances_from_border
 from stages.stereo.mvs_settings import DepthEdgeSettings
 
 WITHOUT, WITH = 1, 2  # markers: no depth, surely depth
@@ -43,7 +44,7 @@ def up_to_edges(
     background = _at_border(~kept & _within(even & ~kept, how.reach_px))
     if not how.reach_px or not background.any() or not kept.any():
         return kept, background
-    inside_px = cv2.distanceTransform((~background).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    inside_px = distances_from_border(~background)
     middle = (inside_px >= maximum_filter(inside_px, 3)) & (inside_px >= how.thinnest_px / 2)
     markers = np.zeros(kept.shape, np.int32)
     markers[background] = WITHOUT

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from stages.geometry.outlines.border_distances import distances_from_border
 from stages.scene.cameras import Camera, in_image, project
 
 
@@ -51,6 +52,6 @@ def beyond_outline(mask: np.ndarray, background: np.ndarray, reach_px: float) ->
     """
     if not background.any():
         return np.zeros_like(mask)
-    to_outline_px = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    to_outline_px = distances_from_border(mask)
     beyond = mask & background & (to_outline_px <= reach_px)
     return mask & (cv2.dilate(beyond.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)

@@ -1,0 +1,1 @@
+"""Outlines of a surface in the views: what lies beside them."""
