@@ -18,6 +18,7 @@ from pipeline.command import verbs
 from pipeline.command.streams import prepare_process
 from pipeline.command.terminal import Terminal, output_stream
 from pipeline.files.file_kinds import is_folder
+from pipeline.process.child import DIES_WITH_PARENT
 from pipeline.process.forked import in_fork
 from pipeline.process.memory_limits import is_out_of_memory
 from pipeline.request import Request
@@ -154,13 +155,14 @@ def obey(command: Command, terminal: Terminal, in_child: bool) -> int:
 
 def carry_out(request: Request, terminal: Terminal, in_child: bool) -> int:
     """Run the stages of a request, in child processes or in this one."""
+    forks = in_child and DIES_WITH_PARENT  # else a stage would go on where its run was ended
 
     def work() -> None:
-        if in_child:  # libraries that read lights begin threads, which the forks of stages would miss
+        if forks:  # libraries that read lights begin threads, which the forks of stages would miss
             in_fork(lambda _: check_lights(request.sources), lambda: None)
         else:
             check_lights(request.sources)
-        verbs.run_verb(replace(request, forks=in_child, shared_imports=SHARED), terminal)
+        verbs.run_verb(replace(request, forks=forks, shared_imports=SHARED), terminal)
 
     return in_process(work, request, terminal, in_child)
 

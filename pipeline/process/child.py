@@ -22,6 +22,7 @@ from typing import NoReturn
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PATIENCE_S = 1.0  # until a killed child is gone: one with much memory, or in a system call, takes its time
 POLL_S = 0.005
+DIES_WITH_PARENT = sys.platform.startswith("linux")  # a child does; elsewhere it goes on to its end
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # of prctl(2)
 
 
@@ -102,7 +103,7 @@ def flush_streams() -> None:
 
 def die_with(parent: int) -> None:
     """Ask Linux for SIGKILL when the parent, of that number, dies; elsewhere the child goes on to its end."""
-    if sys.platform.startswith("linux"):
+    if DIES_WITH_PARENT:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # it died before
             os._exit(1)
@@ -123,7 +124,7 @@ def _wait(child: int, awaited: set[Signals]) -> Ending:
 
 def _adopt_orphans() -> None:
     """Ask Linux for the children of a child that dies, so that they can be waited for."""
-    if sys.platform.startswith("linux"):
+    if DIES_WITH_PARENT:
         ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
 
 
