@@ -119,6 +119,14 @@ class Running:
             return found
         return None
 
+    def awaited_child(self, generations: int) -> int | None:
+        """That process, as soon as there is one: between two stages none is at work."""
+        while self.process.poll() is None:
+            if (child := self.child(generations)) is not None:
+                return child
+            time.sleep(0.002)
+        return None
+
     def attack(self, how: Attack) -> tuple[int, str, float]:
         """Send the signal; returns the exit code, the last line and the seconds until it had left."""
         begun = time.perf_counter()
@@ -127,7 +135,7 @@ class Running:
                 os.killpg(self.process.pid, how.number)
             elif how.whom == "parent":
                 self.process.send_signal(how.number)
-            elif (child := self.child(1 if how.whom == "child" else 2)) is not None:
+            elif (child := self.awaited_child(1 if how.whom == "child" else 2)) is not None:
                 os.kill(child, how.number)
         said, _ = self.process.communicate(timeout=60)  # to the end of both: the child has the streams, too
         return (
