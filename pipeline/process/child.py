@@ -53,13 +53,9 @@ def run_in_child(work: Callable[[], int]) -> Ending:
     which die with it, are waited for.
     """
     _adopt_orphans()
-    flush_streams()  # else the child would write the same text again
     heeded = [one for one in ENDING if signal.getsignal(one) is not signal.SIG_IGN]
     with _blocked({*ENDING, signal.SIGCHLD}):
-        parent = os.getpid()
-        child = os.fork()
-        if child == 0:
-            work_as_child(work, parent)
+        child = begin_child(work)
         ending = _wait(child, {*heeded, signal.SIGCHLD})
         if ending.signal is not None:
             _await_children()
@@ -81,7 +77,20 @@ def _blocked(signals: set[Signals]) -> Iterator[None]:
         signal.signal(signal.SIGCHLD, former)
 
 
-def work_as_child(work: Callable[[], int], parent: int) -> NoReturn:
+def begin_child(work: Callable[[], int]) -> int:
+    """Fork this process to do `work` in the child; returns the child's number.
+
+    The child ends by the exit code that `work` returns, and on Linux it dies with this process.
+    """
+    _flush_streams()  # else the child would write the same text again
+    parent = os.getpid()
+    child = os.fork()
+    if child == 0:
+        _work_as_child(work, parent)
+    return child
+
+
+def _work_as_child(work: Callable[[], int], parent: int) -> NoReturn:
     """Run `work` and leave without the interpreter's farewell, in which native libraries may crash."""
     code = 1
     try:
@@ -90,12 +99,11 @@ def work_as_child(work: Callable[[], int], parent: int) -> NoReturn:
     except BaseException:
         traceback.print_exc()
     finally:
-        flush_streams()
+        _flush_streams()
         os._exit(code)
 
 
-def flush_streams() -> None:
-    """Write out what the standard streams still hold, as far as they take it."""
+def _flush_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()

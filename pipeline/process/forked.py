@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 from typing import Any, NoReturn, TypeVar
 
 from pipeline.errors import MachineError
-from pipeline.process.child import flush_streams, work_as_child
+from pipeline.process.child import begin_child
 
 Made = TypeVar("Made")
 Tell = Callable[..., None]
@@ -42,7 +42,9 @@ def in_fork(work: Callable[[Tell], Made], heard: Callable[..., None]) -> Made:
     Parameters
     ----------
     work : callable
+        Takes ``tell``, which several threads may call.
     heard : callable
+        Called in this process with the values of each ``tell``.
 
     Raises
     ------
@@ -50,12 +52,12 @@ def in_fork(work: Callable[[Tell], Made], heard: Callable[..., None]) -> Made:
         The fork ended before its time, by an exit code.
     """
     receiving, sending = Pipe(duplex=False)
-    flush_streams()  # else the fork would write the same text again
-    parent = os.getpid()
-    fork = os.fork()
-    if fork == 0:
+
+    def answer() -> int:
         receiving.close()
-        work_as_child(lambda: _answer(work, sending), parent)
+        return _answer(work, sending)
+
+    fork = begin_child(answer)
     sending.close()
     try:
         kind, value = _listen(receiving, heard)

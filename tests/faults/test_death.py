@@ -137,7 +137,7 @@ class Running:
                 self.process.send_signal(how.number)
             elif (child := self.awaited_child(1 if how.whom == "child" else 2)) is not None:
                 os.kill(child, how.number)
-        said, _ = self.process.communicate(timeout=60)  # to the end of both: the child has the streams, too
+        said, _ = self.process.communicate(timeout=60)  # to the end of all: children have the streams, too
         return (
             self.process.returncode,
             one_line(said.splitlines()[-1] if said else ""),
