@@ -201,7 +201,7 @@ def _compare(
     from stages.motion.matching import in_batches, match_pairs
 
     with job.progress("comparing pairs again" if again else "comparing pairs", len(pairs)) as step:
-        for batch in in_batches(pairs):
+        for batch in in_batches(pairs, job.threads):
             match_pairs(database, batch, features, job.settings.seed, job.threads, guided=again)
             step(len(batch))
 

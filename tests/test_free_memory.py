@@ -15,7 +15,7 @@ import pytest
 
 from pipeline.errors import MachineError
 from pipeline.process.meter import kilobytes, measured, resident_bytes
-from pipeline.process.own_process import in_own_process
+from pipeline.process.own_process import in_own_process, in_own_processes
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.decimation.proxy import roughly_decimated
 from stages.geometry.decimation.simplification import FEW_FACES
@@ -106,6 +106,24 @@ def test_a_process_of_its_own_does_not_count_what_this_one_holds_as_its_peak():
     with measured() as reading:
         in_own_process("that tells its number", os.getpid)
     assert held.nbytes < reading.peak_bytes < resident_bytes() + held.nbytes // 2
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
+def test_processes_run_at_the_same_time_and_their_peaks_add_up(tmp_path):
+    with measured() as reading:
+        met = in_own_processes("that meet", meet, [(tmp_path, "one", "other"), (tmp_path, "other", "one")])
+    assert met == [True, True]
+    assert reading.peak_bytes > resident_bytes() + 300_000_000
+
+
+def meet(folder: Path, own: str, other: str) -> bool:
+    """Hold 150 MB until the other process is there, a minute at most: whether it came."""
+    held = np.ones(150_000_000, np.uint8)
+    (folder / own).touch()
+    until = time.monotonic() + 60
+    while not (folder / other).exists() and time.monotonic() < until:
+        time.sleep(0.01)
+    return (folder / other).exists() and bool(held.all())
 
 
 def test_a_process_that_the_system_ends_is_a_sentence():

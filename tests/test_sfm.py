@@ -19,6 +19,7 @@ from pipeline.config import check_settings
 from stages.formats.colmap.model import read_model, registered
 from stages.formats.images.exr import write_exr
 from stages.formats.images.photos import encode_srgb8, encode_srgb16, write_png_srgb8
+from stages.motion import matching
 from stages.motion.database import copy_name
 from stages.motion.features import in_full_photo
 from stages.motion.mapping import attempts, free_principal_point
@@ -99,6 +100,17 @@ def test_the_same_bytes_on_one_thread_and_silence(make_job, tmp_path, folder, pl
     assert one.keys() == two.keys() and len(one) == 7
     for name in one:
         assert one[name] == two[name], name
+
+
+def test_the_same_bytes_where_each_thread_matches_in_a_process_of_its_own(
+    make_job, tmp_path, folder, placed, capfd, monkeypatch
+):
+    """Four processes for fifteen pairs; and COLMAP's log stays off the terminal there, too."""
+    monkeypatch.setattr(matching, "SHARE", 1)
+    divided = run(make_job, tmp_path, folder, threads=4)
+    assert bytes_of(divided) == bytes_of(placed)
+    assert capfd.readouterr().err == ""
+    assert not list(divided.scratch.glob("*.part"))
 
 
 def test_every_kind_of_photo_takes_part_and_the_truncated_one_is_named(make_job, tmp_path, views):
@@ -283,8 +295,8 @@ def test_keypoints_grow_with_the_photo():
 def test_pairs():
     assert all_pairs(3) == [(0, 1), (0, 2), (1, 2)]
     assert [j for i, j in sequential_pairs(40, 3) if i == 0] == [1, 2, 3, 4, 8]
-    batches = in_batches(all_pairs(40), 100)
-    assert sorted(sum(batches, [])) == all_pairs(40) and max(map(len, batches)) == 100
+    batches = in_batches(all_pairs(40), 2)
+    assert sorted(sum(batches, [])) == all_pairs(40) and max(map(len, batches)) == 256
 
 
 def test_attempts_begin_with_colmaps_own_thresholds_and_loosen():
@@ -328,8 +340,11 @@ def test_similarity_alignment_recovers_a_known_one():
 HARD = MappingSettings(pose_inliers=(1000, 30), two_view_points=(False,))  # only a pair is placed at first
 
 
-def test_photos_that_are_left_out_are_compared_again_along_epipolar_lines(make_job, tmp_path, folder, placed):
+def test_photos_that_are_left_out_are_compared_again_along_epipolar_lines(
+    make_job, tmp_path, folder, placed, monkeypatch
+):
     """Only pairs of them: the two that were placed keep theirs. Bytes are the same on one thread."""
+    monkeypatch.setattr(matching, "SHARE", 1)
     two = run(make_job, tmp_path / "two", folder, threads=2, mapping=HARD)
     assert two.facts["registered"] == 6 and two.facts["attempt"] == 2
     before, after = (inliers(job.outputs["database"]) for job in (placed, two))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pipeline.process.free_memory import give_back_free_memory
 
-_beside_bytes = 0  # peak of another process and what this one had then, since the block began
+_beside_bytes = 0  # peaks of other processes and what this one had then, since the block began
 _STATUS = Path("/proc/self/status")
 _CLEAR = Path("/proc/self/clear_refs")
 
@@ -48,10 +48,10 @@ def measured() -> Iterator[Reading]:
         reading.peak_bytes = max(peak_bytes(), _beside_bytes)
 
 
-def count_process(its_peak_bytes: int) -> None:
-    """Count the peak of a process that has ended beside the memory that this one has now."""
+def count_processes(their_peaks_bytes: int) -> None:
+    """Count the summed peaks of processes that ran at the same time beside what this one has now."""
     global _beside_bytes
-    _beside_bytes = max(_beside_bytes, its_peak_bytes + resident_bytes())
+    _beside_bytes = max(_beside_bytes, their_peaks_bytes + resident_bytes())
 
 
 def resident_bytes() -> int:

@@ -1,50 +1,66 @@
-"""Run a function in a process of its own, for libraries that keep memory until the process ends."""
+"""Run functions in processes of their own, for libraries that keep memory until the process ends."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from pipeline.errors import MachineError
 from pipeline.process.child import die_with
-from pipeline.process.meter import count_process, peak_bytes
+from pipeline.process.meter import count_processes, peak_bytes
 
 Made = TypeVar("Made")
 
 
 def in_own_process(what: str, work: Callable[..., Made], *arguments: Any) -> Made:
-    """Run ``work(*arguments)`` in a new process that ends after it; returns its result, or raises its error.
+    """Run ``work(*arguments)`` in a process of its own; as `in_own_processes` for one."""
+    (made,) = in_own_processes(what, work, [arguments])
+    return made
 
-    Function, arguments and result are pickled. The process is spawned, not forked: threads of this one may
-    hold locks. It dies with this one, and its peak memory counts beside what this one has.
+
+def in_own_processes(what: str, work: Callable[..., Made], arguments: Iterable[Sequence[Any]]) -> list[Made]:
+    """Run ``work(*a)`` for each ``a`` of `arguments`, all at the same time, each in a new process.
+
+    Function, arguments and results are pickled. The processes are spawned, not forked: threads of this one
+    may hold locks. They die with this one, and the sum of their peaks counts beside what this one has.
 
     Parameters
     ----------
     what : str
-        What it does, as in "that decimates a mesh", for the error.
+        What each does, as in "that decimates a mesh", for the error.
     work : callable
-    *arguments
+    arguments : iterable of sequence
+
+    Returns
+    -------
+    list
+        Their results, in order. An error of one is raised when all have ended.
 
     Raises
     ------
     MachineError
-        The process ended before its time.
+        A process ended before its time.
     """
-    spawned = get_context("spawn")
-    with ProcessPoolExecutor(1, spawned, initializer=die_with, initargs=(os.getpid(),)) as executor:
+    with ExitStack() as processes:
+        begun = [processes.enter_context(_new_process()).submit(_measured, work, *each) for each in arguments]
         try:
-            made, its_peak = executor.submit(_measured, work, *arguments).result()
+            done = [each.result() for each in begun]
         except BrokenProcessPool as error:
             raise MachineError(
                 f"The process {what} ended before its time. Where memory is full, the system ends what takes "
                 "most of it: close other programs, or give less to do at once."
             ) from error
-    count_process(its_peak)
-    return made
+    count_processes(sum(its_peak for _, its_peak in done))
+    return [made for made, _ in done]
+
+
+def _new_process() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, get_context("spawn"), initializer=die_with, initargs=(os.getpid(),))
 
 
 def _measured(work: Callable[..., Made], *arguments: Any) -> tuple[Made, int]:

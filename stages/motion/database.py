@@ -52,11 +52,7 @@ def write_features(
             _write_camera(database, camera)
         for index, (group, found) in enumerate(zip(groups, features, strict=True)):
             camera_id = cameras[group].camera_id
-            image = pycolmap.Image(name=working_name(index), camera_id=camera_id, image_id=index + 1)
-            database.write_image(image, use_image_id=True)
-            frame = pycolmap.Frame(frame_id=index + 1, rig_id=camera_id)
-            frame.add_data_id(image.data_id)
-            database.write_frame(frame, use_frame_id=True)
+            _write_photo(database, index + 1, camera_id)
             database.write_keypoints(index + 1, found.keypoints)
             sift = pycolmap.FeatureDescriptors(pycolmap.FeatureExtractorType.SIFT, found.descriptors)
             database.write_descriptors(index + 1, sift)
@@ -86,6 +82,25 @@ def write_own_cameras(database: Path, copy: Path) -> None:
             opened.update_image(image)
 
 
+def write_part(database: Path, part: Path, photos: Iterable[int]) -> None:
+    """Write a new database of some photos (indices) of another, with their features and without matches."""
+    with pycolmap.Database.open(database) as whole, pycolmap.Database.open(part) as opened:
+        for camera in whole.read_all_cameras():
+            _write_camera(opened, camera)
+        for image_id in (one + 1 for one in photos):
+            _write_photo(opened, image_id, whole.read_image(image_id).camera_id)
+            opened.write_keypoints(image_id, whole.read_keypoints(image_id))
+            opened.write_descriptors(image_id, whole.read_descriptors(image_id))
+
+
+def take_matches(database: Path, part: Path, pairs: Iterable[tuple[int, int]]) -> None:
+    """Write to a database what a part of it has of these pairs."""
+    with pycolmap.Database.open(database) as whole, pycolmap.Database.open(part) as opened:
+        for ids in ((one + 1, other + 1) for one, other in pairs):
+            whole.write_matches(*ids, opened.read_matches(*ids))
+            whole.write_two_view_geometry(*ids, opened.read_two_view_geometry(*ids))
+
+
 def write_without_matches(database: Path, copy: Path, pairs: Iterable[tuple[int, int]]) -> None:
     """Copy a database of working names without the matches of some pairs of photos; nobody may have it open.
 
@@ -97,6 +112,15 @@ def write_without_matches(database: Path, copy: Path, pairs: Iterable[tuple[int,
         for one, other in pairs:
             opened.delete_matches(one + 1, other + 1)
             opened.delete_two_view_geometry(one + 1, other + 1)
+
+
+def _write_photo(database: pycolmap.Database, image_id: int, camera_id: int) -> None:
+    """Write an image under its working name, and the frame of it alone, of the same id."""
+    image = pycolmap.Image(name=working_name(image_id - 1), camera_id=camera_id, image_id=image_id)
+    database.write_image(image, use_image_id=True)
+    frame = pycolmap.Frame(frame_id=image_id, rig_id=camera_id)
+    frame.add_data_id(image.data_id)
+    database.write_frame(frame, use_frame_id=True)
 
 
 def _write_camera(database: pycolmap.Database, camera: pycolmap.Camera) -> None:

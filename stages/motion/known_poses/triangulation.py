@@ -84,7 +84,7 @@ def triangulated(
             step()
         counts = _copy_features(scratch / "found.db", scratch / "matched.db", own, copies)
         pairs = near_pairs([camera_of(image, model.cameras[image.camera_id]) for image in posed], how)
-        for batch in in_batches(pairs):
+        for batch in in_batches(pairs, threads):
             match_pairs(scratch / "matched.db", batch, counts, how.seed, threads)
         own = _with_points(own, scratch, copies, how.seed)
     return points_seen(own, [own.images[number + 1] for number in range(len(posed))])
