@@ -54,14 +54,14 @@ class MeshSettings(Settings):
     trim_footprints: float = setting(
         6.0,
         "Surface farther from every fused point is dropped. Six closes gaps between depth maps and no more.",
-        unit="pixel footprints",
+        unit="footprints of the pixels that a point was found with",
         gt=0,
     )
     rim_footprints: float = setting(
         2.5,
         "So is surface farther than this where a view shows even background, from the border inwards: "
         "Poisson goes on beyond outlines.",
-        unit="pixel footprints",
+        unit="footprints of the pixels that a point was found with",
         gt=0,
     )
     crop_outliers: float = setting(
@@ -83,14 +83,16 @@ class MeshSettings(Settings):
 def run(job: Job[MeshSettings]) -> None:
     """Open the fused points and the cameras, reconstruct, save the mesh."""
     from stages.formats.colmap.model import cameras_of, read_model
-    from stages.formats.meshes.triangle_meshes import read_points, write_mesh
+    from stages.formats.meshes.point_clouds import read_points
+    from stages.formats.meshes.triangle_meshes import write_mesh
     from stages.geometry import surface as s
     from stages.scene.cameras import smallest_footprints
 
     settings = job.settings
     cameras = cameras_of(read_model(job.inputs["workspace"] / "sparse"))
-    x_in_world, normals = read_points(job.inputs["fused"])
-    points = s.OrientedPoints(x_in_world, normals, smallest_footprints(x_in_world, cameras))
+    x_in_world, normals, pixel_sizes = read_points(job.inputs["fused"])
+    footprints = pixel_sizes * smallest_footprints(x_in_world, cameras)
+    points = s.OrientedPoints(x_in_world, normals, footprints)
     points = points.chosen(points.footprints < float("inf"))
     if len(points) < settings.fewest_points:
         raise UserError(
@@ -161,7 +163,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 MESH = Stage(
     name="mesh",
-    version=6,
+    version=7,
     about="Poisson surface of the fused points, trimmed to what was seen.",
     settings=MeshSettings,
     takes=("fused", "workspace", "background"),

@@ -44,7 +44,7 @@ def run(job: Job[MvsSettings]) -> None:
             "overlap, or give a mesh (--mesh)."
         )
         engine, cloud = "sparse", sparse_points.compute(job, workspace)
-    write_points(job.outputs["fused"], cloud.x_in_world, cloud.normals, cloud.colours)
+    write_points(job.outputs["fused"], cloud.x_in_world, cloud.normals, cloud.colours, cloud.pixel_sizes)
     job.note(engine=engine, fused_points=len(cloud.x_in_world))
 
 
@@ -90,7 +90,7 @@ def within(settings: MvsSettings, memory: int) -> MvsSettings:
 
 MVS = Stage(
     name="mvs",
-    version=8,
+    version=9,
     about="Depth and normals per view by multi-view stereo, fused into one oriented cloud.",
     settings=MvsSettings,
     takes=("workspace",),

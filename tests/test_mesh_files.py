@@ -19,7 +19,6 @@ from stages.formats.meshes.mesh_files import read_mesh_file
 from stages.formats.meshes.polygons import Polygons, triangulate
 from stages.formats.meshes.triangle_meshes import (
     read_mesh,
-    read_points,
     read_vertex_colours,
     to_open3d,
     write_mesh,
@@ -213,7 +212,7 @@ def test_a_header_that_promises_more_is_refused_before_anything_is_allocated(tmp
 
 
 def test_points_that_were_cut_are_refused(tmp_path):
-    from stages.formats.meshes.point_clouds import write_points
+    from stages.formats.meshes.point_clouds import read_points, write_points
 
     path = tmp_path / "fused.ply"
     write_points(path, np.ones((9, 3)), np.ones((9, 3)), np.zeros((9, 3)))

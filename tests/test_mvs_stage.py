@@ -18,8 +18,7 @@ from scipy.spatial import cKDTree
 from pipeline import UserError
 from stages.formats.artefacts.array_store import ArrayStore
 from stages.formats.colmap.depth_maps import read_map, write_map
-from stages.formats.meshes.point_clouds import read_cloud
-from stages.formats.meshes.triangle_meshes import read_points
+from stages.formats.meshes.point_clouds import read_cloud, read_points
 from stages.mvs import MVS, MvsSettings
 from stages.scene.cameras import footprint
 from stages.stereo import workspace as workspaces
@@ -65,7 +64,7 @@ def test_the_sky_stays_empty_beyond_the_reach_of_a_patch(finished):
 
 
 def test_the_fused_cloud_is_on_the_surface_and_says_so(finished):
-    x_in_world, normals = read_points(finished.outputs["fused"])
+    x_in_world, normals, _ = read_points(finished.outputs["fused"])
     assert len(x_in_world) == finished.facts["fused_points"] > 1000
     assert finished.facts["engine"] == "cpu"
     off_ball = np.abs(np.linalg.norm(x_in_world - stereo_scene.CENTRE, axis=1) - stereo_scene.RADIUS)
@@ -84,7 +83,7 @@ def test_a_georeferenced_scene_is_fused_as_finely(tmp_path, make_job, workspace,
     model.write(tmp_path / "w/sparse")
     job = make_job(tmp_path, MVS, MvsSettings(**QUICK), workspace=tmp_path / "w")
     MVS.run(job)
-    (far, _), (near, _) = (read_points(one.outputs["fused"]) for one in (job, finished))
+    (far, _, _), (near, _, _) = (read_points(one.outputs["fused"]) for one in (job, finished))
     assert len(far) == pytest.approx(len(near), rel=0.01)
     apart, _ = cKDTree(near).query(far - shift)
     assert np.quantile(apart, 0.99) < 0.01
@@ -257,9 +256,10 @@ def test_smaller_sizes_add_points_and_leave_depth_maps_as_they_are(finished, tmp
         MVS.run(job)
     added = half.facts["points_of_smaller_sizes"]
     assert added == half.facts["fused_points"] - never.facts["fused_points"] > 0
-    x_in_world, _ = read_points(half.outputs["fused"])
-    first, _ = read_points(never.outputs["fused"])
+    x_in_world, _, sizes = read_points(half.outputs["fused"])
+    first, _, _ = read_points(never.outputs["fused"])
     np.testing.assert_array_equal(x_in_world[: len(first)], first)
+    np.testing.assert_array_equal(sizes, np.repeat([1, 2], [len(first), added]))
     off_ball = np.abs(np.linalg.norm(x_in_world - stereo_scene.CENTRE, axis=1) - stereo_scene.RADIUS)
     off_wall = np.abs(x_in_world @ stereo_scene.WALL_NORMAL - stereo_scene.WALL_OFFSET)
     off = np.minimum(off_ball, off_wall)[len(first) :]

@@ -7,7 +7,7 @@ import pytest
 
 from stages.scene.cameras import back_project
 from stages.stereo.depth.fusion import FusedPoints
-from stages.stereo.gaps import scales_of, with_gaps_closed
+from stages.stereo.gaps import scales_of, with_gaps_closed, without_surface
 from stages.stereo.mvs_settings import GapSettings
 from tests import stereo_scene
 
@@ -20,7 +20,7 @@ def cloud_of(view: int, chosen: np.ndarray, nearer: float = 1.0) -> FusedPoints:
     """Points of a view's pixels, all at a share of their depth."""
     x_in_world = back_project(VIEWS[view], nearer * TRACED[view].depth)[chosen]
     normals = TRACED[view].normals[chosen].astype(np.float32)
-    return FusedPoints(x_in_world, normals, np.zeros((len(x_in_world), 3), np.uint8))
+    return FusedPoints.at_full_size(x_in_world, normals, np.zeros((len(x_in_world), 3), np.uint8))
 
 
 def closed(fine: FusedPoints, coarse: FusedPoints, known: np.ndarray, threads: int = 2) -> FusedPoints:
@@ -65,6 +65,25 @@ def test_an_empty_cloud_takes_all_of_the_other_and_threads_change_nothing():
     fine = cloud_of(2, seen & ~gap())
     one, two = (closed(fine, all_of_it, seen & ~gap(), threads) for threads in (1, 2))
     np.testing.assert_array_equal(one.x_in_world, two.x_in_world)
+
+
+def test_points_say_with_which_pixels_they_were_found():
+    seen = TRACED[2].depth > 0
+    fine, coarse = cloud_of(2, seen & ~gap()), cloud_of(2, seen).at_scale(0.25)
+    whole = closed(fine, coarse, seen & ~gap())
+    np.testing.assert_array_equal(
+        whole.pixel_sizes == 4, np.arange(len(whole.x_in_world)) >= len(fine.x_in_world)
+    )
+    assert set(whole.pixel_sizes) == {1, 4}
+
+
+def test_what_has_depth_at_a_smaller_size_is_no_background():
+    """Paving in the evening: too even for patches of the full size, and connected with the border."""
+    background = np.zeros((6, 8), bool)
+    background[4:] = True
+    coarse_kept = np.array([[0, 0, 0, 0], [1, 1, 1, 1], [1, 0, 0, 1]], bool)
+    left = without_surface(background, coarse_kept)
+    assert left[4:, 2:6].all() and left.sum() == 8
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from stages.command.arguments import Plan
 from stages.command.request import request_of
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask, read_photo, write_png_srgb8
-from stages.formats.meshes.triangle_meshes import read_points
+from stages.formats.meshes.point_clouds import read_points
 
 ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data"

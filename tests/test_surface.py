@@ -11,11 +11,13 @@ import pytest
 from scipy.spatial import cKDTree
 
 from pipeline import UserError
+from stages.formats.colmap.model import pinhole_model
 from stages.formats.meshes.mesh_files import read_mesh_file
-from stages.formats.meshes.triangle_meshes import Surface, from_open3d, read_mesh, read_points, write_mesh
+from stages.formats.meshes.point_clouds import read_points, write_points
+from stages.formats.meshes.triangle_meshes import Surface, from_open3d, read_mesh, write_mesh
 from stages.geometry import surface as s
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
-from stages.mesh import MeshSettings, estimated_memory, within
+from stages.mesh import MESH_OF_GIVEN_POINTS, MeshSettings, estimated_memory, within
 from stages.scene.cameras import Camera, back_project, project, smallest_footprints
 from tests.sphere_scene import camera_looking_at_origin
 
@@ -173,6 +175,29 @@ def test_a_rim_before_background_goes_and_everything_else_stays():
     assert np.hypot(*kept[:, :2].T).min() == 0  # far from every point, before sky, but enclosed
 
 
+def test_points_of_larger_pixels_hold_surface_farther_from_them(make_job, tmp_path):
+    """A wall whose middle has a point every twenty pixels only, as a quarter of the size may have found."""
+    camera = camera_looking_at_origin("0", np.array([0, -5.0, 0]), 200, 200, 1000.0)
+    sparse = tmp_path / "workspace/sparse"
+    sparse.mkdir(parents=True)
+    pinhole_model([camera]).write(sparse)
+    column, row = (part.ravel() for part in np.mgrid[-100:100, -100:100])
+    middle = np.maximum(abs(column), abs(row)) < 60
+    there = ~middle | ((column % 20 == 0) & (row % 20 == 0))
+    wall = np.stack([column, 0 * row, row], axis=-1)[there] * 0.005  # a pixel's footprint apart
+    towards_camera = np.tile([0.0, -1, 0], (len(wall), 1))
+    vertices_there = []
+    for pixel_size in (1, 4):
+        fused, sizes = tmp_path / f"{pixel_size}.ply", np.where(middle, pixel_size, 1)[there]
+        write_points(fused, wall, towards_camera, np.zeros(wall.shape, np.uint8), sizes)
+        inputs = {"workspace": tmp_path / "workspace", "fused": fused}
+        job = make_job(tmp_path / str(pixel_size), MESH_OF_GIVEN_POINTS, MeshSettings(depth=6), **inputs)
+        MESH_OF_GIVEN_POINTS.run(job)
+        x_in_world = read_mesh(job.outputs["mesh"]).vertices
+        vertices_there.append((np.abs(x_in_world[:, [0, 2]]).max(axis=1) < 0.25).sum())
+    assert vertices_there[0] < 0.6 * vertices_there[1]
+
+
 def test_what_is_before_a_background_is_where_any_view_shows_some():
     first = camera_looking_at_origin("0", np.array([0, -5.0, 0]), 40, 30, 40.0)
     other = camera_looking_at_origin("1", np.array([5.0, 0, 0]), 40, 30, 40.0)
@@ -295,7 +320,7 @@ def test_points_that_are_not_finite_are_left_out(tmp_path):
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector([[0, 0, 0], [np.nan, 0, 0]]))
     cloud.normals = o3d.utility.Vector3dVector([[0, 0, 1], [0, 0, 1]])
     o3d.io.write_point_cloud(str(tmp_path / "cloud.ply"), cloud)
-    points, normals = read_points(tmp_path / "cloud.ply")
+    points, normals, _ = read_points(tmp_path / "cloud.ply")
     assert points.shape == normals.shape == (1, 3)
 
 

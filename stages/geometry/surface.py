@@ -25,7 +25,8 @@ class OrientedPoints:
     normals : ndarray, shape (n, 3), float64
         Unit, towards the cameras.
     footprints : ndarray, shape (n,), float64
-        The smallest z/f over the views that hold the point in their image, model units.
+        The smallest z/f over the views that hold the point in their image, model units, times the size of the
+        pixels that it was found with.
     """
 
     x_in_world: np.ndarray

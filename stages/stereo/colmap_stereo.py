@@ -44,7 +44,7 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
         pycolmap.stereo_fusion(job.scratch / "fused.ply", folder, options=options, output_type="PLY")
     job.note(coverage=_hand_over(job, workspace, folder / "stereo"))
     x_from_origin, normals, colours = read_cloud(job.scratch / "fused.ply")
-    return FusedPoints(x_from_origin + origin, normals, colours)
+    return FusedPoints.at_full_size(x_from_origin + origin, normals, colours)
 
 
 def _check_card() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -53,6 +54,14 @@ def with_gaps_closed(
     missing = np.flatnonzero(kept)
     missing = missing[~_in_free_space(coarse.x_in_world[missing], cameras, depth_of, how.behind)]
     return FusedPoints.joined([fine, coarse.chosen(missing)])
+
+
+def without_surface(background: np.ndarray, coarse_kept: np.ndarray) -> np.ndarray:
+    """Take from the even background of a view what has depth at a smaller size; both (h, w), bool."""
+    surface = cv2.resize(
+        coarse_kept.astype(np.uint8), background.shape[::-1], interpolation=cv2.INTER_NEAREST
+    )
+    return background & (surface == 0)
 
 
 def _in_free_space(

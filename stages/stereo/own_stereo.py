@@ -18,7 +18,7 @@ from stages.solvers.kernels.threading_layer import loops_may_run_at_once, use_th
 from stages.stereo.depth import dense_stereo as stereo
 from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.depth.inverse_depth import depth_from_planes
-from stages.stereo.gaps import scales_of, with_gaps_closed
+from stages.stereo.gaps import scales_of, with_gaps_closed, without_surface
 from stages.stereo.mvs_settings import MvsSettings
 from stages.stereo.view_selection import SparsePoints, depth_range, points_from_poses, select_sources
 from stages.stereo.workspace import Workspace, write_depth_maps
@@ -35,8 +35,8 @@ class Reconstruction:
     cloud : FusedPoints
     scene : stereo.Scene
         With the planes of every view that has sources.
-    kept : ArrayStore
-        (h, w), bool, by view: pixels that others confirm.
+    kept, background : ArrayStore
+        (h, w), bool, by view: pixels that others confirm, and those of even background.
     coverage : dict of str to float
         Share of them, by image name.
     """
@@ -44,6 +44,7 @@ class Reconstruction:
     cloud: FusedPoints
     scene: stereo.Scene
     kept: ArrayStore
+    background: ArrayStore
     coverage: dict[str, float]
 
     def depth(self, view: int) -> np.ndarray:
@@ -64,7 +65,13 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
         cloud = finest.cloud
         for scale in scales[1:]:
             coarse = reconstruct(job, workspace.reduced(scale), None, step)
-            cloud = with_gaps_closed(cloud, coarse.cloud, workspace.cameras, finest.depth, gaps, job.threads)
+            found = coarse.cloud.at_scale(scale)
+            cloud = with_gaps_closed(cloud, found, workspace.cameras, finest.depth, gaps, job.threads)
+            for view in finest.background.keys() & coarse.kept.keys():
+                finest.background[view] = without_surface(finest.background[view], coarse.kept[view])
+    for view in finest.background:
+        name = workspace.cameras[view].name
+        write_mask(job.outputs["background"] / f"{name}.png", finest.background[view])
     job.note(
         coverage=finest.coverage,
         points_of_smaller_sizes=len(cloud.x_in_world) - len(finest.cloud.x_in_world),
@@ -83,8 +90,7 @@ def reconstruct(
     job : Job
     workspace : Workspace
     folders : mapping of str to Path, or None
-        For depth maps and backgrounds, written at full size only; None: they are not written, and nothing is
-        warned of again.
+        For depth maps, written at full size only; None: they are not written, and nothing is warned of again.
     step : callable
         Called for every view of every pass.
 
@@ -105,7 +111,7 @@ def reconstruct(
     views = [view for view in range(len(workspace.cameras)) if view not in lonely]
     settings, names, folder = job.settings, workspace.image_names, scratch_of(job, workspace)
     on_all = partial(job.tasks.large, at_a_time=AT_ONCE if loops_may_run_at_once() else 1)
-    kept, used = ArrayStore(folder / "kept"), ArrayStore(folder / "used")
+    kept, background, used = (ArrayStore(folder / name) for name in ("kept", "background", "used"))
     for _ in on_all(match_view, views, scene, settings):
         step()
     if settings.geometric_iterations:
@@ -113,13 +119,15 @@ def reconstruct(
         for _ in on_all(reconcile_view, views, scene, after, settings):
             step()
         scene.planes = after
-    shares = list(counted(on_all(confirm_view, views, scene, kept, settings, folders, names), step))
+    shares = list(
+        counted(on_all(confirm_view, views, scene, kept, background, settings, folders, names), step)
+    )
     if folders is not None:
         for view in lonely:
             write_empty_maps(folders["depth_maps"], names[view], workspace.cameras[view])
     cloud = stereo.fuse_views(scene, settings, kept, used, step)
     coverage = {names[view]: round(share, 4) for view, share in zip(views, shares, strict=True)}
-    return Reconstruction(cloud, scene, kept, coverage)
+    return Reconstruction(cloud, scene, kept, background, coverage)
 
 
 def scratch_of(job: Job[MvsSettings], workspace: Workspace) -> Path:
@@ -178,6 +186,7 @@ def confirm_view(
     view: int,
     scene: stereo.Scene,
     kept: ArrayStore,
+    background: ArrayStore,
     settings: MvsSettings,
     folders: Mapping[str, Path] | None,
     names: list[str],
@@ -185,18 +194,17 @@ def confirm_view(
 ) -> float:
     """Keep the pixels of a view that others confirm; returns their share. Picklable.
 
-    Its maps, and its background, are written into folders, if there are any.
+    Its maps are written into folders, if there are any.
     """
     use_threads(threads)
     camera = scene.cameras[view]
-    confirmed, background = stereo.confirm_view(scene, view, settings)
+    confirmed, background[view] = stereo.confirm_view(scene, view, settings)
     kept[view] = confirmed
     if folders is None:
         return float(confirmed.mean())
     depth = np.where(confirmed, depth_from_planes(scene.planes[view]), np.float32(0))
     normals = np.where(confirmed[..., None], stereo.world_normals(scene, view), np.float32(0))
     write_depth_maps(folders["depth_maps"], names[view], camera, depth, normals)
-    write_mask(folders["background"] / f"{camera.name}.png", background)
     return float(confirmed.mean())
 
 

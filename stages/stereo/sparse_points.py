@@ -41,7 +41,7 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
         nothing = np.zeros((*camera.shape, 3), np.float32)
         write_depth_maps(job.outputs["depth_maps"], name, camera, nothing[..., 0], nothing)
     normals = oriented_normals(workspace.cameras, points, job.settings.sparse_neighbours)
-    return FusedPoints(points.x_in_world, normals, colours)
+    return FusedPoints.at_full_size(points.x_in_world, normals, colours)
 
 
 def mostly_kept(

@@ -77,22 +77,6 @@ def write_mesh(path: Path, surface: Surface, albedo: np.ndarray | None = None) -
     write_ply(path, columns, surface.faces)
 
 
-def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read positions and normals of a PLY point cloud, each (n, 3) float64; drop what is not finite.
-
-    Raises
-    ------
-    UserError
-        It was cut off, or has no normals.
-    """
-    cloud = read_ply(path)
-    x_in_world, normals = cloud.positions, cloud.columns("nx", "ny", "nz")
-    if normals is None:
-        raise UserError(f"{path} has points without normals; expected nx, ny and nz. Fuse them again.")
-    finite = np.isfinite(x_in_world).all(axis=1) & np.isfinite(normals).all(axis=1)
-    return x_in_world[finite], normals[finite]
-
-
 def joined(surface: Surface) -> tuple[Surface, np.ndarray]:
     """Join vertices that lie on one another, as in STL or at the seams of a texture.
 

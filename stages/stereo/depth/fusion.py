@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,15 +24,29 @@ class FusedPoints:
         Unit, world axes.
     colours : ndarray, shape (n, 3), uint8
         As in the images, sRGB.
+    pixel_sizes : ndarray, shape (n,), uint8
+        Of the pixels that a point was found with, in pixels of the full size.
     """
 
     x_in_world: np.ndarray
     normals: np.ndarray
     colours: np.ndarray
+    pixel_sizes: np.ndarray
 
     def chosen(self, keep: np.ndarray) -> FusedPoints:
         """Choose the points of a boolean mask or index array."""
-        return FusedPoints(self.x_in_world[keep], self.normals[keep], self.colours[keep])
+        return FusedPoints(
+            self.x_in_world[keep], self.normals[keep], self.colours[keep], self.pixel_sizes[keep]
+        )
+
+    @staticmethod
+    def at_full_size(x_in_world: np.ndarray, normals: np.ndarray, colours: np.ndarray) -> FusedPoints:
+        """Build a cloud of points that were all found with pixels of the full size."""
+        return FusedPoints(x_in_world, normals, colours, np.ones(len(x_in_world), np.uint8))
+
+    def at_scale(self, scale: float) -> FusedPoints:
+        """Say that all points were found in images reduced by `scale`, 1 / a whole number."""
+        return replace(self, pixel_sizes=np.full(len(self.x_in_world), round(1 / scale), np.uint8))
 
     @staticmethod
     def joined(parts: list[FusedPoints]) -> FusedPoints:
@@ -41,6 +55,7 @@ class FusedPoints:
             np.concatenate([part.x_in_world for part in parts]).reshape(-1, 3),
             np.concatenate([part.normals for part in parts]).reshape(-1, 3),
             np.concatenate([part.colours for part in parts]).reshape(-1, 3),
+            np.concatenate([part.pixel_sizes for part in parts]),
         )
 
 
@@ -165,4 +180,4 @@ def fuse_view(views: DepthViews, settings: MvsSettings, fewest_views: int) -> Fu
     rows = _fuse(views, settings.consistent_px, settings.fusion_depth_share, cosine, fewest_views)
     normals = rows[:, 3:6] / np.maximum(np.linalg.norm(rows[:, 3:6], axis=1, keepdims=True), 1e-12)
     colours = np.clip(np.rint(rows[:, 6:]), 0, 255).astype(np.uint8)
-    return FusedPoints(rows[:, :3], normals.astype(np.float32), colours)
+    return FusedPoints.at_full_size(rows[:, :3], normals.astype(np.float32), colours)
