@@ -87,6 +87,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "formats/cameras": {"colmap", "images"},
     "formats/artefacts": {"images", "decoders"},
     "motion/known_poses": set(),
+    "motion/unknown_poses": set(),
     "stereo/depth": set(),
     "reporting/content": set(),
     "reporting/document": set(),
@@ -97,7 +98,10 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
 GROUND = {  # files beside the rooms that they may import; the others lead them
     "photometry": {"stack", "albedo_data", "chromaticity", "neighbourhoods"},
     "geometry": {"occluders", "settings", "short_edges", "surface"},
-    "motion": {"database", "features", "mapping", "matching"},
+    "motion": {
+        *("database", "features", "focal_lengths", "mapping", "matching", "pairs", "photo_set", "placeable"),
+        *("positions", "retrieval", "room", "sfm_settings"),
+    },  # all: these two rooms lead
     "stereo": {"mvs_settings", "view_selection"},
     "reporting": {"settings", "parts"},
 }
@@ -120,6 +124,8 @@ LENT = {  # who may import a library whose objects are its own world; everyone e
         "motion/pairs.py",
         "motion/photo_set.py",
         "motion/known_poses/triangulation.py",
+        "motion/unknown_poses/placement.py",
+        "motion/unknown_poses/survey.py",
         "motion/retrieval.py",  # COLMAP's index of visual words
         "stereo/colmap_stereo.py",  # the engine `cuda` of `mvs`
         "stereo/stored_depth_maps.py",  # COLMAP's fusion

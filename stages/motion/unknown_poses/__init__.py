@@ -1,0 +1,1 @@
+"""Structure from motion, step by step: photos, features, pairs, placement."""
