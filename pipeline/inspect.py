@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.cache.key import FileDigests
+from pipeline.cache.reasons import changed_files, differences
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store, size_of
 from pipeline.errors import UserError
-from pipeline.reasons import changed_files, differences
 from pipeline.request import Result
 from pipeline.settings import near
 

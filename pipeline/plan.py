@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.cache.key import FileDigests, Ingredients, ingredients
+from pipeline.cache.reasons import why_run
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store
 from pipeline.errors import UserError
-from pipeline.reasons import why_run
 from pipeline.request import Request
 from pipeline.stage import AnyStage, Source, settings_of
 

@@ -1,37 +1,29 @@
-"""Run one stage: its job, its checks before and after, its record, its publication."""
+"""Run one stage: its checks before and after, its record, its publication."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from datetime import datetime, timezone
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
 from pipeline.cache.key import Ingredients
+from pipeline.cache.reasons import changed_files
 from pipeline.cache.record import Record
 from pipeline.cache.store import Store
 from pipeline.cluster.on_demand import ClusterOnDemand
-from pipeline.cluster.tasks import Tasks
 from pipeline.errors import UserError
-from pipeline.job import Job, Progress
 from pipeline.plan import Decision, located_inputs, read_sources
-from pipeline.process.forked import in_fork
-from pipeline.process.logbook import logged
-from pipeline.process.memory_limits import compare_with_allowed_memory, memory_errors_told
-from pipeline.process.meter import Reading, measured
-from pipeline.process.spans import Span, TimedProgress
-from pipeline.process.temporary_files import temporary_files_in
-from pipeline.reasons import changed_files
+from pipeline.process.spans import Span
 from pipeline.request import Request
-from pipeline.stage import AnyStage, settings_of
+from pipeline.stage import AnyStage
+from pipeline.stage_work import Places, Shown, Work, do_work
 
 
-class Listener(Progress, Protocol):
+class Listener(Shown, Protocol):
     """Receiver of a run's events, such as the command line."""
 
     def planned(self, decisions: Sequence[Decision], earlier: Mapping[str, Record]) -> None:
@@ -42,9 +34,6 @@ class Listener(Progress, Protocol):
 
     def finished(self, decision: Decision, record: Record) -> None:
         """Report that a stage's result is available."""
-
-    def say(self, sentence: str) -> None:
-        """Report a sentence to the user."""
 
 
 def run_stage(
@@ -64,7 +53,7 @@ def run_stage(
     with _kept_only_if_finished(partial):
         places = _places(stage, made_from, request, store, partial)
         try:
-            left = _work_shown(stage, made_from, places, request, listener, cluster.tasks())
+            left = do_work(stage, made_from, places, request, listener, cluster.tasks())
         except Exception:
             _check_inputs(stage, places, made_from, request, store)  # an input that is gone says more
             raise
@@ -74,104 +63,6 @@ def run_stage(
         _compare_with_twin(store, record, listener)
         store.publish(partial, record)
     return record
-
-
-@dataclass(frozen=True)
-class _Places:
-    """Where a stage reads and writes: as in its job, and its log."""
-
-    inputs: Mapping[str, Path]
-    outputs: Mapping[str, Path]
-    scratch: Path
-    log: Path
-
-
-@dataclass(frozen=True)
-class _Work:
-    """What a stage leaves beside its files: facts and warnings, what it cost, and its spans."""
-
-    facts: dict[str, Any]
-    warnings: Sequence[str]
-    reading: Reading
-    spans: Sequence[Span]
-
-
-class _Told:
-    """Progress and sentences of a stage in a fork, told to the process that shows them."""
-
-    def __init__(self, tell: Callable[..., None]) -> None:
-        self._tell = tell
-
-    def begin(self, label: str, total: int | None, at_most: bool = False) -> None:
-        """Tell that a task begins."""
-        self._tell("begin", label, total, at_most)
-
-    def advance(self, steps: int = 1) -> None:
-        """Tell of steps."""
-        self._tell("advance", steps)
-
-    def end(self) -> None:
-        """Tell that the task has ended."""
-        self._tell("end")
-
-    def say(self, sentence: str) -> None:
-        """Tell a sentence."""
-        self._tell("say", sentence)
-
-
-def _work_shown(
-    stage: AnyStage,
-    made_from: Ingredients,
-    places: _Places,
-    request: Request,
-    listener: Listener,
-    cluster: Tasks | None,
-) -> _Work:
-    """Do the work of a stage in a fork, if the request says so and no threads to a cluster are needed."""
-    if not request.forks or cluster is not None:
-        return _work(stage, made_from, places, request, listener, cluster)
-    with memory_errors_told(stage):
-        for name in request.shared_imports:
-            import_module(name)
-    return in_fork(
-        lambda tell: _work(stage, made_from, places, request, _Told(tell), None),
-        lambda event, *values: getattr(listener, event)(*values),
-    )
-
-
-def _work(
-    stage: AnyStage,
-    made_from: Ingredients,
-    places: _Places,
-    request: Request,
-    shown: Listener | _Told,
-    cluster: Tasks | None,
-) -> _Work:
-    """Do the work of a stage in this process."""
-    with _threads(request.threads) as executor:
-        timed = TimedProgress(shown)
-        job = Job(
-            settings=settings_of(stage, request.settings),
-            inputs=places.inputs,
-            outputs=places.outputs,
-            scratch=places.scratch,
-            threads=request.threads,
-            executor=executor,
-            shown=timed,
-            say=shown.say,
-            machine=made_from.machine,
-            cluster=cluster,
-        )
-        with (
-            memory_errors_told(stage),
-            logged(stage, job, places.log, request.workspace / "logs"),
-            temporary_files_in(job.scratch),
-            measured() as reading,
-        ):
-            timed.restart()  # as `reading` does
-            compare_with_allowed_memory(stage, job, request.memory)
-            stage.run(job)
-    return _Work(job.facts, tuple(job.warnings), reading, tuple(timed.spans))
 
 
 def _fetch_absent_sources(stage: AnyStage, request: Request, listener: Listener) -> None:
@@ -212,19 +103,7 @@ def _kept_only_if_finished(partial: Path) -> Iterator[None]:
         shutil.rmtree(partial, ignore_errors=True)  # published means renamed: then there is nothing here
 
 
-@contextmanager
-def _threads(number: int) -> Iterator[Executor]:
-    """Provide threads for one stage; when it fails, running work is awaited and queued work dropped."""
-    executor = ThreadPoolExecutor(number)
-    try:
-        yield executor
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
-
-
-def _places(
-    stage: AnyStage, made_from: Ingredients, request: Request, store: Store, partial: Path
-) -> _Places:
+def _places(stage: AnyStage, made_from: Ingredients, request: Request, store: Store, partial: Path) -> Places:
     """Locate the inputs of a stage, and create its output folders.
 
     Raises
@@ -244,11 +123,11 @@ def _places(
             outputs[artefact.name].mkdir()
     scratch = partial / "scratch"
     scratch.mkdir()
-    return _Places(inputs, outputs, scratch, partial / "log.txt")
+    return Places(inputs, outputs, scratch, partial / "log.txt")
 
 
 def _check_inputs(
-    stage: AnyStage, places: _Places, made_from: Ingredients, request: Request, store: Store
+    stage: AnyStage, places: Places, made_from: Ingredients, request: Request, store: Store
 ) -> None:
     """Refuse a result whose inputs changed since the run began: its key has their earlier digests.
 
@@ -277,7 +156,7 @@ def _check_inputs(
         )
 
 
-def _record(stage: AnyStage, made_from: Ingredients, places: _Places, left: _Work, store: Store) -> Record:
+def _record(stage: AnyStage, made_from: Ingredients, places: Places, left: Work, store: Store) -> Record:
     """Build the record of a finished stage.
 
     Raises
