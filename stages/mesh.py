@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline import Artefact, Job, Settings, Stage, UserError, setting
+from pipeline import Artefact, Job, Settings, Stage, UserError, group, setting
+from stages.geometry.settings import SurfaceGapSettings
 from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
 from stages.scene.memory_of_views import BYTES_OF_LIBRARIES
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from stages.formats.meshes.triangle_meshes import Surface
     from stages.scene.cameras import Camera
 
 BYTES_PER_BYTE_OF_POINTS = 4.2  # of their file, 39 bytes a point
@@ -61,8 +63,11 @@ class MeshSettings(Settings):
         2.5,
         "So is surface farther than this where a view shows even background, from the border inwards: "
         "Poisson goes on beyond outlines.",
-        unit="footprints of the pixels that a point was found with",
+        unit="pixel footprints",
         gt=0,
+    )
+    gaps: SurfaceGapSettings = group(
+        SurfaceGapSettings, "Gaps of the cloud that are closed, though no point is near."
     )
     crop_outliers: float = setting(
         0.002,
@@ -86,13 +91,13 @@ def run(job: Job[MeshSettings]) -> None:
     from stages.formats.meshes.point_clouds import read_points
     from stages.formats.meshes.triangle_meshes import write_mesh
     from stages.geometry import surface as s
+    from stages.geometry.trimming import before_background, trim_to_points
     from stages.scene.cameras import smallest_footprints
 
-    settings = job.settings
+    settings, background_of = job.settings, partial(_background, job)
     cameras = cameras_of(read_model(job.inputs["workspace"] / "sparse"))
     x_in_world, normals, pixel_sizes = read_points(job.inputs["fused"])
-    footprints = pixel_sizes * smallest_footprints(x_in_world, cameras)
-    points = s.OrientedPoints(x_in_world, normals, footprints)
+    points = s.OrientedPoints(x_in_world, normals, smallest_footprints(x_in_world, cameras), pixel_sizes)
     points = points.chosen(points.footprints < float("inf"))
     if len(points) < settings.fewest_points:
         raise UserError(
@@ -113,12 +118,13 @@ def run(job: Job[MeshSettings]) -> None:
     with job.progress("mesh", 4) as step:
         surface = s.poisson(points, depth)
         step()
-        surface = s.trim_to_points(
+        surface = trim_to_points(
             surface,
             points,
             settings.trim_footprints,
             settings.rim_footprints,
-            lambda positions: s.before_background(positions, cameras, partial(_background, job)),
+            partial(before_background, cameras=cameras, background_of=background_of),
+            _gap_closer(job, cameras, background_of),
             job.threads,
         )
         if not len(surface.faces):
@@ -133,6 +139,28 @@ def run(job: Job[MeshSettings]) -> None:
         step()
     write_mesh(job.outputs["mesh"], surface)
     job.note(points=len(points), octree_depth=depth, vertices=len(surface.vertices), faces=len(surface.faces))
+
+
+def _gap_closer(
+    job: Job[MeshSettings], cameras: list[Camera], background_of: Callable[[Camera], np.ndarray | None]
+) -> Callable[[Surface, np.ndarray, np.ndarray], np.ndarray]:
+    """Provide what chooses the gaps to be closed: none where no depth maps tell what is seen through them."""
+    import numpy as np
+
+    from stages.formats.colmap.depth_maps import read_map
+    from stages.geometry.trimming import gaps_not_seen_through, sightings
+
+    if "depth_maps" not in job.inputs:
+        return lambda surface, far, footprints: np.zeros_like(far)
+    folder, how = job.inputs["depth_maps"] / "depth_maps", job.settings.gaps
+
+    def depth_of(camera: Camera) -> np.ndarray:
+        return read_map(folder / f"{camera.name}.png.geometric.bin")
+
+    seen = partial(
+        sightings, cameras=cameras, depth_of=depth_of, background_of=background_of, margin=how.margin
+    )
+    return partial(gaps_not_seen_through, sightings_of=seen, how=how)
 
 
 def _background(job: Job[MeshSettings], camera: Camera) -> np.ndarray | None:
@@ -163,10 +191,10 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 MESH = Stage(
     name="mesh",
-    version=7,
+    version=8,
     about="Poisson surface of the fused points, trimmed to what was seen.",
     settings=MeshSettings,
-    takes=("fused", "workspace", "background"),
+    takes=("fused", "workspace", "background", "depth_maps"),
     gives=(Artefact("mesh", "triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),),
     run=run,
     tools=("numpy", "scipy", *PYCOLMAP, *OPEN3D, *PICTURES),

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from stages.geometry.covisibility.correspondences import find_correspondences
+from stages.geometry.surface import OrientedPoints
 from stages.photometry.paper.harmonics import shading_basis
 from stages.photometry.stack import StackedViews, stack_pixels, stack_views
 from stages.scene.cameras import Camera, back_project, rays_in_world
@@ -109,3 +110,10 @@ def _part(points: np.ndarray) -> np.ndarray:
 def _turn(angle_deg: float) -> np.ndarray:
     cosine, sine = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
     return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+
+
+def points_of_a_sphere(count: int, radius: float = 1.0) -> OrientedPoints:
+    """Points all over a sphere around the origin, a footprint of .03 each."""
+    normals = np.random.default_rng(0).normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return OrientedPoints(radius * normals, normals, np.full(count, 0.03), np.ones(count))

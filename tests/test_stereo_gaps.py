@@ -77,13 +77,16 @@ def test_points_say_with_which_pixels_they_were_found():
     assert set(whole.pixel_sizes) == {1, 4}
 
 
-def test_what_has_depth_at_a_smaller_size_is_no_background():
-    """Paving in the evening: too even for patches of the full size, and connected with the border."""
-    background = np.zeros((6, 8), bool)
-    background[4:] = True
-    coarse_kept = np.array([[0, 0, 0, 0], [1, 1, 1, 1], [1, 0, 0, 1]], bool)
-    left = without_surface(background, coarse_kept)
-    assert left[4:, 2:6].all() and left.sum() == 8
+def test_wide_surface_with_depth_at_a_smaller_size_is_no_background_and_a_rim_is():
+    """Paving in the evening, too even for patches of the full size; sky beside a tower, five pixels wide."""
+    coarse_kept = np.zeros((30, 40), bool)
+    coarse_kept[20:] = True  # paving
+    coarse_kept[:, 10:20] = True  # the tower, with five pixels beside it on either side at twice the size
+    background = np.ones((60, 80), bool)
+    background[:40, 25:35] = False
+    left = without_surface(background, coarse_kept, reach_px=10)
+    np.testing.assert_array_equal(left[:38], background[:38])
+    assert not left[42:].any()
 
 
 @pytest.mark.parametrize(

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import open3d as o3d
 import pytest
-from scipy.spatial import cKDTree
 
 from pipeline import UserError
-from stages.formats.colmap.model import pinhole_model
 from stages.formats.meshes.mesh_files import read_mesh_file
-from stages.formats.meshes.point_clouds import read_points, write_points
+from stages.formats.meshes.point_clouds import read_points
 from stages.formats.meshes.triangle_meshes import Surface, from_open3d, read_mesh, write_mesh
 from stages.geometry import surface as s
 from stages.geometry.rays import NO_TRIANGLE, RayCaster
-from stages.mesh import MESH_OF_GIVEN_POINTS, MeshSettings, estimated_memory, within
-from stages.scene.cameras import Camera, back_project, project, smallest_footprints
-from tests.sphere_scene import camera_looking_at_origin
+from stages.mesh import MeshSettings, estimated_memory, within
+from stages.scene.cameras import Camera, back_project, smallest_footprints
+from tests.sphere_scene import points_of_a_sphere
 
 SQUARE = Surface(
     np.array([[-1, -1, 4], [1, -1, 4], [1, 1, 4], [-1, 1, 4]], float),
@@ -31,12 +30,6 @@ def camera(width=40, height=30, focal=40.0, centre=(0.0, 0.0, 0.0)) -> Camera:
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
     pose = np.column_stack([np.eye(3), -np.asarray(centre, float)])
     return Camera("view", width, height, K, pose)
-
-
-def sphere_points(count: int, radius: float = 1.0) -> s.OrientedPoints:
-    normals = np.random.default_rng(0).normal(size=(count, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return s.OrientedPoints(radius * normals, normals, np.full(count, 0.03))
 
 
 def test_rays_see_a_square_at_its_z_depth_everywhere_and_nothing_beside_it():
@@ -89,138 +82,45 @@ def test_footprint_is_the_smallest_over_the_views_that_hold_the_point():
 
 
 def test_octree_depth_follows_extent_over_cell_and_is_bounded():
-    points = s.OrientedPoints(np.array([[0, 0, 0], [8, 0, 0.0]]), np.zeros((2, 3)), np.array([0.01, 0.01]))
+    points = s.OrientedPoints(
+        np.array([[0, 0, 0], [8, 0, 0.0]]), np.zeros((2, 3)), np.array([0.01, 0.01]), np.ones(2)
+    )
     assert s.octree_depth(points, cell_footprints=1.0, shallowest=5, deepest=12) == 10  # 800 cells
     assert s.octree_depth(points, cell_footprints=2.0, shallowest=5, deepest=12) == 9
     assert s.octree_depth(points, cell_footprints=1.0, shallowest=5, deepest=7) == 7
 
 
 def test_a_few_stray_points_do_not_decide_the_extent():
-    points = sphere_points(2000)
+    points = points_of_a_sphere(2000)
     stray = s.OrientedPoints(
         np.vstack([points.x_in_world, [[500, 0, 0]]]),
         np.vstack([points.normals, [[1, 0, 0]]]),
         np.full(2001, 0.03),
+        np.ones(2001),
     )
     kept = s.robust_crop(stray, outliers=0.002, margin=0.2)
     assert len(kept) == 2000
 
 
 def test_poisson_finds_the_sphere_the_same_twice():
-    first, second = (s.poisson(sphere_points(4000), depth=5) for _ in range(2))
+    first, second = (s.poisson(points_of_a_sphere(4000), depth=5) for _ in range(2))
     assert np.abs(np.linalg.norm(first.vertices, axis=1) - 1).mean() < 0.01
     np.testing.assert_array_equal(first.vertices, second.vertices)
     np.testing.assert_array_equal(first.faces, second.faces)
 
 
 def test_poisson_of_a_georeferenced_scan_is_the_one_at_the_origin():
-    points, shift = sphere_points(4000), np.array([500_000.0, 5_700_000.0, 120.0])
-    far = s.poisson(s.OrientedPoints(points.x_in_world + shift, points.normals, points.footprints), depth=5)
+    points, shift = points_of_a_sphere(4000), np.array([500_000.0, 5_700_000.0, 120.0])
+    far = s.poisson(replace(points, x_in_world=points.x_in_world + shift), depth=5)
     assert np.abs(np.linalg.norm(far.vertices - shift, axis=1) - 1).mean() < 0.01
 
 
 @pytest.mark.parametrize("shift", [np.zeros(3), np.array([4_000_000.0, 500_000.0, 4_900_000.0])])
 def test_decimation_far_from_the_origin_is_as_at_it(shift):
-    sphere = s.poisson(sphere_points(4000), depth=5)
+    sphere = s.poisson(points_of_a_sphere(4000), depth=5)
     far = s.decimated(Surface(sphere.vertices + shift, sphere.faces), 1000)
     radii = np.linalg.norm(far.vertices - shift, axis=1)
     assert len(far.faces) <= 1000 and np.abs(radii - 1).max() < 0.05
-
-
-def grid_sheet(at: np.ndarray) -> Surface:
-    """A flat sheet, z = 0, with a vertex at every pair of coordinates."""
-    x, y = np.meshgrid(at, at)
-    place = np.arange(x.size, dtype=np.int32).reshape(x.shape)
-    a, b, c, d = (part.ravel() for part in (place[:-1, :-1], place[1:, :-1], place[:-1, 1:], place[1:, 1:]))
-    faces = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
-    return Surface(np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1), faces)
-
-
-def test_surface_far_from_every_point_is_trimmed_away():
-    points = sphere_points(6000)
-    cap_seen = points.chosen(points.x_in_world[:, 2] > 0.2)
-    surface = s.trim_to_points(
-        s.poisson(cap_seen, depth=6),
-        cap_seen,
-        reach_footprints=6.0,
-        rim_footprints=6.0,
-        in_background=nowhere,
-    )
-    distance = np.linalg.norm(surface.vertices[:, None, :] - cap_seen.x_in_world[None, ::10], axis=2).min(
-        axis=1
-    )
-    assert surface.vertices[:, 2].min() > 0.2 - 6 * 0.03 - 1e-6
-    assert len(surface.faces) > 0
-    assert distance.max() < 0.4
-
-
-def nowhere(positions: np.ndarray) -> np.ndarray:
-    """No view shows background."""
-    return np.zeros(len(positions), bool)
-
-
-def test_a_rim_before_background_goes_and_everything_else_stays():
-    """A square of points with a hole in it, on a larger sheet; sky is to the right, and seen in the hole."""
-    sheet = grid_sheet(np.arange(-30, 31) / 10)  # a vertex every tenth
-    x, y = sheet.vertices[:, 0], sheet.vertices[:, 1]
-    seen = (np.abs(x) <= 2) & (np.abs(y) <= 2) & (np.hypot(x, y) >= 0.5)
-    up = np.tile([0.0, 0, 1], (seen.sum(), 1))
-    points = s.OrientedPoints(sheet.vertices[seen], up, np.full(seen.sum(), 0.1))
-
-    def to_the_right(positions):
-        return (positions[:, 0] > 0) | (np.abs(positions[:, :2]) < 0.3).all(axis=1)
-
-    kept = s.trim_to_points(sheet, points, 6.5, rim_footprints=3.5, in_background=to_the_right).vertices
-    assert kept[:, 0].max() == pytest.approx(2.3) and kept[:, 0].min() == pytest.approx(-2.6)
-    assert np.hypot(*kept[:, :2].T).min() == 0  # far from every point, before sky, but enclosed
-
-
-def test_points_of_larger_pixels_hold_surface_farther_from_them(make_job, tmp_path):
-    """A wall whose middle has a point every twenty pixels only, as a quarter of the size may have found."""
-    camera = camera_looking_at_origin("0", np.array([0, -5.0, 0]), 200, 200, 1000.0)
-    sparse = tmp_path / "workspace/sparse"
-    sparse.mkdir(parents=True)
-    pinhole_model([camera]).write(sparse)
-    column, row = (part.ravel() for part in np.mgrid[-100:100, -100:100])
-    middle = np.maximum(abs(column), abs(row)) < 60
-    there = ~middle | ((column % 20 == 0) & (row % 20 == 0))
-    wall = np.stack([column, 0 * row, row], axis=-1)[there] * 0.005  # a pixel's footprint apart
-    towards_camera = np.tile([0.0, -1, 0], (len(wall), 1))
-    vertices_there = []
-    for pixel_size in (1, 4):
-        fused, sizes = tmp_path / f"{pixel_size}.ply", np.where(middle, pixel_size, 1)[there]
-        write_points(fused, wall, towards_camera, np.zeros(wall.shape, np.uint8), sizes)
-        inputs = {"workspace": tmp_path / "workspace", "fused": fused}
-        job = make_job(tmp_path / str(pixel_size), MESH_OF_GIVEN_POINTS, MeshSettings(depth=6), **inputs)
-        MESH_OF_GIVEN_POINTS.run(job)
-        x_in_world = read_mesh(job.outputs["mesh"]).vertices
-        vertices_there.append((np.abs(x_in_world[:, [0, 2]]).max(axis=1) < 0.25).sum())
-    assert vertices_there[0] < 0.6 * vertices_there[1]
-
-
-def test_what_is_before_a_background_is_where_any_view_shows_some():
-    first = camera_looking_at_origin("0", np.array([0, -5.0, 0]), 40, 30, 40.0)
-    other = camera_looking_at_origin("1", np.array([5.0, 0, 0]), 40, 30, 40.0)
-    left = np.arange(40) < 20
-    masks = {"0": np.broadcast_to(left, (30, 40)), "1": None}
-    positions = np.array([[0.5, 0, 0.1], [-0.5, 0, 0.1], [0, -9.0, 0], [50.0, 0, 0]])
-    xy, _ = project(first, positions)
-    found = s.before_background(positions, [first, other], lambda one: masks[one.name])
-    np.testing.assert_array_equal(found, [*(xy[:2, 0] < 20), False, False])
-    assert found[:2].sum() == 1  # the third is behind the camera, the last beside its image
-
-
-def test_trimming_takes_as_many_threads_as_it_is_given(monkeypatch):
-    asked = []
-
-    class Tree(cKDTree):
-        def query(self, x, workers):
-            asked.append(workers)
-            return super().query(x, workers=workers)
-
-    monkeypatch.setattr(s, "cKDTree", Tree)
-    s.trim_to_points(SQUARE, sphere_points(100), 1000.0, 1000.0, nowhere, threads=2)
-    assert asked == [2]
 
 
 def test_crumbs_go_and_the_largest_component_stays():
@@ -331,12 +231,12 @@ def test_a_mesh_has_the_deepest_octree_whose_cells_fit(most, depth):
     """A square sheet of points occupies (2^depth)² cells, or (2^depth + 1)², by where a grid begins."""
     x, y = (axis.ravel() for axis in np.meshgrid(np.arange(300), np.arange(300)))
     sheet = np.stack([x, y, np.zeros(x.size)], axis=1) + 0.25
-    points = s.OrientedPoints(sheet, np.tile([0.0, 0, 1], (x.size, 1)), np.ones(x.size))
+    points = s.OrientedPoints(sheet, np.tile([0.0, 0, 1], (x.size, 1)), np.ones(x.size), np.ones(x.size))
     assert s.depth_within(points, 7, 3, most) == depth
 
 
 def test_points_in_one_place_have_any_depth():
-    nowhere = s.OrientedPoints(np.zeros((5, 3)), np.tile([0.0, 0, 1], (5, 1)), np.ones(5))
+    nowhere = s.OrientedPoints(np.zeros((5, 3)), np.tile([0.0, 0, 1], (5, 1)), np.ones(5), np.ones(5))
     assert s.depth_within(nowhere, 9, 5, 1) == 9
 
 

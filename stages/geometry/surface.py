@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import open3d as o3d
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from stages.formats.meshes.triangle_meshes import Surface, from_open3d, to_open3d
-from stages.scene.cameras import Camera, in_image, project
 
 
 @dataclass(frozen=True)
@@ -25,20 +20,23 @@ class OrientedPoints:
     normals : ndarray, shape (n, 3), float64
         Unit, towards the cameras.
     footprints : ndarray, shape (n,), float64
-        The smallest z/f over the views that hold the point in their image, model units, times the size of the
-        pixels that it was found with.
+        The smallest z/f over the views that hold the point in their image, model units.
+    pixel_sizes : ndarray, shape (n,)
+        Of the pixels that a point was found with, in pixels of the views.
     """
 
     x_in_world: np.ndarray
     normals: np.ndarray
     footprints: np.ndarray
+    pixel_sizes: np.ndarray
 
     def __len__(self) -> int:
         return len(self.x_in_world)
 
     def chosen(self, keep: np.ndarray) -> OrientedPoints:
         """Choose the points of a boolean mask or index array."""
-        return OrientedPoints(self.x_in_world[keep], self.normals[keep], self.footprints[keep])
+        kept = (self.x_in_world, self.normals, self.footprints, self.pixel_sizes)
+        return OrientedPoints(*(values[keep] for values in kept))
 
 
 def robust_crop(points: OrientedPoints, outliers: float, margin: float) -> OrientedPoints:
@@ -80,70 +78,6 @@ def poisson(points: OrientedPoints, depth: int) -> Surface:
     cloud.normals = o3d.utility.Vector3dVector(points.normals)
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
     return moved(from_open3d(mesh), middle)
-
-
-def trim_to_points(
-    surface: Surface,
-    points: OrientedPoints,
-    reach_footprints: float,
-    rim_footprints: float,
-    in_background: Callable[[np.ndarray], np.ndarray],
-    threads: int = 1,
-) -> Surface:
-    """Drop surface that no points support: Poisson goes on where no view has seen any.
-
-    Parameters
-    ----------
-    surface : Surface
-    points : OrientedPoints
-    reach_footprints : float
-        Surface farther from every point than so many of that point's footprints is dropped.
-    rim_footprints : float
-        So is surface farther than this before a background, from its border inwards.
-    in_background : callable
-        Tests whether positions, (n, 3), are seen before a background, (n,), bool.
-    threads : int
-        Never changes the result.
-    """
-    distance, nearest = cKDTree(points.x_in_world).query(surface.vertices, workers=threads)
-    footprints = distance / points.footprints[nearest]
-    faces = surface.faces[(footprints <= reach_footprints)[surface.faces].all(axis=1)]
-    doubtful = (footprints > rim_footprints) & (footprints <= reach_footprints)
-    doubtful[doubtful] = in_background(surface.vertices[doubtful])
-    rim = border_parts(faces, doubtful)
-    return with_faces(Surface(surface.vertices, faces), ~rim[faces].any(axis=1))
-
-
-def before_background(
-    x_in_world: np.ndarray, cameras: Sequence[Camera], background_of: Callable[[Camera], np.ndarray | None]
-) -> np.ndarray:
-    """Test whether any view shows background, (h, w), bool, where positions (n, 3) are; (n,), bool.
-
-    What is behind other surface is seen where that is, not before a background. A view may have none.
-    """
-    found = np.zeros(len(x_in_world), bool)
-    for camera in cameras:
-        background = background_of(camera)
-        if background is not None:
-            xy, depth = project(camera, x_in_world)
-            inside = np.flatnonzero(in_image(camera, xy, depth))
-            column, row = xy[inside].astype(np.int64).T
-            found[inside] |= background[row, column]
-    return found
-
-
-def border_parts(faces: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Select chosen vertices, (V,), bool, on a border of faces (F, 3), or joined to one by chosen ones."""
-    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)).astype(np.int64)
-    numbers, count = np.unique(sides[:, 0] * len(chosen) + sides[:, 1], return_counts=True)
-    edges = np.stack([numbers // len(chosen), numbers % len(chosen)], axis=1)
-    inside = edges[chosen[edges].all(axis=1)]
-    links = sp.coo_array((np.ones(len(inside), bool), inside.T), shape=(len(chosen), len(chosen)))
-    count_of_parts, part = connected_components(links, directed=False)
-    ends = edges[count == 1]
-    at_border = np.zeros(count_of_parts, bool)
-    at_border[part[ends[chosen[ends]]]] = True
-    return chosen & at_border[part]
 
 
 def without_crumbs(surface: Surface, smallest_share: float) -> Surface:

@@ -56,12 +56,28 @@ def with_gaps_closed(
     return FusedPoints.joined([fine, coarse.chosen(missing)])
 
 
-def without_surface(background: np.ndarray, coarse_kept: np.ndarray) -> np.ndarray:
-    """Take from the even background of a view what has depth at a smaller size; both (h, w), bool."""
+def without_surface(background: np.ndarray, coarse_kept: np.ndarray, reach_px: float) -> np.ndarray:
+    """Take from the even background of a view what has depth at a smaller size.
+
+    Parameters
+    ----------
+    background : ndarray, shape (h, w), bool
+    coarse_kept : ndarray, bool
+        Pixels of the smaller size that have depth.
+    reach_px : float
+        How wide depth at the smaller size may be beyond an outline, in pixels of `background`. What is
+        narrower stays background.
+
+    Returns
+    -------
+    ndarray, shape (h, w), bool
+    """
     surface = cv2.resize(
         coarse_kept.astype(np.uint8), background.shape[::-1], interpolation=cv2.INTER_NEAREST
     )
-    return background & (surface == 0)
+    size = 2 * int(np.ceil(reach_px / 2)) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return background & (cv2.morphologyEx(surface * background, cv2.MORPH_OPEN, disc) == 0)
 
 
 def _in_free_space(

@@ -68,7 +68,9 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
             found = coarse.cloud.at_scale(scale)
             cloud = with_gaps_closed(cloud, found, workspace.cameras, finest.depth, gaps, job.threads)
             for view in finest.background.keys() & coarse.kept.keys():
-                finest.background[view] = without_surface(finest.background[view], coarse.kept[view])
+                finest.background[view] = without_surface(
+                    finest.background[view], coarse.kept[view], job.settings.edges.reach_px / scale
+                )
     for view in finest.background:
         name = workspace.cameras[view].name
         write_mask(job.outputs["background"] / f"{name}.png", finest.background[view])
