@@ -160,7 +160,13 @@ def _gap_closer(
     seen = partial(
         sightings, cameras=cameras, depth_of=depth_of, background_of=background_of, margin=how.margin
     )
-    return partial(gaps_not_seen_through, sightings_of=seen, how=how)
+
+    def closed(surface: Surface, far: np.ndarray, footprints: np.ndarray) -> np.ndarray:
+        stay = gaps_not_seen_through(surface, far, footprints, seen, how)
+        job.note(vertices_of_closed_gaps=int(stay.sum()))
+        return stay
+
+    return closed
 
 
 def _background(job: Job[MeshSettings], camera: Camera) -> np.ndarray | None:

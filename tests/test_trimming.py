@@ -212,3 +212,4 @@ def test_the_mesh_closes_a_gap_of_the_cloud_unless_the_depth_maps_look_through_i
     MESH.run(job)
     x_in_world = read_mesh(job.outputs["mesh"]).vertices
     assert (np.hypot(x_in_world[:, 0], x_in_world[:, 2]) < 0.05).any() == (behind == 0)
+    assert (job.facts["vertices_of_closed_gaps"] > 0) == (behind == 0)
