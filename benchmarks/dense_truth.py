@@ -114,8 +114,9 @@ def of_a_run(workspace: Path, truth: Path) -> dict[str, float]:
 def job_in(folder: Path, say: Callable[[str], None], **inputs: Path) -> Iterator[Job]:
     """Provide a job of the mvs stage with its defaults that writes into `folder`."""
     (folder / "scratch").mkdir()
-    (folder / "depth_maps").mkdir()
-    outputs = {"depth_maps": folder / "depth_maps", "fused": folder / "fused.ply"}
+    outputs = {name: folder / name for name in ("depth_maps", "background")} | {"fused": folder / "fused.ply"}
+    for name in ("depth_maps", "background"):
+        outputs[name].mkdir()
     settings = MVS.settings()
     with ThreadPoolExecutor(2) as executor:
         machine = dict(MVS.machine(settings))

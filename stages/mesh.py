@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.scene.cameras import Camera
 
-BYTES_PER_BYTE_OF_POINTS = 4.2  # of their file, 39 bytes a point
+BYTES_PER_BYTE_OF_POINTS = 4.2  # of their file, 41 bytes a point
 BYTES_PER_CELL = 1200  # of the octree, occupied
 CELLS_PER_BYTE_OF_POINTS = 0.0104  # of their file, at the automatic depth: 0.4 for each point
 LEAST_CELLS = 10_000

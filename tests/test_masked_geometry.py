@@ -17,7 +17,7 @@ from benchmarks.fountain_poses import errors, model_poses
 from pipeline import UserError
 from pipeline.config import check_settings
 from stages.formats.colmap.depth_maps import read_map
-from stages.formats.images.photos import encode_srgb8, write_mask
+from stages.formats.images.photos import encode_srgb8, read_mask, write_mask
 from stages.formats.meshes.point_clouds import read_cloud
 from stages.formats.meshes.triangle_meshes import read_mesh
 from stages.mesh import MESH
@@ -178,11 +178,12 @@ def test_within_masks_stereo_finds_the_sphere_and_nothing_of_the_wall(within, ba
     for camera, ball in zip(VIEWS, balls, strict=True):
         depth = read_map(within.outputs["depth_maps"] / f"depth_maps/{camera.name}.png.geometric.bin")
         assert not depth[~ball].any()
+        assert read_mask(within.outputs["background"] / f"{camera.name}.png")[~ball].all()
         assert (depth[ball] > 0).mean() > 0.5
 
 
 def test_and_the_mesh_has_no_background(within, make_job, workspace, tmp_path):
-    job = make_job(tmp_path, MESH, workspace=workspace, fused=within.outputs["fused"])
+    job = make_job(tmp_path, MESH, workspace=workspace, **within.outputs)
     MESH.run(job)
     surface = read_mesh(job.outputs["mesh"])
     assert len(surface.faces) > 500

@@ -106,7 +106,7 @@ def test_the_same_bytes_where_each_thread_matches_in_a_process_of_its_own(
     make_job, tmp_path, folder, placed, capfd, monkeypatch
 ):
     """Four processes for fifteen pairs; and COLMAP's log stays off the terminal there, too."""
-    monkeypatch.setattr(matching, "SHARE", 1)
+    monkeypatch.setattr(matching, "FEWEST_FEATURES", 1)
     divided = run(make_job, tmp_path, folder, threads=4)
     assert bytes_of(divided) == bytes_of(placed)
     assert capfd.readouterr().err == ""
@@ -344,7 +344,7 @@ def test_photos_that_are_left_out_are_compared_again_along_epipolar_lines(
     make_job, tmp_path, folder, placed, monkeypatch
 ):
     """Only pairs of them: the two that were placed keep theirs. Bytes are the same on one thread."""
-    monkeypatch.setattr(matching, "SHARE", 1)
+    monkeypatch.setattr(matching, "FEWEST_FEATURES", 1)
     two = run(make_job, tmp_path / "two", folder, threads=2, mapping=HARD)
     assert two.facts["registered"] == 6 and two.facts["attempt"] == 2
     before, after = (inliers(job.outputs["database"]) for job in (placed, two))

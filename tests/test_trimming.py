@@ -193,23 +193,26 @@ def test_sightings_of_what_is_hidden_open_or_before_sky():
     np.testing.assert_array_equal(found.background, [0, 0, 0, 1])
 
 
-@pytest.mark.parametrize("behind", [0.0, 8.0])
-def test_the_mesh_closes_a_gap_of_the_cloud_unless_the_depth_maps_look_through_it(make_job, tmp_path, behind):
+@pytest.mark.parametrize(("around", "behind"), [(5.0, 0.0), (5.0, 8.0), (0.0, 0.0)])
+def test_the_mesh_closes_a_gap_of_the_cloud_that_views_see_and_not_through(
+    make_job, tmp_path, around, behind
+):
+    """A wall with a disc without points; depth maps that show the wall around it, or nothing at all."""
     places = [np.array([x, -5.0, 0]) for x in (0, 0.1)]
     cameras = [camera_looking_at_origin(str(x[0]), x, 200, 200, 1000.0) for x in places]
     inputs = {name: tmp_path / name for name in ("workspace", "depth_maps", "background")}
     (inputs["workspace"] / "sparse").mkdir(parents=True)
     pinhole_model(cameras).write(inputs["workspace"] / "sparse")
-    column, row = (part.ravel() for part in np.mgrid[-100:100, -100:100])
-    there = np.hypot(column, row) > 20
-    wall = np.stack([column, 0 * row, row], axis=-1)[there] * 0.005
+    column, row = np.mgrid[-100:100, -100:100]
+    gap = np.hypot(column, row) <= 20
+    wall = np.stack([column, 0 * row, row], axis=-1)[~gap] * 0.005
     write_points(tmp_path / "fused.ply", wall, np.tile([0.0, -1, 0], (len(wall), 1)), np.zeros(wall.shape))
     for camera in cameras:
         depth_map = inputs["depth_maps"] / f"depth_maps/{camera.name}.png.geometric.bin"
-        write_map(depth_map, np.full((200, 200), behind))
+        write_map(depth_map, np.where(gap, behind, around))
         write_mask(inputs["background"] / f"{camera.name}.png", np.zeros((200, 200), bool))
     job = make_job(tmp_path / "out", MESH, MeshSettings(depth=6), fused=tmp_path / "fused.ply", **inputs)
     MESH.run(job)
     x_in_world = read_mesh(job.outputs["mesh"]).vertices
-    assert (np.hypot(x_in_world[:, 0], x_in_world[:, 2]) < 0.05).any() == (behind == 0)
-    assert (job.facts["vertices_of_closed_gaps"] > 0) == (behind == 0)
+    closed = (np.hypot(x_in_world[:, 0], x_in_world[:, 2]) < 0.05).any()
+    assert closed == (job.facts["vertices_of_closed_gaps"] > 0) == (around > behind)

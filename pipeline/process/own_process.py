@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
@@ -23,8 +22,8 @@ def in_own_process(what: str, work: Callable[..., Made], *arguments: Any) -> Mad
     return made
 
 
-def in_own_processes(what: str, work: Callable[..., Made], arguments: Iterable[Sequence[Any]]) -> list[Made]:
-    """Run ``work(*a)`` for each ``a`` of `arguments`, all at the same time, each in a new process.
+def in_own_processes(what: str, work: Callable[..., Made], arguments: Sequence[Sequence[Any]]) -> list[Made]:
+    """Run ``work(*a)`` for each ``a`` of `arguments`, at the same time, in as many new processes.
 
     Function, arguments and results are pickled. The processes are spawned, not forked: threads of this one
     may hold locks. They die with this one, and the sum of their peaks counts beside what this one has.
@@ -34,7 +33,7 @@ def in_own_processes(what: str, work: Callable[..., Made], arguments: Iterable[S
     what : str
         What each does, as in "that decimates a mesh", for the error.
     work : callable
-    arguments : iterable of sequence
+    arguments : sequence of sequence
 
     Returns
     -------
@@ -46,8 +45,9 @@ def in_own_processes(what: str, work: Callable[..., Made], arguments: Iterable[S
     MachineError
         A process ended before its time.
     """
-    with ExitStack() as processes:
-        begun = [processes.enter_context(_new_process()).submit(_measured, work, *each) for each in arguments]
+    spawned, this = get_context("spawn"), os.getpid()
+    with ProcessPoolExecutor(len(arguments), spawned, initializer=die_with, initargs=(this,)) as executor:
+        begun = [executor.submit(_measured, work, *each) for each in arguments]
         try:
             done = [each.result() for each in begun]
         except BrokenProcessPool as error:
@@ -55,14 +55,10 @@ def in_own_processes(what: str, work: Callable[..., Made], arguments: Iterable[S
                 f"The process {what} ended before its time. Where memory is full, the system ends what takes "
                 "most of it: close other programs, or give less to do at once."
             ) from error
-    count_processes(sum(its_peak for _, its_peak in done))
-    return [made for made, _ in done]
+    count_processes(sum({process: its_peak for _, process, its_peak in done}.values()))
+    return [made for made, _, _ in done]
 
 
-def _new_process() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, get_context("spawn"), initializer=die_with, initargs=(os.getpid(),))
-
-
-def _measured(work: Callable[..., Made], *arguments: Any) -> tuple[Made, int]:
-    """Do the work; returns the peak of this process as well, bytes."""
-    return work(*arguments), peak_bytes()
+def _measured(work: Callable[..., Made], *arguments: Any) -> tuple[Made, int, int]:
+    """Do the work; returns which process did it, and its peak, bytes, as well."""
+    return work(*arguments), os.getpid(), peak_bytes()

@@ -63,7 +63,7 @@ class SurfaceGapSettings(Settings):
         le=1,
     )
     fewest_views: float = setting(
-        2.0, "Views that see a gap, on average over its vertices: what none sees stays empty.", ge=0
+        2.0, "Views that see a gap, on average over its vertices: what none sees stays empty.", gt=0
     )
     margin: float = setting(
         0.01,

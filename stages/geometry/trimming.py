@@ -23,7 +23,7 @@ class Sightings:
     Attributes
     ----------
     seen : ndarray, shape (n,), int64
-        Views that hold the position in their image, and surface in front of it.
+        Views that hold the position in their image, and no surface in front of it; depth may be unknown.
     through : ndarray, shape (n,), int64
         Of these, those that see surface behind it.
     background : ndarray, shape (n,), int64
@@ -51,7 +51,7 @@ def trim_to_points(
     surface : Surface
     points : OrientedPoints
     reach_footprints : float
-        Surface farther from every point is dropped; of the pixels that the nearest point was found with.
+        Surface farther from its nearest point is dropped; of the pixels that this point was found with.
     rim_footprints : float
         So is surface farther than this before a background, from its border inwards; of the views' pixels,
         since larger ones reach beyond outlines.
@@ -128,7 +128,7 @@ def sightings(
     background_of: Callable[[Camera], np.ndarray | None],
     margin: float,
 ) -> Sightings:
-    """Count what the views show where positions, (n, 3), are.
+    """Count what the views show where positions, (n, 3), are. A view without any depth says nothing.
 
     Parameters
     ----------
@@ -142,11 +142,13 @@ def sightings(
         Surface is in front, or behind, if its depth differs by more than this share of it.
     """
     seen, through, before = (np.zeros(len(x_in_world), np.int64) for _ in range(3))
-    for camera in cameras if len(x_in_world) else ():
+    for camera in cameras:
         xy, z = project(camera, x_in_world)
         inside = np.flatnonzero(in_image(camera, xy, z))
+        if not inside.size or not (depth_map := depth_of(camera)).any():
+            continue
         column, row = xy[inside].astype(np.int64).T
-        depth = depth_of(camera)[row, column]
+        depth = depth_map[row, column]
         visible = (depth == 0) | (depth >= (1 - margin) * z[inside])
         seen[inside] += visible
         through[inside] += depth > (1 + margin) * z[inside]

@@ -13,9 +13,8 @@ from stages.motion.mapping import quiet_colmap
 from stages.motion.room import check_room, room_for_features, room_for_matches
 
 BATCH, BLOCK = 128, 16  # pairs per thread and call, and photos along a block of pairs: change speed only
-SHARE = (
-    100_000  # features compared, over all pairs, about a second: fewer are not worth a process; speed only
-)
+# Features of both photos of all pairs, about a second: fewer are not worth a process. Changes speed only.
+FEWEST_FEATURES = 100_000
 
 
 def sequential_pairs(count: int, overlap: int) -> list[tuple[int, int]]:
@@ -42,7 +41,7 @@ def match_pairs(
     threads: int,
     guided: bool = False,
 ) -> None:
-    """Match and verify pairs of photos (indices) in a database, given how many features each photo has.
+    """Match and verify pairs of photos (indices) without matches yet, given how many features each has.
 
     `guided`: once more then, along the epipolar lines of the motion that the matches agree with, where a
     feature has fewer rivals: more matches, for some times the cost. Raises what `check_room` does.
@@ -76,7 +75,7 @@ def _shares(
 ) -> list[Sequence[tuple[int, int]]]:
     """Divide pairs among threads in runs of about the same size, each worth a process of its own."""
     compared = sum(features[i] + features[j] for i, j in pairs)
-    count = max(1, min(threads, len(pairs), compared // SHARE))
+    count = max(1, min(threads, len(pairs), compared // FEWEST_FEATURES))
     ends = [len(pairs) * number // count for number in range(count + 1)]
     return [pairs[start:end] for start, end in zip(ends, ends[1:], strict=False)]
 

@@ -151,6 +151,7 @@ def _hand_over(job: Job[MvsSettings], workspace: Workspace, stereo: Path) -> dic
             job.warn(f"COLMAP gave no depth map for {name}.")
         if masks is not None:
             depth, normals = within(masks(view), depth, normals)
+            write_mask(job.outputs["background"] / f"{camera.name}.png", ~masks(view))
         coverage[name] = round(float((depth > 0).mean()), 4)
         write_depth_maps(job.outputs["depth_maps"], name, camera, depth, normals_in_world(camera, normals))
     return coverage

@@ -65,8 +65,8 @@ def without_surface(background: np.ndarray, coarse_kept: np.ndarray, reach_px: f
     coarse_kept : ndarray, bool
         Pixels of the smaller size that have depth.
     reach_px : float
-        How wide depth at the smaller size may be beyond an outline, in pixels of `background`. What is
-        narrower stays background.
+        How far depth at the smaller size may reach beyond an outline, in pixels of `background`. What is no
+        wider than two such rims stays background.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def without_surface(background: np.ndarray, coarse_kept: np.ndarray, reach_px: f
     surface = cv2.resize(
         coarse_kept.astype(np.uint8), background.shape[::-1], interpolation=cv2.INTER_NEAREST
     )
-    size = 2 * int(np.ceil(reach_px / 2)) + 1
+    size = 2 * int(np.ceil(reach_px)) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     return background & (cv2.morphologyEx(surface * background, cv2.MORPH_OPEN, disc) == 0)
 

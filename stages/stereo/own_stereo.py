@@ -38,7 +38,7 @@ class Reconstruction:
     kept, background : ArrayStore
         (h, w), bool, by view: pixels that others confirm, and those of even background.
     coverage : dict of str to float
-        Share of them, by image name.
+        Share of the pixels that are kept, by image name.
     """
 
     cloud: FusedPoints
@@ -55,7 +55,7 @@ class Reconstruction:
 
 
 def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
-    """Compute and write the depth maps of all views; returns the fused cloud, its gaps closed."""
+    """Compute and write depth maps and backgrounds of all views; returns the fused cloud, its gaps closed."""
     use_threads(job.threads)
     began, gaps = time.process_time(), job.settings.gaps
     scales = scales_of(workspace.cameras, gaps)
@@ -69,7 +69,7 @@ def compute(job: Job[MvsSettings], workspace: Workspace) -> FusedPoints:
             cloud = with_gaps_closed(cloud, found, workspace.cameras, finest.depth, gaps, job.threads)
             for view in finest.background.keys() & coarse.kept.keys():
                 finest.background[view] = without_surface(
-                    finest.background[view], coarse.kept[view], job.settings.edges.reach_px / scale
+                    finest.background[view], coarse.kept[view], job.settings.patch_radius_px / scale
                 )
     for view in finest.background:
         name = workspace.cameras[view].name

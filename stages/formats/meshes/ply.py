@@ -149,7 +149,7 @@ def write_ply(path: Path, vertices: Mapping[str, np.ndarray], faces: np.ndarray 
         Columns by property name, in the types that the file is to have.
     faces : ndarray, shape (f, 3), optional
     """
-    kinds = {"f4": "float", "f8": "double", "u1": "uchar"}
+    kinds = {"f4": "float", "f8": "double", "u1": "uchar", "u2": "ushort"}
     table = np.empty(
         len(next(iter(vertices.values()))), [(n, f"<{c.dtype.str[1:]}") for n, c in vertices.items()]
     )

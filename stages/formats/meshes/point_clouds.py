@@ -30,12 +30,12 @@ def write_points(
     normals : ndarray, shape (n, 3)
         Written as float32.
     colours : ndarray, shape (n, 3), uint8
-    pixel_sizes : ndarray, shape (n,), uint8, or None
+    pixel_sizes : ndarray, shape (n,), uint16, or None
         Of the pixels that a point was found with, in pixels of the full size; None: nobody knows.
     """
     values = [*x_in_world.T.astype("f8"), *normals.T.astype("f4"), *colours.T.astype("u1")]
     columns = dict(zip(COLUMNS, values, strict=True))
-    write_ply(path, columns if pixel_sizes is None else columns | {PIXEL_SIZE: pixel_sizes.astype("u1")})
+    write_ply(path, columns if pixel_sizes is None else columns | {PIXEL_SIZE: pixel_sizes.astype("u2")})
 
 
 def read_cloud(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -24,7 +24,7 @@ class FusedPoints:
         Unit, world axes.
     colours : ndarray, shape (n, 3), uint8
         As in the images, sRGB.
-    pixel_sizes : ndarray, shape (n,), uint8
+    pixel_sizes : ndarray, shape (n,), uint16
         Of the pixels that a point was found with, in pixels of the full size.
     """
 
@@ -42,11 +42,11 @@ class FusedPoints:
     @staticmethod
     def at_full_size(x_in_world: np.ndarray, normals: np.ndarray, colours: np.ndarray) -> FusedPoints:
         """Build a cloud of points that were all found with pixels of the full size."""
-        return FusedPoints(x_in_world, normals, colours, np.ones(len(x_in_world), np.uint8))
+        return FusedPoints(x_in_world, normals, colours, np.ones(len(x_in_world), np.uint16))
 
     def at_scale(self, scale: float) -> FusedPoints:
         """Say that all points were found in images reduced by `scale`, 1 / a whole number."""
-        return replace(self, pixel_sizes=np.full(len(self.x_in_world), round(1 / scale), np.uint8))
+        return replace(self, pixel_sizes=np.full(len(self.x_in_world), round(1 / scale), np.uint16))
 
     @staticmethod
     def joined(parts: list[FusedPoints]) -> FusedPoints:
