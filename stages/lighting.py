@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 BYTES_AT_ANY_SIZE = 400_000_000  # of specular reflection and of the picture of the light
-BYTES_PER_PIXEL = 260  # masked
+BYTES_PER_PIXEL = 340  # masked, with a sun and its shadows; 260 without
 BYTES_PER_BYTE_OF_MESH = 15  # of its file, with short edges and for casting rays
 
 
