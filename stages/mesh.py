@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from stages.formats.meshes.triangle_meshes import Surface
+    from stages.geometry.surface import OrientedPoints
     from stages.scene.cameras import Camera
 
 BYTES_PER_BYTE_OF_POINTS = 4.2  # of their file, 41 bytes a point
@@ -88,33 +89,14 @@ class MeshSettings(Settings):
 def run(job: Job[MeshSettings]) -> None:
     """Open the fused points and the cameras, reconstruct, save the mesh."""
     from stages.formats.colmap.model import cameras_of, read_model
-    from stages.formats.meshes.point_clouds import read_points
     from stages.formats.meshes.triangle_meshes import write_mesh
     from stages.geometry import surface as s
     from stages.geometry.trimming import before_background, trim_to_points
-    from stages.scene.cameras import smallest_footprints
 
     settings, background_of = job.settings, partial(_background, job)
     cameras = cameras_of(read_model(job.inputs["workspace"] / "sparse"))
-    x_in_world, normals, pixel_sizes = read_points(job.inputs["fused"])
-    points = s.OrientedPoints(x_in_world, normals, smallest_footprints(x_in_world, cameras), pixel_sizes)
-    points = points.chosen(points.footprints < float("inf"))
-    if len(points) < settings.fewest_points:
-        raise UserError(
-            f"Only {len(points)} fused points were found; expected at least {settings.fewest_points}. "
-            "The photos overlap too little or show too little texture: add photos, "
-            "or raise undistort.max_size_px."
-        )
-    points = s.robust_crop(points, settings.crop_outliers, settings.crop_margin)
-    bounds = settings.shallowest, settings.deepest
-    wished = settings.depth or s.octree_depth(points, settings.cell_footprints, *bounds)
-    depth = settings.depth or s.depth_within(points, wished, settings.shallowest, settings.most_cells)
-    if depth < wished:
-        job.warn(
-            f"The mesh has an octree depth of {depth} instead of {wished}, since the memory has room for "
-            f"{settings.most_cells} cells (mesh.most_cells): its relief is {2 ** (wished - depth)} times as "
-            "coarse as the photos would allow. Allow more memory with --memory."
-        )
+    points = _points(job, cameras)
+    depth = _octree_depth(job, points)
     with job.progress("mesh", 4) as step:
         surface = s.poisson(points, depth)
         step()
@@ -139,6 +121,43 @@ def run(job: Job[MeshSettings]) -> None:
         step()
     write_mesh(job.outputs["mesh"], surface)
     job.note(points=len(points), octree_depth=depth, vertices=len(surface.vertices), faces=len(surface.faces))
+
+
+def _points(job: Job[MeshSettings], cameras: list[Camera]) -> OrientedPoints:
+    """Read the fused points that a view holds, without what lies far outside."""
+    from stages.formats.meshes.point_clouds import read_points
+    from stages.geometry.surface import OrientedPoints, robust_crop
+    from stages.scene.cameras import smallest_footprints
+
+    settings = job.settings
+    x_in_world, normals, pixel_sizes = read_points(job.inputs["fused"])
+    points = OrientedPoints(x_in_world, normals, smallest_footprints(x_in_world, cameras), pixel_sizes)
+    points = points.chosen(points.footprints < float("inf"))
+    if len(points) < settings.fewest_points:
+        raise UserError(
+            f"Only {len(points)} fused points were found; expected at least {settings.fewest_points}. "
+            "The photos overlap too little or show too little texture: add photos, "
+            "or raise undistort.max_size_px."
+        )
+    return robust_crop(points, settings.crop_outliers, settings.crop_margin)
+
+
+def _octree_depth(job: Job[MeshSettings], points: OrientedPoints) -> int:
+    """Choose the depth of Poisson's octree: as given, or as footprints ask and the memory has room for."""
+    from stages.geometry.surface import depth_within, octree_depth
+
+    settings = job.settings
+    if settings.depth:
+        return settings.depth
+    wished = octree_depth(points, settings.cell_footprints, settings.shallowest, settings.deepest)
+    depth = depth_within(points, wished, settings.shallowest, settings.most_cells)
+    if depth < wished:
+        job.warn(
+            f"The mesh has an octree depth of {depth} instead of {wished}, since the memory has room for "
+            f"{settings.most_cells} cells (mesh.most_cells): its relief is {2 ** (wished - depth)} times as "
+            "coarse as the photos would allow. Allow more memory with --memory."
+        )
+    return depth
 
 
 def _gap_closer(

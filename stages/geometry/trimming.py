@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.settings import SurfaceGapSettings
 from stages.geometry.surface import OrientedPoints, with_faces
-from stages.scene.cameras import Camera, in_image, project
+from stages.scene.cameras import Camera, pixels_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,18 +143,16 @@ def sightings(
     """
     seen, through, before = (np.zeros(len(x_in_world), np.int64) for _ in range(3))
     for camera in cameras:
-        xy, z = project(camera, x_in_world)
-        inside = np.flatnonzero(in_image(camera, xy, z))
+        inside, pixel, z = pixels_of(camera, x_in_world)
         if not inside.size or not (depth_map := depth_of(camera)).any():
             continue
-        column, row = xy[inside].astype(np.int64).T
-        depth = depth_map[row, column]
-        visible = (depth == 0) | (depth >= (1 - margin) * z[inside])
+        depth = depth_map[pixel]
+        visible = (depth == 0) | (depth >= (1 - margin) * z)
         seen[inside] += visible
-        through[inside] += depth > (1 + margin) * z[inside]
+        through[inside] += depth > (1 + margin) * z
         background = background_of(camera)
         if background is not None:
-            before[inside] += visible & background[row, column]
+            before[inside] += visible & background[pixel]
     return Sightings(seen, through, before)
 
 
@@ -169,10 +167,8 @@ def before_background(
     for camera in cameras:
         background = background_of(camera)
         if background is not None:
-            xy, depth = project(camera, x_in_world)
-            inside = np.flatnonzero(in_image(camera, xy, depth))
-            column, row = xy[inside].astype(np.int64).T
-            found[inside] |= background[row, column]
+            inside, pixel, _ = pixels_of(camera, x_in_world)
+            found[inside] |= background[pixel]
     return found
 
 
@@ -184,6 +180,7 @@ def border_parts(faces: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 def _parts(faces: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Number the parts, (V,), that edges between chosen vertices join; and which of them are on a border."""
+    faces = faces[chosen[faces].any(axis=1)]  # no other has an edge that counts
     sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)).astype(np.int64)
     numbers, count = np.unique(sides[:, 0] * len(chosen) + sides[:, 1], return_counts=True)
     edges = np.stack([numbers // len(chosen), numbers % len(chosen)], axis=1)

@@ -144,6 +144,26 @@ def in_image(camera: Camera, xy: np.ndarray, depth: np.ndarray) -> np.ndarray:
     return (depth > 0) & ((xy >= 0) & (xy < (camera.width, camera.height))).all(axis=-1)
 
 
+def pixels_of(
+    camera: Camera, x_in_world: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Find the pixels of a view that points, (n, 3), fall into; not whether hidden.
+
+    Returns
+    -------
+    inside : ndarray, shape (m,), int64
+        Indices of the points in the image.
+    pixel : tuple of two ndarray, shape (m,), int64
+        Their rows and columns: indexes a map of the view.
+    depth : ndarray, shape (m,)
+        Their z.
+    """
+    xy, depth = project(camera, x_in_world)
+    inside = np.flatnonzero(in_image(camera, xy, depth))
+    column, row = xy[inside].astype(np.int64).T
+    return inside, (row, column), depth[inside]
+
+
 def smallest_footprints(x_in_world: np.ndarray, cameras: list[Camera]) -> np.ndarray:
     """Compute points' smallest z/f over the views whose image holds them, (n,); infinite where none does."""
     smallest = np.full(len(x_in_world), np.inf)

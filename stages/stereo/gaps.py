@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stages.scene.cameras import Camera, in_image, project, smallest_footprints
+from stages.scene.cameras import Camera, pixels_of, smallest_footprints
 from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.mvs_settings import GapSettings
 
@@ -86,9 +86,7 @@ def _in_free_space(
     """Test whether a depth map shows surface behind each point, by more than a share of its depth; (n,)."""
     free = np.zeros(len(x_in_world), bool)
     for view, camera in enumerate(cameras):
-        xy, z = project(camera, x_in_world)
-        inside = np.flatnonzero(in_image(camera, xy, z))
+        inside, pixel, z = pixels_of(camera, x_in_world)
         if inside.size:
-            column, row = xy[inside].astype(np.int64).T
-            free[inside] |= depth_of(view)[row, column] > (1 + behind) * z[inside]
+            free[inside] |= depth_of(view)[pixel] > (1 + behind) * z
     return free

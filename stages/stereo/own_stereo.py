@@ -36,7 +36,7 @@ class Reconstruction:
     scene : stereo.Scene
         With the planes of every view that has sources.
     kept, background : ArrayStore
-        (h, w), bool, by view: pixels that others confirm, and those of even background.
+        (h, w), bool, by view: pixels that others confirm, and those of even background, at full size only.
     coverage : dict of str to float
         Share of the pixels that are kept, by image name.
     """
@@ -196,14 +196,15 @@ def confirm_view(
 ) -> float:
     """Keep the pixels of a view that others confirm; returns their share. Picklable.
 
-    Its maps are written into folders, if there are any.
+    Its maps are written into folders, if there are any, and its background is stored.
     """
     use_threads(threads)
     camera = scene.cameras[view]
-    confirmed, background[view] = stereo.confirm_view(scene, view, settings)
+    confirmed, even = stereo.confirm_view(scene, view, settings)
     kept[view] = confirmed
     if folders is None:
         return float(confirmed.mean())
+    background[view] = even
     depth = np.where(confirmed, depth_from_planes(scene.planes[view]), np.float32(0))
     normals = np.where(confirmed[..., None], stereo.world_normals(scene, view), np.float32(0))
     write_depth_maps(folders["depth_maps"], names[view], camera, depth, normals)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pipeline import Job, UserError
-from stages.scene.cameras import Camera, in_image, project
+from stages.scene.cameras import Camera, pixels_of
 from stages.stereo.depth.fusion import FusedPoints
 from stages.stereo.mvs_settings import MvsSettings
 from stages.stereo.sparse_surface import oriented_normals
@@ -59,10 +59,8 @@ def mostly_kept(
     votes = np.zeros(len(points.x_in_world), int)
     for view, camera in enumerate(cameras):
         observed = np.flatnonzero(points.seen[view])
-        xy, z = project(camera, points.x_in_world[observed])
-        inside = in_image(camera, xy, z)
-        column, row = xy[inside].astype(np.int64).T
+        inside, pixel, _ = pixels_of(camera, points.x_in_world[observed])
         kept = np.zeros(len(observed), bool)
-        kept[inside] = mask_of(view)[row, column]
+        kept[inside] = mask_of(view)[pixel]
         votes[observed] += np.where(kept, 1, -1)
     return votes > 0

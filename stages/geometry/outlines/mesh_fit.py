@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from stages.geometry.outlines.border_distances import distances_from_border
-from stages.scene.cameras import Camera, in_image, project
+from stages.scene.cameras import Camera, pixels_of
 
 
 def gaps_at_points(camera: Camera, depth: np.ndarray, x_in_world: np.ndarray) -> np.ndarray:
@@ -21,11 +21,9 @@ def gaps_at_points(camera: Camera, depth: np.ndarray, x_in_world: np.ndarray) ->
         Points that the view has observed, so that nothing is in front of them. Those beside the mesh, as in
         the background of an object, say nothing.
     """
-    xy, z = project(camera, x_in_world)
-    inside = in_image(camera, xy, z)
-    column, row = xy[inside].astype(np.int64).T
-    there = depth[row, column]
-    return np.abs(z[inside] - there)[there > 0]
+    _, pixel, z = pixels_of(camera, x_in_world)
+    there = depth[pixel]
+    return np.abs(z - there)[there > 0]
 
 
 def beyond_outline(mask: np.ndarray, background: np.ndarray, reach_px: float) -> np.ndarray:
