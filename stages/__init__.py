@@ -34,6 +34,7 @@ from stages.mvs import MVS, MVS_OF_GIVEN_CAMERAS
 from stages.photometry.decomposition_settings import check_mode
 from stages.photometry.lighting.settings import check_known_light
 from stages.raycast import RAYCAST, RAYCAST_OF_GIVEN_SURFACE
+from stages.refine import REFINE
 from stages.relight import RELIGHT
 from stages.render import RENDER
 from stages.report import REPORT
@@ -95,7 +96,7 @@ ENTRY_POINTS: Flow = (ADOPT_MODEL, ADOPT_CAMERAS, ADOPT_DEPTH_MAPS, ADOPT_POINTS
 BEFORE_STEREO: Flow = (TRIANGULATE,)  # where cameras were given, perhaps without points
 EXPERIMENT: Flow = (RENDER, KNOWN_GEOMETRY)  # instead of photos: rendered scenes of known truth
 AFTERWARDS: Flow = (  # on demand
-    *(SHADING_NORMALS, CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT, TURNTABLE),
+    *(REFINE, SHADING_NORMALS, CALIBRATION, FULL_RESOLUTION, TEXTURE, DELIT_PHOTOS, RELIGHT, TURNTABLE),
     COLOUR_SPACE,
 )
 LAST: Flow = (REPORT,)  # of every dataflow, whatever it has

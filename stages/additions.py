@@ -15,6 +15,8 @@ from stages.colour_space import COLOUR_SPACE, CONVERTED
 from stages.delit_photos import DELIT_PHOTOS
 from stages.full_resolution import FULL_RESOLUTION
 from stages.lighting import LIGHTING
+from stages.raycast import RAYCAST
+from stages.refine import REFINE
 from stages.relight import RELIGHT, RELIGHT_AS_FOUND
 from stages.render import RENDER
 from stages.report import NEEDED, REPORT
@@ -28,6 +30,7 @@ CALIBRATED = {
 }
 
 SMOOTHED = {"normal": "shading_normal"}
+REFINED = {"mesh": "refined_mesh"}
 
 
 def asks_for_shading_normals(settings: Mapping[str, Settings]) -> bool:
@@ -42,6 +45,27 @@ def with_shading_normals(flow: Flow) -> Flow:
     place = flow.index(LIGHTING)
     before = [_unshown(stage, SMOOTHED) for stage in flow[:place]]
     return (*before, SHADING_NORMALS, *(_of(stage, SMOOTHED) for stage in flow[place:]))
+
+
+def asks_for_refinement(settings: Mapping[str, Settings]) -> bool:
+    """Tell whether the mesh is to be moved until the photos agree on it."""
+    return settings_of(REFINE, settings).refine
+
+
+def with_refinement(flow: Flow) -> Flow:
+    """Put `refine` before the stage `raycast`; all behind take its mesh, and none the file of a given one.
+
+    Texture coordinates of that file are those of other faces.
+    """
+    place = next(k for k, stage in enumerate(flow) if stage.name == RAYCAST.name)
+    before = [_unshown(stage, REFINED) for stage in flow[:place]]
+    behind = [_without_files(_of(stage, REFINED), "mesh_file") for stage in flow[place:]]
+    return (*before, REFINE, *behind)
+
+
+def _without_files(stage: AnyStage, name: str) -> AnyStage:
+    """Let a stage take no such source, even if it is given."""
+    return replace(stage, may_take=tuple(one for one in stage.may_take if one != name))
 
 
 def with_relighting(flow: Flow) -> Flow:
@@ -176,6 +200,6 @@ def _report_on(made: Collection[str]) -> AnyStage:
 
 def newest(names: Collection[str], made: Collection[str]) -> dict[str, str]:
     """Look up what artefacts are called in a dataflow that makes some, perhaps calibrated ones."""
-    newer = CALIBRATED | SMOOTHED
+    newer = CALIBRATED | SMOOTHED | REFINED
     newest = {name: newer[name] if newer.get(name) in made else name for name in names}
     return {name: own for name, own in newest.items() if own in made}

@@ -89,6 +89,7 @@ ROOMS_BELOW = {  # within a folder: which of its rooms each room may import, its
     "motion/known_poses": set(),
     "motion/unknown_poses": set(),
     "stereo/depth": set(),
+    "stereo/refinement": set(),
     "reporting/content": set(),
     "reporting/document": set(),
     "reporting/comparison": {"content", "document"},

@@ -163,6 +163,8 @@ def _request(
         flow = extended(flow)
     if additions.asks_for_shading_normals(settings):
         flow = additions.with_shading_normals(flow)
+    if additions.asks_for_refinement(settings):
+        flow = additions.with_refinement(flow)
     if additions.asks_for_calibration(settings):
         flow = additions.with_calibration(flow)
     if additions.asks_for_colour_space(settings):

@@ -15,6 +15,31 @@ NO_TRIANGLE = np.uint32(0xFFFFFFFF)
 
 
 @dataclass(frozen=True)
+class Hits:
+    """Where the rays of one view's pixel centres meet the mesh.
+
+    Attributes
+    ----------
+    depth : ndarray, shape (h, w), float32
+        z, model units; 0 where nothing is hit.
+    mask : ndarray, shape (h, w), bool
+        Where the mesh is hit.
+    triangles : ndarray, shape (h, w), uint32
+        Face behind each pixel, `NO_TRIANGLE` where none.
+    barycentric : ndarray, shape (h, w, 2), float32
+        (u, v): the point is (1 − u − v) a + u b + v c.
+    behind : ndarray, shape (h, w), bool
+        Where a face is hit from its back.
+    """
+
+    depth: np.ndarray
+    mask: np.ndarray
+    triangles: np.ndarray
+    barycentric: np.ndarray
+    behind: np.ndarray
+
+
+@dataclass(frozen=True)
 class Seen:
     """What one view sees of the mesh.
 
@@ -54,7 +79,7 @@ class RayCaster:
         self._faces = surface.faces
         self._vertex_normals = vertex_normals(surface.vertices - self._origin, surface.faces)
 
-    def see(self, camera: Camera, threads: int = 0) -> Seen:
+    def hits(self, camera: Camera, threads: int = 0) -> Hits:
         """Cast the rays of all pixel centres of one view. Memory: about 130 bytes per pixel."""
         rays = rays_in_world(camera)
         origins = np.broadcast_to(camera.centre_in_world - self._origin, rays.shape)
@@ -64,10 +89,15 @@ class RayCaster:
         mask = np.isfinite(distance)  # rays have z = 1 in the camera: the distance is z
         triangles, barycentric = hit["primitive_ids"].numpy(), hit["primitive_uvs"].numpy()
         behind = mask & (np.einsum("hwk,hwk->hw", hit["primitive_normals"].numpy(), rays) > 0)
-        normals = np.zeros(rays.shape, np.float32)
-        normals[mask] = self._normals(triangles[mask], barycentric[mask], behind[mask])
-        on_face = barycentric * mask[..., None]
-        return Seen(np.where(mask, distance, 0), normals, mask, triangles, on_face, behind)
+        return Hits(np.where(mask, distance, 0), mask, triangles, barycentric * mask[..., None], behind)
+
+    def see(self, camera: Camera, threads: int = 0) -> Seen:
+        """Cast them, and interpolate the mesh's normals where they meet it."""
+        hits = self.hits(camera, threads)
+        mask = hits.mask
+        normals = np.zeros((*mask.shape, 3), np.float32)
+        normals[mask] = self._normals(hits.triangles[mask], hits.barycentric[mask], hits.behind[mask])
+        return Seen(hits.depth, normals, mask, hits.triangles, hits.barycentric, hits.behind)
 
     def _normals(self, triangles: np.ndarray, barycentric: np.ndarray, behind: np.ndarray) -> np.ndarray:
         """Interpolated vertex normals, turned by the *face's* side: near silhouettes they may lean away."""

@@ -1,0 +1,122 @@
+"""The mesh refined until the photos of neighbouring views agree on it: relief that stereo smooths away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipeline import Artefact, Job, Stage
+from stages.scene.distributions import OPEN3D, PICTURES, PYCOLMAP
+from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, FEWER_OR_SMALLER_VIEWS
+from stages.stereo.refinement.settings import RefineSettings
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from stages.formats.meshes.triangle_meshes import Surface
+    from stages.scene.cameras import Camera
+    from stages.stereo.refinement.refined_surface import Round
+
+BYTES_PER_PIXEL = 8  # of all views, held
+BYTES_PER_PIXEL_OF_VIEW = 260  # of the one that is compared
+BYTES_PER_VERTEX = 900
+BYTES_OF_VERTEX_IN_FILE = 50  # with two faces
+
+
+def run(job: Job[RefineSettings]) -> None:
+    """Open photos, cameras and mesh, refine it round by round, save it."""
+    from stages.formats.colmap.model import cameras_of, read_model
+    from stages.formats.meshes.triangle_meshes import read_mesh, write_mesh
+    from stages.solvers.kernels.threading_layer import use_threads
+    from stages.stereo.refinement.refined_surface import refine
+    from stages.stereo.refinement.view_pairs import sources_of_views
+
+    use_threads(job.threads)
+    settings = job.settings
+    cameras = cameras_of(read_model(job.inputs["workspace"] / "sparse"))
+    given = read_mesh(job.inputs["mesh"])
+    surface = _finer(given, cameras, settings)
+    sources = sources_of_views(surface, cameras, settings.neighbours, settings.pairs, job.threads)
+    read = partial(_log_radiance, dict(job.inputs), settings)
+    rounds: list[Round] = []
+    refined = surface
+    with job.progress("rounds", len(settings.scales) * settings.rounds) as step:
+        for one in refine(surface, cameras, sources, read, settings, job.threads):
+            rounds.append(one)
+            refined = one.surface
+            step()
+    write_mesh(job.outputs["refined_mesh"], refined)
+    last = rounds[-1]
+    job.note(
+        vertices_given=len(given.vertices),
+        vertices=len(refined.vertices),
+        moved_footprints=round(last.moved, 3),
+        known=round(last.known, 3),
+        stiffness=round(last.stiffness, 2),
+        noise=[round(one.noise, 3) for one in rounds],
+    )
+
+
+def _finer(given: Surface, cameras: list[Camera], settings: RefineSettings) -> Surface:
+    """Divide faces until edges are as short as relief needs them."""
+    import numpy as np
+
+    from stages.geometry.short_edges import with_short_edges
+    from stages.scene.cameras import smallest_footprints
+
+    sizes = smallest_footprints(given.vertices, cameras)
+    sizes = sizes[np.isfinite(sizes)]
+    if not len(sizes):
+        return given
+    return with_short_edges(given, settings.edge_px * float(np.median(sizes)), settings.most_vertices).surface
+
+
+def _log_radiance(paths: dict[str, Path], settings: RefineSettings, camera: Camera) -> np.ndarray:
+    """Read a photo and its mask at the size of a camera: as `Photo.log_radiance`."""
+    from stages.formats.images.exr import read_exr
+    from stages.formats.images.masks import kept_at
+    from stages.formats.images.resize import reduce_by_area
+    from stages.stereo.refinement.compared_photos import log_radiance
+
+    image = reduce_by_area(read_exr(paths["linear"] / f"{camera.name}.exr"), camera.shape)
+    kept = kept_at(paths["kept"] / f"{camera.name}.png", camera.shape)
+    return log_radiance(image, kept, settings.errors)
+
+
+def estimated_memory(settings: RefineSettings, inputs: Mapping[str, Path], threads: int) -> int:
+    """Estimate the memory from the mesh and the pixels of all views at the finest scale."""
+    from stages.formats.colmap.model import cameras_of, read_model
+
+    cameras = cameras_of(read_model(inputs["workspace"] / "sparse"))
+    pixels = [camera.width * camera.height for camera in cameras]
+    scale = settings.scales[-1] ** 2
+    held = BYTES_PER_PIXEL * sum(pixels) + BYTES_PER_PIXEL_OF_VIEW * max(pixels, default=0)
+    vertices = max(inputs["mesh"].stat().st_size // BYTES_OF_VERTEX_IN_FILE, 1)
+    return BYTES_OF_LIBRARIES + held // scale + BYTES_PER_VERTEX * vertices
+
+
+def in_words(facts: Mapping[str, Any]) -> str:
+    """Tell in a few words what was found."""
+    return (
+        f"{facts['vertices']:,} vertices moved by {facts['moved_footprints']:.2f} px (root mean square); "
+        f"photos say something of {facts['known']:.0%}"
+    )
+
+
+REFINE = Stage(
+    name="refine",
+    version=1,
+    about="The mesh moved until the photos of neighbouring views agree on it.",
+    settings=RefineSettings,
+    takes=("mesh", "linear", "workspace", "kept"),
+    gives=(
+        Artefact("refined_mesh", "refined triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),
+    ),
+    run=run,
+    tools=("numpy", "scipy", "numba", *PYCOLMAP, *OPEN3D, *PICTURES),
+    memory=estimated_memory,
+    saves_memory=f"set refine.scales=[4,2], lower refine.most_vertices, or {FEWER_OR_SMALLER_VIEWS}",
+    found=in_words,
+)

@@ -1,0 +1,1 @@
+"""Refinement of a surface until the photos of neighbouring views agree on it."""

@@ -1,0 +1,261 @@
+"""Comparison of a photo with another by way of the surface: how they differ, and how that changes with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, floor, sqrt
+
+import cv2
+import numba
+import numpy as np
+
+import stages.solvers.kernels.threading_layer  # noqa: F401  # before the first parallel loop
+from stages.scene.cameras import Camera
+from stages.stereo.refinement.settings import PhotoErrorSettings, RefineSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """A photo, and what its camera sees of the surface.
+
+    Attributes
+    ----------
+    camera : Camera
+    log_radiance : ndarray, shape (h, w), float32
+        Mean of the channels over white; NaN where the photo is not kept.
+    depth : ndarray, shape (h, w), float32
+        z of the surface, model units; 0 where there is none.
+    """
+
+    camera: Camera
+    log_radiance: np.ndarray
+    depth: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PixelTerms:
+    """What a photo's comparisons with others say about the height of the surface at its pixels.
+
+    The negative logarithm of the likelihood of a change by x footprints is, but for a constant,
+    ``½ curvature x² + slope x`` (Gauss-Newton).
+
+    Attributes
+    ----------
+    curvature, slope : ndarray, shape (h, w), float64
+        0 where no other photo shows the point.
+    misfits : ndarray, shape (n,), float32
+        Squared differences over their variance, of all comparisons.
+    """
+
+    curvature: np.ndarray
+    slope: np.ndarray
+    misfits: np.ndarray
+
+
+def log_radiance(image: np.ndarray, kept: np.ndarray, settings: PhotoErrorSettings) -> np.ndarray:
+    """Compute the logarithm of a photo's grey, (h, w), float32, of linear values, (h, w, 3), over white."""
+    grey = image.mean(axis=2)
+    kept = kept & np.isfinite(grey)
+    white = float(np.quantile(grey[kept], settings.white)) if kept.any() else 1.0
+    bright = np.maximum(grey / max(white, np.finfo(np.float32).tiny), settings.darkest)
+    return np.where(kept, np.log(bright), np.nan).astype(np.float32)
+
+
+def compare(
+    photo: Photo,
+    normals: np.ndarray,
+    others: list[Photo],
+    noise: float,
+    settings: RefineSettings,
+) -> PixelTerms:
+    """Compare a photo with others, each seen through the surface.
+
+    Parameters
+    ----------
+    photo : Photo
+    normals : ndarray, shape (h, w, 3), float64
+        Unit normals of the faces that its pixels see, world axes.
+    others : list of Photo
+    noise : float
+        Variance of the differences over that which the settings give.
+    settings : RefineSettings
+
+    Notes
+    -----
+    With i seen at a pixel, j at the projection of its point, a difference is ``log i − log j`` less its
+    average around the pixel. The surface moves along its normal n by h: the point moves along the pixel's
+    ray r by h / (n·r), and j's value by its gradient times the projection of that. A photo's own noise is
+    in all its comparisons, so K of them, in both directions, count as often over as there are photos: K + 1.
+    """
+    shape = photo.camera.shape
+    curvature, slope, compared = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    misfits = []
+    errors = settings.errors
+    for other in others:
+        difference, change = _differences(
+            *_rays(photo.camera),
+            photo.depth,
+            normals,
+            photo.log_radiance,
+            *_projection(other.camera),
+            other.depth,
+            other.log_radiance,
+            settings.occlusion,
+            settings.grazing,
+        )
+        own = difference - _local_mean(difference, settings.window_px)
+        misfit = np.full(shape, np.nan, np.float32)
+        variances = noise * errors.shot_noise**2, noise * errors.mismatch**2
+        _add_terms(
+            *(own, difference, change, photo.log_radiance, *variances, errors.outlier),
+            *(curvature, slope, compared, misfit),
+        )
+        misfits.append(misfit[np.isfinite(misfit)])
+    share = 1 / (np.maximum(compared + 1, 1) * errors.alike)
+    return PixelTerms(curvature * share, slope * share, np.concatenate([np.zeros(0, np.float32), *misfits]))
+
+
+def _rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, float]:
+    """Matrix from homogeneous image coordinates to rays of z = 1, world axes; centre; focal length."""
+    return camera.rotation.T @ np.linalg.inv(camera.intrinsics), camera.centre_in_world, camera.focal_px
+
+
+def _projection(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """K, R and t of a camera, contiguous."""
+    return camera.intrinsics, np.ascontiguousarray(camera.rotation), camera.cam_from_world[:, 3].copy()
+
+
+def _local_mean(values: np.ndarray, sigma: float) -> np.ndarray:
+    """Average values, (h, w), over a Gaussian around each pixel, without those that are NaN."""
+    there = np.isfinite(values).astype(np.float32)
+    weight = cv2.GaussianBlur(there, (0, 0), sigma)
+    total = cv2.GaussianBlur(np.where(there > 0, values, 0), (0, 0), sigma)
+    return total / np.maximum(weight, np.finfo(np.float32).eps)
+
+
+@numba.njit(inline="always")
+def _cubic(t):
+    """Weights of four neighbours for a value t past the second: Catmull-Rom."""
+    return (
+        ((-0.5 * t + 1.0) * t - 0.5) * t,
+        (1.5 * t - 2.5) * t * t + 1.0,
+        ((-1.5 * t + 2.0) * t + 0.5) * t,
+        (0.5 * t - 0.5) * t * t,
+    )
+
+
+@numba.njit(inline="always")
+def _cubic_slope(t):
+    """Derivatives of these weights."""
+    return ((-1.5 * t + 2.0) * t - 0.5, (4.5 * t - 5.0) * t, (-4.5 * t + 4.0) * t + 0.5, (1.5 * t - 1.0) * t)
+
+
+@numba.njit(inline="always")
+def _in_front(depth, column, row, side, z, tolerance):
+    """Tell whether any pixel of a square shows nothing, or what is nearer than z: a mixture of colours."""
+    for i in range(side):
+        for j in range(side):
+            one = depth[row + i, column + j]
+            if not one > 0 or z - one > tolerance:
+                return True
+    return False
+
+
+@numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def _differences(
+    ray_of,
+    centre,
+    focal,
+    depth,
+    normals,
+    own,
+    intrinsics,
+    rotation,
+    translation,
+    other_depth,
+    other,
+    occlusion,
+    grazing,
+):
+    """Differences to another photo and their changes by height, (h, w) float32 each; NaN where unseen."""
+    height, width = depth.shape
+    other_height, other_width = other_depth.shape
+    difference = np.full((height, width), np.nan, np.float32)
+    change = np.zeros((height, width), np.float32)
+    focal_x, focal_y = intrinsics[0, 0], intrinsics[1, 1]
+    for row in numba.prange(height):
+        ray, point, seen, moved = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+        for column in range(width):
+            z, value = depth[row, column], own[row, column]
+            if not z > 0 or np.isnan(value):
+                continue
+            if column == 0 or row == 0 or column == width - 1 or row == height - 1:
+                continue
+            if _in_front(depth, column - 1, row - 1, 3, z, occlusion * z / focal):
+                continue
+            x, y = column + 0.5, row + 0.5
+            facing, length = 0.0, 0.0
+            for k in range(3):
+                ray[k] = ray_of[k, 0] * x + ray_of[k, 1] * y + ray_of[k, 2]
+                point[k] = centre[k] + z * ray[k]
+                facing += ray[k] * normals[row, column, k]
+                length += ray[k] * ray[k]
+            if -facing < grazing * sqrt(length):
+                continue
+            for k in range(3):
+                seen[k] = translation[k]
+                moved[k] = 0.0
+                for axis in range(3):
+                    seen[k] += rotation[k, axis] * point[axis]
+                    moved[k] += rotation[k, axis] * ray[axis] / facing
+            if not seen[2] > 0:
+                continue
+            u = focal_x * seen[0] / seen[2] + intrinsics[0, 2] - 0.5
+            v = focal_y * seen[1] / seen[2] + intrinsics[1, 2] - 0.5
+            if not (u >= 1 and v >= 1 and u < other_width - 2 and v < other_height - 2):
+                continue
+            left, top = floor(u) - 1, floor(v) - 1
+            if _in_front(other_depth, left, top, 4, seen[2], occlusion * seen[2] / focal_x):
+                continue
+            away, toward = 0.0, 0.0
+            for k in range(3):
+                away += seen[k] * seen[k]
+                for axis in range(3):
+                    toward -= rotation[axis, k] * seen[axis] * normals[row, column, k]
+            if toward < grazing * sqrt(away):
+                continue
+            across, down = _cubic(u - left - 1), _cubic(v - top - 1)
+            slope_across, slope_down = _cubic_slope(u - left - 1), _cubic_slope(v - top - 1)
+            found, gradient_u, gradient_v = 0.0, 0.0, 0.0
+            for i in range(4):
+                for j in range(4):
+                    one = other[top + i, left + j]
+                    found += down[i] * across[j] * one
+                    gradient_u += down[i] * slope_across[j] * one
+                    gradient_v += slope_down[i] * across[j] * one
+            if np.isnan(found):
+                continue
+            by_u = focal_x * (moved[0] - seen[0] / seen[2] * moved[2]) / seen[2]
+            by_v = focal_y * (moved[1] - seen[1] / seen[2] * moved[2]) / seen[2]
+            difference[row, column] = value - found
+            change[row, column] = -(gradient_u * by_u + gradient_v * by_v)
+    return difference, change
+
+
+@numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def _add_terms(own, difference, change, log_own, shot, mismatch, outlier, curvature, slope, compared, misfit):
+    """Add one comparison's terms to those of the pixels; `misfit`: squared differences over variance."""
+    height, width = own.shape
+    for row in numba.prange(height):
+        for column in range(width):
+            if np.isnan(difference[row, column]):
+                continue
+            here = log_own[row, column]
+            there = here - difference[row, column]
+            variance = shot * (exp(-here) + exp(-there)) + 2 * mismatch
+            squared = own[row, column] ** 2 / variance
+            weight = 1 / (variance * (1 + squared / outlier**2))
+            curvature[row, column] += weight * change[row, column] ** 2
+            slope[row, column] += weight * change[row, column] * own[row, column]
+            compared[row, column] += 1
+            misfit[row, column] = squared

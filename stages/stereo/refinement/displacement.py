@@ -1,0 +1,182 @@
+"""Heights along the normals of a mesh: what photos say of them, how rough they are, and their estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, cg
+
+from stages.stereo.refinement.settings import RefineSettings, RoughnessSettings
+from stages.stereo.refinement.vertex_rings import VertexRings
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the photos say of heights x, (V,): ``½ xᵀ A x + gᵀ x`` around those at hand.
+
+    Attributes
+    ----------
+    diagonal : ndarray, shape (V,), float64
+        Of A.
+    of_edges : ndarray, shape (E,), float64
+        Its other values.
+    slope : ndarray, shape (V,), float64
+        g.
+    sample : ndarray, shape (V,), float64
+        Of a normal distribution with covariance A.
+    """
+
+    diagonal: np.ndarray
+    of_edges: np.ndarray
+    slope: np.ndarray
+    sample: np.ndarray
+
+    @classmethod
+    def none(cls, rings: VertexRings) -> Evidence:
+        """Begin without any."""
+        vertices = len(rings.first) - 1
+        return cls(np.zeros(vertices), np.zeros(rings.edge_count), np.zeros(vertices), np.zeros(vertices))
+
+    def add(
+        self,
+        faces: np.ndarray,
+        shares: np.ndarray,
+        edges_of_faces: np.ndarray,
+        curvature: np.ndarray,
+        slope: np.ndarray,
+        noise: np.ndarray,
+    ) -> None:
+        """Add that of pixels to that of the corners of their faces.
+
+        Parameters
+        ----------
+        faces, edges_of_faces : ndarray, shape (n, 3), int32
+            Of each pixel's face.
+        shares : ndarray, shape (n, 3), float64
+            By how much the surface at the pixel rises, model units, with each corner's height in footprints.
+        curvature, slope : ndarray, shape (n,), float64
+            As `PixelTerms`.
+        noise : ndarray, shape (n,), float64
+            A standard normal sample.
+        """
+        _add_pixels(
+            *(faces, shares, edges_of_faces, curvature, slope, noise),
+            *(self.diagonal, self.of_edges, self.slope, self.sample),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Roughness:
+    """How rough heights are expected to be: ``½ stiffness Σ weight (L x)²``.
+
+    Attributes
+    ----------
+    stiffness : float
+    weights : ndarray, shape (V,), float64
+        Small where curvature was found to be large.
+    """
+
+    stiffness: float
+    weights: np.ndarray
+
+    def measured(
+        self,
+        rings: VertexRings,
+        heights: np.ndarray,
+        sample: np.ndarray,
+        known: np.ndarray,
+        settings: RoughnessSettings,
+    ) -> Roughness:
+        """Measure it anew: the stiffness at which the photos are most probable, and its spread over places.
+
+        Parameters
+        ----------
+        rings : VertexRings
+        heights, sample : ndarray, shape (V,)
+            The most probable ones, and a sample around them of what noise leaves open.
+        known : ndarray, shape (V,), bool
+            Vertices that photos say something of.
+        settings : RoughnessSettings
+
+        Notes
+        -----
+        MacKay 1992: ``γ / Σ w (L x)²`` with γ the number of curvatures that the photos determine; the
+        variance that is left open, over that without photos, is what they do not determine.
+        """
+        bent, open_ = rings.curvature(heights)[known] ** 2, rings.curvature(sample)[known] ** 2
+        weights = self.weights[known]
+        share = max(1 - self.stiffness * float(np.mean(weights * open_)), settings.least_share)
+        rough = float(np.mean(weights * bent))
+        step = settings.largest_step
+        wished = share / rough if rough > 0 else np.inf
+        stiffness = float(np.clip(wished, self.stiffness / step, self.stiffness * step))
+        around = rings.curvature(heights) ** 2
+        for _ in range(settings.rings):
+            around = rings.averaged(around)
+        usual = float(around[known].mean())
+        relative = around / usual if usual > 0 else np.ones_like(around)
+        return Roughness(stiffness, (settings.tail + 1) / (settings.tail + relative))
+
+
+@dataclass(frozen=True, eq=False)
+class HeightModel:
+    """The distribution of heights, given photos and roughness: normal around the most probable ones."""
+
+    rings: VertexRings
+    evidence: Evidence
+    roughness: Roughness
+    settings: RefineSettings
+
+    def most_probable(self, heights: np.ndarray) -> np.ndarray:
+        """Find the most probable heights near those at hand, (V,), by conjugate gradients (Jacobi)."""
+        settings = self.settings
+        move = self._solved(-(self.evidence.slope + self._bent(heights) + settings.hold * heights))
+        return heights + np.clip(move, -settings.largest_move, settings.largest_move)
+
+    def sample(self, seed: int) -> np.ndarray:
+        """Draw what the photos leave open, (V,): heights less the most probable ones.
+
+        The solution for a right side with the system's covariance has its inverse (Papandreou and Yuille
+        2010).
+        """
+        normal = np.random.default_rng(seed).standard_normal(len(self.evidence.diagonal))
+        rough = self.roughness
+        spread = self.rings.transposed_curvature(np.sqrt(rough.stiffness * rough.weights) * normal)
+        return self._solved(self.evidence.sample + spread)
+
+    def _bent(self, values: np.ndarray) -> np.ndarray:
+        """Apply the roughness' matrix, ``stiffness Lᵀ W L``."""
+        weighted = self.roughness.weights * self.rings.curvature(values)
+        return self.roughness.stiffness * self.rings.transposed_curvature(weighted)
+
+    def _solved(self, right: np.ndarray) -> np.ndarray:
+        """Solve the system for a right side, (V,), as far as the settings' steps reach."""
+        rings, evidence, rough, settings = self.rings, self.evidence, self.roughness, self.settings
+        diagonal = evidence.diagonal + settings.hold
+        inverse = 1 / (diagonal + rough.stiffness * rings.squared_curvature_diagonal(rough.weights))
+
+        def applied(values: np.ndarray) -> np.ndarray:
+            return rings.product(diagonal, evidence.of_edges, values) + self._bent(values)
+
+        shape = (len(right), len(right))
+        system = LinearOperator(shape, matvec=applied, dtype=np.float64)
+        jacobi = LinearOperator(shape, matvec=lambda values: inverse * values, dtype=np.float64)
+        found, _ = cg(system, right, rtol=settings.solver_tolerance, maxiter=settings.solver_steps, M=jacobi)
+        return found
+
+
+@numba.njit(cache=True, nogil=True)
+def _add_pixels(
+    faces, shares, edges_of_faces, curvature, slope, noise, diagonal, of_edges, total_slope, sample
+):
+    for pixel in range(len(faces)):
+        deviation = np.sqrt(curvature[pixel]) * noise[pixel]
+        for corner in range(3):
+            vertex, share = faces[pixel, corner], shares[pixel, corner]
+            after = shares[pixel, (corner + 1) % 3]
+            diagonal[vertex] += curvature[pixel] * share * share
+            of_edges[edges_of_faces[pixel, corner]] += curvature[pixel] * share * after
+            total_slope[vertex] += slope[pixel] * share
+            sample[vertex] += deviation * share

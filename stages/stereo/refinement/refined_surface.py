@@ -1,0 +1,171 @@
+"""A surface moved along its normals until the photos of neighbouring views agree on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.formats.meshes.triangle_meshes import Surface
+from stages.geometry.rays import RayCaster, face_normals, vertex_normals
+from stages.scene.cameras import Camera, smallest_footprints
+from stages.stereo.refinement.compared_photos import Photo, compare
+from stages.stereo.refinement.displacement import Evidence, HeightModel, Roughness
+from stages.stereo.refinement.settings import RefineSettings
+from stages.stereo.refinement.vertex_rings import VertexRings
+
+MEDIAN_SQUARE = 0.455  # of a standard normal variable
+MISFITS_OF_VIEW = 20_000  # differences of a view, at most, that the noise is measured from
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """What a round has led to.
+
+    Attributes
+    ----------
+    surface : Surface
+    scale : int
+        At which the photos were compared.
+    noise : float
+        Variance of differences of the photos, before its move, over that which the settings give.
+    moved : float
+        Root mean square of all moves so far, pixel footprints of the working size.
+    stiffness : float
+        Measured after it.
+    known : float
+        Share of the vertices that the photos say something of.
+    """
+
+    surface: Surface
+    scale: int
+    noise: float
+    moved: float
+    stiffness: float
+    known: float
+
+
+def refine(
+    surface: Surface,
+    cameras: Sequence[Camera],
+    sources: Sequence[Sequence[int]],
+    log_radiance_at: Callable[[Camera], np.ndarray],
+    settings: RefineSettings,
+    threads: int,
+) -> Iterator[Round]:
+    """Refine a surface, round by round.
+
+    Parameters
+    ----------
+    surface : Surface
+    cameras : sequence of Camera
+        At the working size.
+    sources : sequence of sequence of int
+        Of each view, those that it is compared with.
+    log_radiance_at : callable
+        Reads the photo of a camera at its size: as `Photo.log_radiance`.
+    settings : RefineSettings
+    threads : int
+
+    Notes
+    -----
+    Heights are along the normals of the given surface, in pixel footprints. Each round compares the photos
+    through the surface as it is, and solves for the heights that are most probable given the differences,
+    their variance as measured, and a roughness that is measured too, on the finest scale. (Vu et al. 2012
+    descend a correlation by steps of a given length under a given stiffness.)
+    """
+    lengths, normals = _footprints(surface, list(cameras)), vertex_normals(surface.vertices, surface.faces)
+    directions = normals.astype(np.float64) * lengths[:, None]
+    rings = VertexRings.of(surface.faces, len(surface.vertices))
+    heights, noise = np.zeros(len(surface.vertices)), 1.0
+    edge = _typical_edge(surface, lengths)
+    roughness = Roughness(settings.roughness.stiffness / edge**2, np.ones(len(heights)))
+    now = surface
+    for scale in settings.scales:
+        scaled = [camera.reduced(1 / scale) for camera in cameras]
+        logs = [log_radiance_at(camera) for camera in scaled]
+        for number in range(settings.rounds):
+            views = _View.of_all(scaled, logs, now, threads)
+            evidence, measured = _evidence(views, sources, rings, directions, noise, number, settings)
+            noise = max(noise * measured, settings.errors.least)
+            model = HeightModel(rings, evidence, roughness, settings)
+            heights, known = model.most_probable(heights), evidence.diagonal > 0
+            if scale == settings.scales[-1] and known.any():
+                left_open = model.sample(number)
+                roughness = roughness.measured(rings, heights, left_open, known, settings.roughness)
+            now = Surface(surface.vertices + heights[:, None] * directions, surface.faces)
+            moved = float(np.sqrt(np.mean(heights**2)))
+            yield Round(now, scale, noise, moved, roughness.stiffness, float(known.mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A photo with what it needs of the surface: the caster, and normals of the faces."""
+
+    photo: Photo
+    caster: RayCaster
+    surface: Surface
+    normals: np.ndarray
+    threads: int
+
+    @classmethod
+    def of_all(
+        cls, cameras: list[Camera], logs: list[np.ndarray], surface: Surface, threads: int
+    ) -> list[_View]:
+        """Cast the rays of all views onto the surface; of each, only the depth is held."""
+        caster = RayCaster(surface)
+        normals = face_normals(surface.vertices, surface.faces)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+        return [
+            cls(Photo(camera, log, caster.hits(camera, threads).depth), caster, surface, normals, threads)
+            for camera, log in zip(cameras, logs, strict=True)
+        ]
+
+
+def _evidence(
+    views: list[_View],
+    sources: Sequence[Sequence[int]],
+    rings: VertexRings,
+    directions: np.ndarray,
+    noise: float,
+    seed: int,
+    settings: RefineSettings,
+) -> tuple[Evidence, float]:
+    """Gather what all photos say; and the variance of their differences over that which was assumed."""
+    evidence, misfits = Evidence.none(rings), []
+    for number, view in enumerate(views):
+        hits = view.caster.hits(view.photo.camera, view.threads)
+        normals = view.normals[np.where(hits.mask, hits.triangles, 0)]
+        others = [views[other].photo for other in sources[number]]
+        terms = compare(view.photo, normals, others, noise, settings)
+        told = terms.curvature > 0
+        if not told.any():
+            continue
+        triangles, (u, v) = hits.triangles[told], hits.barycentric[told].T.astype(np.float64)
+        corners = view.surface.faces[triangles]
+        rise = np.einsum("nck,nk->nc", directions[corners], normals[told])
+        rng = np.random.default_rng([seed, number])
+        evidence.add(
+            corners,
+            np.stack([1 - u - v, u, v], axis=1) * rise,
+            rings.edges_of_faces[triangles],
+            *(terms.curvature[told], terms.slope[told], rng.standard_normal(len(corners))),
+        )
+        every = max(len(terms.misfits) // MISFITS_OF_VIEW, 1)
+        misfits.append(terms.misfits[::every])
+    measured = float(np.median(np.concatenate(misfits))) / MEDIAN_SQUARE if misfits else 1.0
+    return evidence, measured
+
+
+def _footprints(surface: Surface, cameras: list[Camera]) -> np.ndarray:
+    """Compute each vertex's smallest pixel footprint, model units; the usual one where no image holds it."""
+    sizes = smallest_footprints(surface.vertices, cameras)
+    finite = np.isfinite(sizes)
+    return np.where(finite, sizes, np.median(sizes[finite]) if finite.any() else 1.0)
+
+
+def _typical_edge(surface: Surface, lengths: np.ndarray) -> float:
+    """Measure the mean edge, in footprints."""
+    edges = np.diff(surface.vertices[surface.faces[:, [0, 1, 2, 0]]], axis=1)
+    return float(np.mean(np.linalg.norm(edges, axis=2) / lengths[surface.faces]))

@@ -1,0 +1,176 @@
+"""Settings of the refinement of a surface by the agreement of the photos."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, field_validator
+
+from pipeline import Settings, group, setting
+
+Scale = Annotated[int, Field(ge=1, le=64)]
+
+
+class PhotoErrorSettings(Settings):
+    """Settings of how far photos of one point may differ: in logarithms of radiance."""
+
+    shot_noise: float = setting(
+        0.01,
+        "Deviation of the noise at white, from which it falls as the square root of the radiance. Only its "
+        "ratio to `mismatch` matters: how large both are is measured.",
+        unit="white",
+        ge=0,
+        le=1,
+    )
+    mismatch: float = setting(
+        0.02,
+        "Deviation of what else differs, at any radiance: gloss, blur, interpolation.",
+        unit="log radiance",
+        gt=0,
+        le=1,
+    )
+    white: float = setting(
+        0.99, "Quantile of a photo's radiance that counts as white.", unit="quantile", gt=0, le=1
+    )
+    darkest: float = setting(
+        0.005, "Darker pixels count as this dark: below it there is noise alone.", unit="white", gt=0, lt=1
+    )
+    least: float = setting(
+        0.1,
+        "Smallest variance that may be measured, over that which these settings give: where most of the "
+        "photos is burnt out, they do not differ at all.",
+        gt=0,
+        le=1,
+    )
+    outlier: float = setting(
+        2.0,
+        "From so many deviations on, a difference counts less and less (Cauchy): something else is in front, "
+        "or it shines.",
+        unit="deviations",
+        gt=0,
+    )
+    alike: float = setting(
+        2.0,
+        "Pixels that err alike, and so count as one: what was interpolated errs together. With 1 noise "
+        "passes for relief, with 3 relief of a quarter of a pixel for noise.",
+        unit="pixels",
+        ge=1,
+    )
+
+
+class RoughnessSettings(Settings):
+    """Settings of how rough the relief may be that is added: before the photos say how rough it is."""
+
+    stiffness: float = setting(
+        1000.0,
+        "Inverse variance of the curvature that is added, at first; on the finest scale it is measured, from "
+        "what the photos say beyond their noise (evidence, MacKay 1992).",
+        unit="pixel footprints²",
+        gt=0,
+    )
+    largest_step: float = setting(3.0, "Factor by which it may change from round to round.", gt=1)
+    least_share: float = setting(
+        0.003,
+        "Share of the vertices about which the photos say something, at least: estimated from one sample, it "
+        "has an error.",
+        gt=0,
+        lt=1,
+    )
+    tail: float = setting(
+        1.0,
+        "How far curvature may differ from place to place: degrees of freedom of Student's distribution. "
+        "Creases bend where plain surface stays plain; large values let it be alike everywhere.",
+        gt=0,
+    )
+    rings: int = setting(
+        4,
+        "Curvature is averaged so often with that of neighbouring vertices to say how rough a place is.",
+        ge=0,
+        le=100,
+    )
+
+
+class ViewPairSettings(Settings):
+    """Settings of which views see the same surface: at a sample of its vertices, in small views."""
+
+    vertices: int = setting(5_000, "Vertices that stand for the surface, about.", unit="vertices", ge=100)
+    width_px: int = setting(256, "Width of the views that say which of them they see.", unit="px", ge=16)
+    hidden: float = setting(
+        2.0,
+        "A vertex that lies farther behind or before what is seen there is not seen.",
+        unit="pixel footprints of these views",
+        gt=0,
+    )
+
+
+class RefineSettings(Settings):
+    """Settings of the `refine` stage."""
+
+    refine: bool = setting(
+        False,
+        "The mesh is moved until the photos of neighbouring views agree on it: grooves and joints that it "
+        "lacks become relief, instead of paint in the albedo.",
+    )
+    neighbours: int = setting(
+        6, "Views that each view is compared with: those of stereo's best angles.", unit="views", ge=1, le=50
+    )
+    scales: tuple[Scale, ...] = setting(
+        (4, 2, 1),
+        "Scales at which the photos are compared, in turn: pixels of the working size along a side. Coarse "
+        "ones reach far, fine ones are exact.",
+        unit="px at working size",
+        min_length=1,
+    )
+    rounds: int = setting(
+        4, "Rounds on each scale: photos compared, the mesh moved (Gauss-Newton).", ge=1, le=100
+    )
+    window_px: float = setting(
+        4.0,
+        "Around a pixel, differences common to a Gaussian of this width are exposure or gloss, not relief.",
+        unit="px",
+        gt=0,
+        le=100,
+    )
+    grazing: float = setting(
+        0.2, "Pixels that see the surface at a smaller cosine are not compared.", ge=0, lt=1
+    )
+    occlusion: float = setting(
+        4.0,
+        "A point that lies farther than this behind what a view sees at its pixel, or beside it, is hidden "
+        "from it, or mixed with what hides it.",
+        unit="pixel footprints",
+        gt=0,
+    )
+    largest_move: float = setting(
+        2.0, "A vertex moves by no more than this in a round.", unit="pixel footprints", gt=0
+    )
+    hold: float = setting(
+        1e-3,
+        "Inverse variance of the height of every vertex by itself: what no photo shows stays where it is.",
+        unit="pixel footprints⁻²",
+        gt=0,
+    )
+    edge_px: float = setting(
+        2.0,
+        "Faces are divided until edges are no longer than this, as far as `most_vertices` allows: relief "
+        "needs vertices.",
+        unit="pixel footprints",
+        gt=0,
+    )
+    most_vertices: int = setting(
+        2_000_000, "Vertices up to which faces are divided.", unit="vertices", ge=1000
+    )
+    solver_steps: int = setting(
+        60, "Steps of conjugate gradients in a round; more rounds are worth more than more steps.", ge=1
+    )
+    solver_tolerance: float = setting(1e-3, "Relative residual at which these stop earlier.", gt=0, lt=1)
+    pairs: ViewPairSettings = group(ViewPairSettings, "Which views see the same surface.")
+    errors: PhotoErrorSettings = group(PhotoErrorSettings, "How far photos of one point may differ.")
+    roughness: RoughnessSettings = group(RoughnessSettings, "How rough the added relief may be.")
+
+    @field_validator("scales")
+    @classmethod
+    def _descending(cls, scales: tuple[int, ...]) -> tuple[int, ...]:
+        if list(scales) != sorted(set(scales), reverse=True):
+            raise ValueError("scales that descend, as in [4, 2, 1]")
+        return scales

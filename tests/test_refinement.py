@@ -1,0 +1,264 @@
+"""Refinement of the mesh by the agreement of the photos: laws of its parts, truth on a relief of our own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import stages
+from benchmarks.paper.laboratory import results_of
+from pipeline.command.terminal import Terminal
+from stages import additions
+from stages.formats.meshes.triangle_meshes import Surface, read_mesh
+from stages.geometry.rays import RayCaster, vertex_normals
+from stages.scene.cameras import Camera, back_project
+from stages.stereo.refinement.compared_photos import Photo, _differences, _projection, _rays, log_radiance
+from stages.stereo.refinement.displacement import Evidence, HeightModel, Roughness
+from stages.stereo.refinement.refined_surface import refine
+from stages.stereo.refinement.settings import RefineSettings, RoughnessSettings
+from stages.stereo.refinement.vertex_rings import VertexRings
+from stages.stereo.refinement.view_pairs import sources_of_views
+from stages.synthetic.views import look_at
+
+WIDTH, HEIGHT, FOCAL = 160, 120, 150.0
+SETTINGS = RefineSettings(scales=(2, 1))
+
+
+def grid(side: int, height) -> Surface:
+    """Mesh the square from −1 to 1 at a height, facing z."""
+    x, y = np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side))
+    vertices = np.stack([x, y, height(x, y)], axis=-1).reshape(-1, 3)
+    corner = np.arange(side * side).reshape(side, side)[:-1, :-1].ravel()
+    lower = np.stack([corner, corner + 1, corner + side + 1], axis=1)
+    upper = np.stack([corner, corner + side + 1, corner + side], axis=1)
+    return Surface(vertices, np.concatenate([lower, upper]).astype(np.int32))
+
+
+def flat(x, y):
+    return np.zeros_like(x)
+
+
+def relief(x, y):
+    return 0.02 * np.sin(14 * x) * np.cos(11 * y)
+
+
+def paint(points: np.ndarray) -> np.ndarray:
+    """Colour by waves of many lengths and directions: texture at every scale, (…, 3)."""
+    rng = np.random.default_rng(5)
+    waves = rng.normal(size=(60, 2)) * rng.uniform(5, 70, (60, 1))
+    total = np.sin(points[..., :2] @ waves.T + rng.uniform(0, 7, 60)).sum(axis=-1) / 60
+    return np.repeat(np.exp(1.2 * total)[..., None], 3, axis=-1) * 0.4
+
+
+def cameras(count: int = 5) -> list[Camera]:
+    intrinsics = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1.0]])
+    found = []
+    for number in range(count):
+        angle = np.deg2rad(18) * (number - (count - 1) / 2)
+        centre = np.array([2.0 * np.sin(angle), 0.3 + 0.4 * (number % 2), 2.0 * np.cos(angle)])
+        found.append(Camera(f"{number}", WIDTH, HEIGHT, intrinsics, look_at(centre, np.zeros(3))))
+    return found
+
+
+def photographs(surface: Surface, views: list[Camera], noise: float = 0.0, even: bool = False):
+    """Render linear photos, (h, w, 3), by camera name; paint is averaged over nine rays of a pixel."""
+    caster, photos = RayCaster(surface), {}
+    for number, camera in enumerate(views):
+        large = camera.scaled(3 * WIDTH, 3 * HEIGHT)
+        seen = caster.see(large)
+        colours = np.where(seen.mask[..., None], paint(back_project(large, seen.depth)), 0.0)
+        colours = np.where(seen.mask[..., None], 0.4, 0.0) * np.ones(3) if even else colours
+        image = colours.reshape(HEIGHT, 3, WIDTH, 3, 3).mean(axis=(1, 3))
+        rng = np.random.default_rng(number)
+        photos[camera.name] = np.maximum(image + noise * rng.normal(size=image.shape), 0).astype(np.float32)
+    return photos
+
+
+def refined(given: Surface, views: list[Camera], photos, settings=SETTINGS, kept=None):
+    """The last round's result."""
+
+    def read(camera: Camera) -> np.ndarray:
+        side = WIDTH // camera.width
+        blocks = photos[camera.name].reshape(camera.height, side, camera.width, side, 3)
+        mask = np.ones(camera.shape, bool) if kept is None else kept[::side, ::side]
+        return log_radiance(blocks.mean(axis=(1, 3)), mask, settings.errors)
+
+    sources = sources_of_views(given, views, settings.neighbours, settings.pairs, 1)
+    return list(refine(given, views, sources, read, settings, 1))[-1]
+
+
+def angles_deg(surface: Surface, truth: Surface) -> np.ndarray:
+    """Angles between normals of vertices that lie well inside."""
+    inside = (np.abs(truth.vertices[:, :2]) < 0.6).all(axis=1)
+    own, true = (vertex_normals(one.vertices, one.faces)[inside] for one in (surface, truth))
+    return np.rad2deg(np.arccos(np.clip(np.einsum("vk,vk->v", own, true), -1, 1)))
+
+
+def test_rings_are_the_umbrella_operator():
+    surface = grid(6, flat)
+    count = len(surface.vertices)
+    rings = VertexRings.of(surface.faces, count + 1)  # the last vertex is in no face
+    adjacent = np.zeros((count + 1, count + 1))
+    for a, b, c in surface.faces:
+        for one, other in ((a, b), (b, c), (c, a)):
+            adjacent[one, other] = adjacent[other, one] = 1
+    degree = adjacent.sum(axis=1)
+    umbrella = np.diag(degree > 0) - adjacent / np.maximum(degree, 1)[:, None]
+    rng = np.random.default_rng(0)
+    values, weights = rng.normal(size=count + 1), rng.uniform(size=count + 1)
+    np.testing.assert_allclose(rings.curvature(values), umbrella @ values, atol=1e-12)
+    np.testing.assert_allclose(rings.transposed_curvature(values), umbrella.T @ values, atol=1e-12)
+    squared = np.diag(umbrella.T @ np.diag(weights) @ umbrella)
+    np.testing.assert_allclose(rings.squared_curvature_diagonal(weights), squared, atol=1e-12)
+
+
+def test_evidence_is_the_matrix_of_its_pixels():
+    surface = grid(5, flat)
+    rings, rng = VertexRings.of(surface.faces, 25), np.random.default_rng(1)
+    faces = rng.integers(0, len(surface.faces), 200)
+    shares, curvature, slope = rng.uniform(size=(200, 3)), rng.uniform(size=200), rng.normal(size=200)
+    evidence = Evidence.none(rings)
+    corners = surface.faces[faces]
+    evidence.add(corners, shares, rings.edges_of_faces[faces], curvature, slope, np.ones(200))
+    rise = sp.coo_array((shares.ravel(), (np.arange(200).repeat(3), corners.ravel())), (200, 25)).tocsr()
+    values = rng.normal(size=25)
+    product = rings.product(evidence.diagonal, evidence.of_edges, values)
+    np.testing.assert_allclose(product, rise.T @ (curvature * (rise @ values)), rtol=1e-10)
+    np.testing.assert_allclose(evidence.slope, rise.T @ slope, rtol=1e-10)
+    np.testing.assert_allclose(evidence.sample, rise.T @ np.sqrt(curvature), rtol=1e-10)
+
+
+def test_samples_have_the_variance_that_the_photos_leave_open():
+    surface = grid(7, flat)
+    rings, count = VertexRings.of(surface.faces, 49), 49
+    rng = np.random.default_rng(2)
+    diagonal = rng.uniform(0.5, 2, count)
+    model = HeightModel(
+        rings,
+        Evidence(diagonal, np.zeros(rings.edge_count), np.zeros(count), np.zeros(count)),
+        Roughness(3.0, rng.uniform(0.5, 1.5, count)),
+        SETTINGS,
+    )
+    samples = [
+        replace(
+            model, evidence=replace(model.evidence, sample=np.sqrt(diagonal) * rng.normal(size=count))
+        ).sample(k)
+        for k in range(4000)
+    ]
+    umbrella = np.stack([rings.curvature(one) for one in np.eye(count)], axis=1)
+    system = (
+        np.diag(diagonal + SETTINGS.hold) + 3.0 * umbrella.T @ np.diag(model.roughness.weights) @ umbrella
+    )
+    np.testing.assert_allclose(np.var(samples, axis=0), np.diag(np.linalg.inv(system)), rtol=0.12)
+
+
+def test_roughness_is_found_from_heights_that_are_known():
+    surface = grid(60, flat)
+    rings = VertexRings.of(surface.faces, 3600)
+    heights = np.random.default_rng(3).normal(size=3600)
+    rough, nothing_open, known = Roughness(1.0, np.ones(3600)), np.zeros(3600), np.ones(3600, bool)
+    alike = RoughnessSettings(tail=1e9)
+    for _ in range(9):
+        rough = rough.measured(rings, heights, nothing_open, known, alike)
+    assert rough.stiffness == pytest.approx(1 / np.mean(rings.curvature(heights) ** 2), rel=1e-6)
+    np.testing.assert_allclose(rough.weights, 1, rtol=1e-6)
+
+
+def test_a_difference_changes_with_the_surface_as_is_said():
+    views = cameras(3)
+    surface = grid(80, flat)
+    photos = photographs(surface, views)
+    logs = {c.name: log_radiance(photos[c.name], np.ones(c.shape, bool), SETTINGS.errors) for c in views}
+
+    def differences(height: float):
+        caster = RayCaster(grid(2, lambda x, y: np.full_like(x, height)))
+        one, other = (Photo(c, logs[c.name], caster.hits(c, 1).depth) for c in (views[0], views[2]))
+        up = np.broadcast_to(np.array([0, 0, 1.0]), (*views[0].shape, 3)).copy()
+        seen = one.depth, up, one.log_radiance
+        return _differences(
+            *_rays(one.camera), *seen, *_projection(other.camera), other.depth, other.log_radiance, 4.0, 0.2
+        )
+
+    step = 1e-3
+    (below, _), (_, change), (above, _) = (differences(by * step) for by in (-1, 0, 1))
+    measured = (above - below) / (2 * step)
+    there = np.isfinite(measured) & (np.abs(change) > 0)
+    assert there.sum() > 3000
+    assert np.corrcoef(measured[there], change[there])[0, 1] > 0.99
+    assert np.median(measured[there] / change[there]) == pytest.approx(1, abs=0.02)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.004])
+def test_relief_that_the_mesh_lacks_is_found(noise):
+    views, truth, given = cameras(), grid(120, relief), grid(120, flat)
+    found = refined(given, views, photographs(truth, views, noise)).surface
+    before, after = angles_deg(given, truth), angles_deg(found, truth)
+    assert np.median(after) < 0.45 * np.median(before), (np.median(before), np.median(after))
+
+
+def test_a_mesh_that_is_exact_stays_where_it_is():
+    views, truth = cameras(), grid(120, relief)
+    last = refined(truth, views, photographs(truth, views, 0.01))
+    assert last.moved < 0.2
+    assert np.median(angles_deg(last.surface, truth)) < 1.5
+
+
+def test_photos_without_texture_hardly_move_anything():
+    views, given = cameras(), grid(60, flat)
+    last = refined(given, views, photographs(given, views, 0.0, even=True))
+    inside = (np.abs(given.vertices[:, :2]) < 0.8).all(axis=1)
+    step = 2.0 / FOCAL
+    assert np.abs(last.surface.vertices[inside, 2]).max() < 0.2 * step
+
+
+def test_a_view_alone_moves_nothing():
+    views, given = cameras(1), grid(40, flat)
+    last = refined(given, views, photographs(grid(40, relief), views))
+    np.testing.assert_array_equal(last.surface.vertices, given.vertices)
+    assert last.known == 0
+
+
+def test_pixels_that_are_not_kept_are_not_compared():
+    views, truth, given = cameras(), grid(120, relief), grid(120, flat)
+    photos, kept = photographs(truth, views), np.ones((HEIGHT, WIDTH), bool)
+    kept[:, : WIDTH // 2] = False
+    for image in photos.values():
+        image[:, : WIDTH // 2] = 7.0  # something in front of the wall
+    found = refined(given, views, photos, kept=kept)
+    assert found.known < 0.8
+    assert np.median(angles_deg(found.surface, truth)) < 0.9 * np.median(angles_deg(given, truth))
+
+
+def test_all_stages_behind_it_take_its_mesh_and_none_before():
+    plain = additions.with_texture(stages.dataflow(["images", "colmap", "mesh_file"]))
+    shaded = additions.with_shading_normals(plain)
+    flow = {stage.name: stage for stage in additions.with_report(additions.with_refinement(shaded))}
+    for name in ("raycast", "transfer", "shading_normals", "texture"):
+        assert "refined_mesh" in flow[name].takes, name
+        assert "mesh" not in flow[name].takes, name
+    assert "mesh" in flow["refine"].takes
+    assert "mesh_file" not in flow["texture"].may_take
+    shown = [one.name for stage in flow.values() for one in stage.gives if one.output == "mesh.ply"]
+    assert shown == ["refined_mesh"]
+
+
+def test_a_rendered_scene_with_a_smoothed_mesh(tmp_path):
+    scene = {
+        "render": {"views": 4, "width_px": 64, "height_px": 64, "spacing": 0.05, "paint": "masonry"},
+        "known_geometry": {"smoothing": 3},
+        "refine": {"refine": True, "scales": (1,), "rounds": 2},
+    }
+    flow = additions.with_refinement(stages.experiment({}))
+    done = [
+        results_of(flow, {}, scene, tmp_path / f"w{threads}", "raycast", threads, Terminal())
+        for threads in (1, 2)
+    ]
+    one, two = (results.paths["refined_mesh"].read_bytes() for results in done)
+    assert one == two
+    mesh = read_mesh(done[0].paths["refined_mesh"])
+    assert np.isfinite(mesh.vertices).all()
+    assert done[0].facts["refine"]["vertices"] == len(mesh.vertices)
+    assert done[0].facts["refine"]["known"] > 0.3
