@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from pipeline import AnyStage, Flow, Job, Settings, settings_of
@@ -163,8 +164,10 @@ def _of_calibrated(stage: AnyStage) -> AnyStage:
 
 def _of(stage: AnyStage, newer: Mapping[str, str]) -> AnyStage:
     """Let a stage take newer artefacts under the names that it knows."""
-    run = _under_their_names(stage, {name: own for own, name in newer.items()})
-    return replace(stage, run=run, takes=tuple(newer.get(name, name) for name in stage.takes))
+    own_names = {name: own for own, name in newer.items()}
+    run, memory = _under_their_names(stage, own_names), _memory_under_their_names(stage, own_names)
+    takes = tuple(newer.get(name, name) for name in stage.takes)
+    return replace(stage, run=run, memory=memory, takes=takes)
 
 
 def _under_their_names(stage: AnyStage, names: Mapping[str, str]) -> Callable[[Job[Any]], None]:
@@ -174,6 +177,17 @@ def _under_their_names(stage: AnyStage, names: Mapping[str, str]) -> Callable[[J
         stage.run(replace(job, inputs={names.get(name, name): path for name, path in job.inputs.items()}))
 
     return run
+
+
+def _memory_under_their_names(
+    stage: AnyStage, names: Mapping[str, str]
+) -> Callable[[Any, Mapping[str, Path], int], int | None]:
+    """Estimate the memory of a stage whose inputs have other names in the dataflow."""
+
+    def memory(settings: Any, inputs: Mapping[str, Path], threads: int) -> int | None:
+        return stage.memory(settings, {names.get(name, name): at for name, at in inputs.items()}, threads)
+
+    return memory
 
 
 def _given(flow: Flow) -> set[str]:

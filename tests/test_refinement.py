@@ -245,6 +245,14 @@ def test_all_stages_behind_it_take_its_mesh_and_none_before():
     assert shown == ["refined_mesh"]
 
 
+def test_memory_is_estimated_from_its_mesh(tmp_path):
+    flow = {stage.name: stage for stage in additions.with_refinement(stages.dataflow(["images"]))}
+    (tmp_path / "mesh.ply").write_bytes(bytes(5_000_000))
+    transfer = flow["transfer"]
+    inputs = {"refined_mesh": tmp_path / "mesh.ply", "cameras": tmp_path / "cameras.json"}
+    assert transfer.memory(transfer.settings(), inputs, 2) > 0
+
+
 def test_a_rendered_scene_with_a_smoothed_mesh(tmp_path):
     scene = {
         "render": {"views": 4, "width_px": 64, "height_px": 64, "spacing": 0.05, "paint": "masonry"},

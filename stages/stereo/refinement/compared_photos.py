@@ -31,6 +31,14 @@ class Photo:
     log_radiance: np.ndarray
     depth: np.ndarray
 
+    @classmethod
+    def unmixed(cls, camera: Camera, log_radiance: np.ndarray, depth: np.ndarray, occlusion: float) -> Photo:
+        """Leave out pixels at edges of the depth, which show two surfaces, or one and what is behind.
+
+        `occlusion`: how far apart the depths of neighbours of one surface may be, pixel footprints.
+        """
+        return cls(camera, _unmixed(log_radiance, depth, occlusion / camera.focal_px), depth)
+
 
 @dataclass(frozen=True, eq=False)
 class PixelTerms:
@@ -115,9 +123,9 @@ def compare(
     return PixelTerms(curvature * share, slope * share, np.concatenate([np.zeros(0, np.float32), *misfits]))
 
 
-def _rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, float]:
-    """Matrix from homogeneous image coordinates to rays of z = 1, world axes; centre; focal length."""
-    return camera.rotation.T @ np.linalg.inv(camera.intrinsics), camera.centre_in_world, camera.focal_px
+def _rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Matrix from homogeneous image coordinates to rays of z = 1, world axes, and the centre."""
+    return camera.rotation.T @ np.linalg.inv(camera.intrinsics), camera.centre_in_world
 
 
 def _projection(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -150,22 +158,26 @@ def _cubic_slope(t):
     return ((-1.5 * t + 2.0) * t - 0.5, (4.5 * t - 5.0) * t, (-4.5 * t + 4.0) * t + 0.5, (1.5 * t - 1.0) * t)
 
 
-@numba.njit(inline="always")
-def _in_front(depth, column, row, side, z, tolerance):
-    """Tell whether any pixel of a square shows nothing, or what is nearer than z: a mixture of colours."""
-    for i in range(side):
-        for j in range(side):
-            one = depth[row + i, column + j]
-            if not one > 0 or z - one > tolerance:
-                return True
-    return False
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _unmixed(values, depth, farthest):
+    """Copy values, (h, w); NaN where a pixel around is farther away in depth than `farthest` times z."""
+    height, width = depth.shape
+    found = np.full(values.shape, np.nan, np.float32)
+    for row in numba.prange(1, height - 1):
+        for column in range(1, width - 1):
+            z, alike = depth[row, column], True
+            for i in range(row - 1, row + 2):
+                for j in range(column - 1, column + 2):
+                    alike &= depth[i, j] > 0 and abs(depth[i, j] - z) <= farthest * z
+            if alike:
+                found[row, column] = values[row, column]
+    return found
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def _differences(
     ray_of,
     centre,
-    focal,
     depth,
     normals,
     own,
@@ -189,10 +201,6 @@ def _differences(
             z, value = depth[row, column], own[row, column]
             if not z > 0 or np.isnan(value):
                 continue
-            if column == 0 or row == 0 or column == width - 1 or row == height - 1:
-                continue
-            if _in_front(depth, column - 1, row - 1, 3, z, occlusion * z / focal):
-                continue
             x, y = column + 0.5, row + 0.5
             facing, length = 0.0, 0.0
             for k in range(3):
@@ -214,8 +222,8 @@ def _differences(
             v = focal_y * seen[1] / seen[2] + intrinsics[1, 2] - 0.5
             if not (u >= 1 and v >= 1 and u < other_width - 2 and v < other_height - 2):
                 continue
-            left, top = floor(u) - 1, floor(v) - 1
-            if _in_front(other_depth, left, top, 4, seen[2], occlusion * seen[2] / focal_x):
+            nearest = other_depth[int(v + 0.5), int(u + 0.5)]
+            if not nearest > 0 or seen[2] - nearest > occlusion * seen[2] / focal_x:
                 continue
             away, toward = 0.0, 0.0
             for k in range(3):
@@ -224,6 +232,7 @@ def _differences(
                     toward -= rotation[axis, k] * seen[axis] * normals[row, column, k]
             if toward < grazing * sqrt(away):
                 continue
+            left, top = floor(u) - 1, floor(v) - 1
             across, down = _cubic(u - left - 1), _cubic(v - top - 1)
             slope_across, slope_down = _cubic_slope(u - left - 1), _cubic_slope(v - top - 1)
             found, gradient_u, gradient_v = 0.0, 0.0, 0.0

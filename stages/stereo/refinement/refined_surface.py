@@ -86,7 +86,7 @@ def refine(
         scaled = [camera.reduced(1 / scale) for camera in cameras]
         logs = [log_radiance_at(camera) for camera in scaled]
         for number in range(settings.rounds):
-            views = _View.of_all(scaled, logs, now, threads)
+            views = _View.of_all(scaled, logs, now, settings.occlusion, threads)
             evidence, measured = _evidence(views, sources, rings, directions, noise, number, settings)
             noise = max(noise * measured, settings.errors.least)
             model = HeightModel(rings, evidence, roughness, settings)
@@ -111,15 +111,16 @@ class _View:
 
     @classmethod
     def of_all(
-        cls, cameras: list[Camera], logs: list[np.ndarray], surface: Surface, threads: int
+        cls, cameras: list[Camera], logs: list[np.ndarray], surface: Surface, occlusion: float, threads: int
     ) -> list[_View]:
         """Cast the rays of all views onto the surface; of each, only the depth is held."""
         caster = RayCaster(surface)
         normals = face_normals(surface.vertices, surface.faces)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+        depths = (caster.hits(camera, threads).depth for camera in cameras)
         return [
-            cls(Photo(camera, log, caster.hits(camera, threads).depth), caster, surface, normals, threads)
-            for camera, log in zip(cameras, logs, strict=True)
+            cls(Photo.unmixed(camera, log, depth, occlusion), caster, surface, normals, threads)
+            for camera, log, depth in zip(cameras, logs, depths, strict=True)
         ]
 
 

@@ -136,8 +136,8 @@ class RefineSettings(Settings):
     )
     occlusion: float = setting(
         4.0,
-        "A point that lies farther than this behind what a view sees at its pixel, or beside it, is hidden "
-        "from it, or mixed with what hides it.",
+        "A point that lies farther than this behind what a view sees is hidden from it; pixels whose "
+        "neighbours lie farther away in depth show a mixture.",
         unit="pixel footprints",
         gt=0,
     )
