@@ -12,6 +12,7 @@ import stages
 from benchmarks.paper.laboratory import results_of
 from pipeline.command.terminal import Terminal
 from stages import additions
+from stages.formats.artefacts.camera_file import write_cameras
 from stages.formats.meshes.triangle_meshes import Surface, read_mesh
 from stages.geometry.rays import RayCaster, vertex_normals
 from stages.scene.cameras import Camera, back_project
@@ -248,6 +249,7 @@ def test_all_stages_behind_it_take_its_mesh_and_none_before():
 def test_memory_is_estimated_from_its_mesh(tmp_path):
     flow = {stage.name: stage for stage in additions.with_refinement(stages.dataflow(["images"]))}
     (tmp_path / "mesh.ply").write_bytes(bytes(5_000_000))
+    write_cameras(tmp_path / "cameras.json", cameras())
     transfer = flow["transfer"]
     inputs = {"refined_mesh": tmp_path / "mesh.ply", "cameras": tmp_path / "cameras.json"}
     assert transfer.memory(transfer.settings(), inputs, 2) > 0
