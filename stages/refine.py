@@ -17,11 +17,10 @@ if TYPE_CHECKING:
 
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.scene.cameras import Camera
-    from stages.stereo.refinement.refined_surface import Round
 
 BYTES_PER_PIXEL = 8  # of all views, held
 BYTES_PER_PIXEL_OF_VIEW = 260  # of the one that is compared
-BYTES_PER_VERTEX = 900
+BYTES_PER_VERTEX = 1400
 BYTES_OF_VERTEX_IN_FILE = 50  # with two faces
 
 
@@ -40,22 +39,19 @@ def run(job: Job[RefineSettings]) -> None:
     surface = _finer(given, cameras, settings)
     sources = sources_of_views(surface, cameras, settings.neighbours, settings.pairs, job.threads)
     read = partial(_log_radiance, dict(job.inputs), settings)
-    rounds: list[Round] = []
-    refined = surface
+    noise = []
     with job.progress("rounds", len(settings.scales) * settings.rounds) as step:
         for one in refine(surface, cameras, sources, read, settings, job.threads):
-            rounds.append(one)
-            refined = one.surface
+            noise.append(round(one.noise, 3))
             step()
-    write_mesh(job.outputs["refined_mesh"], refined)
-    last = rounds[-1]
+    write_mesh(job.outputs["refined_mesh"], one.surface)
     job.note(
         vertices_given=len(given.vertices),
-        vertices=len(refined.vertices),
-        moved_footprints=round(last.moved, 3),
-        known=round(last.known, 3),
-        stiffness=round(last.stiffness, 2),
-        noise=[round(one.noise, 3) for one in rounds],
+        vertices=len(one.surface.vertices),
+        moved_footprints=round(one.moved, 3),
+        known=round(one.known, 3),
+        stiffness=round(one.stiffness, 2),
+        noise=noise,
     )
 
 
@@ -93,8 +89,9 @@ def estimated_memory(settings: RefineSettings, inputs: Mapping[str, Path], threa
     pixels = [camera.width * camera.height for camera in cameras]
     scale = settings.scales[-1] ** 2
     held = BYTES_PER_PIXEL * sum(pixels) + BYTES_PER_PIXEL_OF_VIEW * max(pixels, default=0)
-    vertices = max(inputs["mesh"].stat().st_size // BYTES_OF_VERTEX_IN_FILE, 1)
-    return BYTES_OF_LIBRARIES + held // scale + BYTES_PER_VERTEX * vertices
+    given = inputs["mesh"].stat().st_size // BYTES_OF_VERTEX_IN_FILE
+    divided = min(settings.most_vertices, int(sum(pixels) / settings.edge_px**2))
+    return BYTES_OF_LIBRARIES + held // scale + BYTES_PER_VERTEX * max(given, divided)
 
 
 def in_words(facts: Mapping[str, Any]) -> str:
