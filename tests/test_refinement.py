@@ -25,7 +25,7 @@ from stages.stereo.refinement.view_pairs import sources_of_views
 from stages.synthetic.views import look_at
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 150.0
-SETTINGS = RefineSettings(scales=(2, 1))
+SETTINGS = RefineSettings()
 
 
 def grid(side: int, height) -> Surface:

@@ -115,9 +115,9 @@ class RefineSettings(Settings):
         6, "Views that each view is compared with: those of stereo's best angles.", unit="views", ge=1, le=50
     )
     scales: tuple[Scale, ...] = setting(
-        (4, 2, 1),
+        (2, 1),
         "Scales at which the photos are compared, in turn: pixels of the working size along a side. Coarse "
-        "ones reach far, fine ones are exact.",
+        "ones reach far, fine ones are exact; of a mesh that is off by many pixels, begin with 8 or 4.",
         unit="px at working size",
         min_length=1,
     )
