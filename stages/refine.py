@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from stages.formats.meshes.triangle_meshes import Surface
     from stages.scene.cameras import Camera
 
-BYTES_PER_PIXEL = 8  # of all views, held
+BYTES_PER_PIXEL = 20  # of all views, held
 BYTES_PER_PIXEL_OF_VIEW = 260  # of the one that is compared
 BYTES_PER_VERTEX = 1400
 BYTES_OF_VERTEX_IN_FILE = 50  # with two faces
+FEW_KNOWN = 0.01  # of the vertices: a warning
 
 
 def run(job: Job[RefineSettings]) -> None:
@@ -45,6 +46,12 @@ def run(job: Job[RefineSettings]) -> None:
             noise.append(round(one.noise, 3))
             step()
     write_mesh(job.outputs["refined_mesh"], one.surface)
+    if one.known < FEW_KNOWN:
+        job.warn(
+            f"The photos tell the height of only {one.known:.1%} of the mesh's vertices, so that it stays as "
+            "it is: too few views see the same surface. Check that mesh and cameras belong together, and the "
+            "masks."
+        )
     job.note(
         vertices_given=len(given.vertices),
         vertices=len(one.surface.vertices),
@@ -97,8 +104,8 @@ def estimated_memory(settings: RefineSettings, inputs: Mapping[str, Path], threa
 def in_words(facts: Mapping[str, Any]) -> str:
     """Tell in a few words what was found."""
     return (
-        f"{facts['vertices']:,} vertices moved by {facts['moved_footprints']:.2f} px (root mean square); "
-        f"photos say something of {facts['known']:.0%}"
+        f"{facts['known']:.0%} of {facts['vertices']:,} vertices moved, by "
+        f"{facts['moved_footprints']:.2f} px (root mean square)"
     )
 
 

@@ -146,7 +146,7 @@ def test_samples_have_the_variance_that_the_photos_leave_open():
     samples = [
         replace(
             model, evidence=replace(model.evidence, sample=np.sqrt(diagonal) * rng.normal(size=count))
-        ).sample(k)
+        ).sample(np.random.default_rng([4, k]))
         for k in range(4000)
     ]
     umbrella = np.stack([rings.curvature(one) for one in np.eye(count)], axis=1)
@@ -205,6 +205,29 @@ def test_a_mesh_that_is_exact_stays_where_it_is():
     last = refined(truth, views, photographs(truth, views, 0.01))
     assert last.moved < 0.2
     assert np.median(angles_deg(last.surface, truth)) < 1.5
+
+
+def test_a_mesh_that_is_cut_at_a_seam_stays_closed():
+    views, truth, given = cameras(), grid(60, relief), grid(60, flat)
+    row = np.flatnonzero(np.isclose(given.vertices[:, 0], given.vertices[30, 0]))
+    copies = np.arange(len(given.vertices))
+    copies[row] = len(given.vertices) + np.arange(len(row))
+    right = (given.vertices[given.faces, 0].mean(axis=1) > given.vertices[30, 0])[:, None]
+    cut = Surface(
+        np.concatenate([given.vertices, given.vertices[row]]),
+        np.where(right, copies[given.faces], given.faces),
+    )
+    found = refined(cut, views, photographs(truth, views)).surface
+    np.testing.assert_array_equal(found.vertices[row], found.vertices[len(given.vertices) :])
+    assert np.abs(found.vertices - cut.vertices).max() > 0.005
+
+
+def test_a_mesh_that_is_inside_out_is_refined_too():
+    views, truth, given = cameras(), grid(60, relief), grid(60, flat)
+    photos = photographs(truth, views)
+    inside_out = Surface(given.vertices, given.faces[:, ::-1].copy())
+    one, other = (refined(mesh, views, photos).surface for mesh in (given, inside_out))
+    np.testing.assert_allclose(one.vertices, other.vertices, atol=1e-3)
 
 
 def test_photos_without_texture_hardly_move_anything():

@@ -44,8 +44,8 @@ class Photo:
 class PixelTerms:
     """What a photo's comparisons with others say about the height of the surface at its pixels.
 
-    The negative logarithm of the likelihood of a change by x footprints is, but for a constant,
-    ``½ curvature x² + slope x`` (Gauss-Newton).
+    The negative logarithm of the likelihood of a change by x, model units, is, but for a constant,
+    ``½ curvature x² + slope x``: its exact slope, and the curvature for relief finer than the window.
 
     Attributes
     ----------
@@ -64,8 +64,8 @@ def log_radiance(image: np.ndarray, kept: np.ndarray, settings: PhotoErrorSettin
     """Compute the logarithm of a photo's grey, (h, w), float32, of linear values, (h, w, 3), over white."""
     grey = image.mean(axis=2)
     kept = kept & np.isfinite(grey)
-    white = float(np.quantile(grey[kept], settings.white)) if kept.any() else 1.0
-    bright = np.maximum(grey / max(white, np.finfo(np.float32).tiny), settings.darkest)
+    white = float(np.quantile(grey[kept], settings.white)) if kept.any() else 0.0
+    bright = np.maximum(grey / (white if white > 0 else 1.0), settings.darkest)
     return np.where(kept, np.log(bright), np.nan).astype(np.float32)
 
 
@@ -94,6 +94,8 @@ def compare(
     average around the pixel. The surface moves along its normal n by h: the point moves along the pixel's
     ray r by h / (n·r), and j's value by its gradient times the projection of that. A photo's own noise is
     in all its comparisons, so K of them, in both directions, count as often over as there are photos: K + 1.
+    The average around a pixel changes with the surface as well; of wide relief on paint that changes slowly
+    the curvature is therefore too large, and its moves are short.
     """
     shape = photo.camera.shape
     curvature, slope, compared = np.zeros(shape), np.zeros(shape), np.zeros(shape)
@@ -112,11 +114,14 @@ def compare(
             settings.grazing,
         )
         own = difference - _local_mean(difference, settings.window_px)
-        misfit = np.full(shape, np.nan, np.float32)
+        misfit, weighted = np.full((2, *shape), np.nan, np.float32)
         variances = noise * errors.shot_noise**2, noise * errors.mismatch**2
         _add_terms(
             *(own, difference, change, photo.log_radiance, *variances, errors.outlier),
-            *(curvature, slope, compared, misfit),
+            *(curvature, compared, misfit, weighted),
+        )
+        slope += np.where(
+            np.isfinite(weighted), change * (weighted - _local_mean(weighted, settings.window_px)), 0
         )
         misfits.append(misfit[np.isfinite(misfit)])
     share = 1 / (np.maximum(compared + 1, 1) * errors.alike)
@@ -252,7 +257,9 @@ def _differences(
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def _add_terms(own, difference, change, log_own, shot, mismatch, outlier, curvature, slope, compared, misfit):
+def _add_terms(
+    own, difference, change, log_own, shot, mismatch, outlier, curvature, compared, misfit, weighted
+):
     """Add one comparison's terms to those of the pixels; `misfit`: squared differences over variance."""
     height, width = own.shape
     for row in numba.prange(height):
@@ -265,6 +272,6 @@ def _add_terms(own, difference, change, log_own, shot, mismatch, outlier, curvat
             squared = own[row, column] ** 2 / variance
             weight = 1 / (variance * (1 + squared / outlier**2))
             curvature[row, column] += weight * change[row, column] ** 2
-            slope[row, column] += weight * change[row, column] * own[row, column]
+            weighted[row, column] = weight * own[row, column]
             compared[row, column] += 1
             misfit[row, column] = squared

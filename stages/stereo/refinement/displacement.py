@@ -25,7 +25,7 @@ class Evidence:
     slope : ndarray, shape (V,), float64
         g.
     sample : ndarray, shape (V,), float64
-        Of a normal distribution with covariance A.
+        Drawn from a normal distribution with covariance A.
     """
 
     diagonal: np.ndarray
@@ -48,7 +48,7 @@ class Evidence:
         slope: np.ndarray,
         noise: np.ndarray,
     ) -> None:
-        """Add that of pixels to that of the corners of their faces.
+        """Add what pixels say to what is known of the corners of their faces.
 
         Parameters
         ----------
@@ -135,16 +135,16 @@ class HeightModel:
         move = self._solved(-(self.evidence.slope + self._bent(heights) + settings.hold * heights))
         return heights + np.clip(move, -settings.largest_move, settings.largest_move)
 
-    def sample(self, seed: int) -> np.ndarray:
+    def sample(self, rng: np.random.Generator) -> np.ndarray:
         """Draw what the photos leave open, (V,): heights less the most probable ones.
 
         The solution for a right side with the system's covariance has its inverse (Papandreou and Yuille
         2010).
         """
-        normal = np.random.default_rng(seed).standard_normal(len(self.evidence.diagonal))
+        bent, held = rng.standard_normal((2, len(self.evidence.diagonal)))
         rough = self.roughness
-        spread = self.rings.transposed_curvature(np.sqrt(rough.stiffness * rough.weights) * normal)
-        return self._solved(self.evidence.sample + spread)
+        spread = self.rings.transposed_curvature(np.sqrt(rough.stiffness * rough.weights) * bent)
+        return self._solved(self.evidence.sample + spread + np.sqrt(self.settings.hold) * held)
 
     def _bent(self, values: np.ndarray) -> np.ndarray:
         """Apply the roughness' matrix, ``stiffness Lᵀ W L``."""

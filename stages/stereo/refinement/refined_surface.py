@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.formats.meshes.triangle_meshes import Surface
+from stages.formats.meshes.triangle_meshes import Surface, joined
 from stages.geometry.rays import RayCaster, face_normals, vertex_normals
 from stages.scene.cameras import Camera, smallest_footprints
 from stages.stereo.refinement.compared_photos import Photo, compare
@@ -31,11 +31,12 @@ class Round:
     noise : float
         Variance of differences of the photos, before its move, over that which the settings give.
     moved : float
-        Root mean square of all moves so far, pixel footprints of the working size.
+        Root mean square of all moves so far, of the vertices that are known, pixel footprints of the working
+        size.
     stiffness : float
-        Measured after it.
+        Measured after it, as that of the settings.
     known : float
-        Share of the vertices that the photos say something of.
+        Share of the vertices whose height the photos tell better than `settings.hold`.
     """
 
     surface: Surface
@@ -75,13 +76,14 @@ def refine(
     their variance as measured, and a roughness that is measured too, on the finest scale. (Vu et al. 2012
     descend a correlation by steps of a given length under a given stiffness.)
     """
-    lengths, normals = _footprints(surface, list(cameras)), vertex_normals(surface.vertices, surface.faces)
+    whole, number_in_whole = joined(surface)  # at creases and seams, or it would open there
+    lengths, normals = _footprints(whole, list(cameras)), vertex_normals(whole.vertices, whole.faces)
     directions = normals.astype(np.float64) * lengths[:, None]
-    rings = VertexRings.of(surface.faces, len(surface.vertices))
-    heights, noise = np.zeros(len(surface.vertices)), 1.0
-    edge = _typical_edge(surface, lengths)
+    rings = VertexRings.of(whole.faces, len(whole.vertices))
+    heights, noise = np.zeros(len(whole.vertices)), 1.0
+    edge = _typical_edge(whole, lengths)
     roughness = Roughness(settings.roughness.stiffness / edge**2, np.ones(len(heights)))
-    now = surface
+    now = whole
     for scale in settings.scales:
         scaled = [camera.reduced(1 / scale) for camera in cameras]
         logs = [log_radiance_at(camera) for camera in scaled]
@@ -90,13 +92,16 @@ def refine(
             evidence, measured = _evidence(views, sources, rings, directions, noise, number, settings)
             noise = max(noise * measured, settings.errors.least)
             model = HeightModel(rings, evidence, roughness, settings)
-            heights, known = model.most_probable(heights), evidence.diagonal > 0
+            heights, known = model.most_probable(heights), evidence.diagonal > settings.hold
             if scale == settings.scales[-1] and known.any():
-                left_open = model.sample(number)
+                left_open = model.sample(np.random.default_rng([number, len(views)]))
                 roughness = roughness.measured(rings, heights, left_open, known, settings.roughness)
-            now = Surface(surface.vertices + heights[:, None] * directions, surface.faces)
-            moved = float(np.sqrt(np.mean(heights**2)))
-            yield Round(now, scale, noise, moved, roughness.stiffness, float(known.mean()))
+            now = Surface(whole.vertices + heights[:, None] * directions, whole.faces)
+            del views, evidence, model  # the rays' tree, before that of the next round is made
+            moved = float(np.sqrt(np.mean(heights[known] ** 2))) if known.any() else 0.0
+            found = Surface(now.vertices[number_in_whole], surface.faces)
+            yield Round(found, scale, noise, moved, roughness.stiffness * edge**2, float(known.mean()))
+        del logs
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +143,7 @@ def _evidence(
     for number, view in enumerate(views):
         hits = view.caster.hits(view.photo.camera, view.threads)
         normals = view.normals[np.where(hits.mask, hits.triangles, 0)]
+        normals[hits.behind] *= -1
         others = [views[other].photo for other in sources[number]]
         terms = compare(view.photo, normals, others, noise, settings)
         told = terms.curvature > 0

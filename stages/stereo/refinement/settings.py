@@ -63,9 +63,9 @@ class RoughnessSettings(Settings):
 
     stiffness: float = setting(
         1000.0,
-        "Inverse variance of the curvature that is added, at first; on the finest scale it is measured, from "
-        "what the photos say beyond their noise (evidence, MacKay 1992).",
-        unit="pixel footprints²",
+        "Weight of the squared curvature of added heights, both in pixel footprints, over the area, at "
+        "first; on the finest scale it is measured, from what the photos say beyond their noise (evidence, "
+        "MacKay 1992).",
         gt=0,
     )
     largest_step: float = setting(3.0, "Factor by which it may change from round to round.", gt=1)
@@ -112,7 +112,7 @@ class RefineSettings(Settings):
         "lacks become relief, instead of paint in the albedo.",
     )
     neighbours: int = setting(
-        6, "Views that each view is compared with: those of stereo's best angles.", unit="views", ge=1, le=50
+        6, "Views that each view is compared with: those of stereo's best angles.", unit="views", ge=1, le=20
     )
     scales: tuple[Scale, ...] = setting(
         (2, 1),
@@ -126,7 +126,7 @@ class RefineSettings(Settings):
     )
     window_px: float = setting(
         4.0,
-        "Around a pixel, differences common to a Gaussian of this width are exposure or gloss, not relief.",
+        "Around a pixel, differences common to a Gaussian of this σ are exposure or gloss, not relief.",
         unit="px",
         gt=0,
         le=100,
