@@ -32,6 +32,7 @@ CALIBRATED = {
 
 SMOOTHED = {"normal": "shading_normal"}
 REFINED = {"mesh": "refined_mesh"}
+REFINING = ("refine.refine=true",)  # the assignment that asks for it
 
 
 def asks_for_shading_normals(settings: Mapping[str, Settings]) -> bool:

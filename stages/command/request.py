@@ -22,7 +22,6 @@ from stages.command.machine import cluster_of, memory_of, memory_to_fit, threads
 from stages.command.report import FILES, write_report
 from stages.command.sources import absent_sources, check_apart, check_text, config_of, existing, sources_of
 from stages.command.workspaces import workspace_of
-from stages.refine import REFINE
 from stages.reporting.document.page import HTML
 
 FURTHER: dict[str, Callable[[Flow], Flow]] = {  # flags, called like the stage that they add, in order
@@ -114,7 +113,7 @@ def reporting_of(command: Report) -> Request:
     added = [
         extend for name, extend in (FURTHER | {"relight": additions.with_relighting}).items() if name in made
     ]
-    further = ["refine.refine=true"] if REFINE.name in made else []
+    further = list(additions.REFINING) if additions.REFINE.name in made else []
     return _request(command, config, sources, Selection(), added, further)
 
 
