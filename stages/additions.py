@@ -143,8 +143,7 @@ def with_colour_space(flow: Flow) -> Flow:
     taken = newest(CONVERTED, _given(flow))
     converted = {f"{name}_converted" for name in taken}
     conversion = replace(
-        COLOUR_SPACE,
-        run=_under_their_names(COLOUR_SPACE, {own: name for name, own in taken.items()}),
+        _under_their_names(COLOUR_SPACE, taken),
         takes=tuple(taken.values()),
         gives=tuple(one for one in COLOUR_SPACE.gives if one.name in converted),
     )
@@ -165,30 +164,24 @@ def _of_calibrated(stage: AnyStage) -> AnyStage:
 
 def _of(stage: AnyStage, newer: Mapping[str, str]) -> AnyStage:
     """Let a stage take newer artefacts under the names that it knows."""
-    own_names = {name: own for own, name in newer.items()}
-    run, memory = _under_their_names(stage, own_names), _memory_under_their_names(stage, own_names)
     takes = tuple(newer.get(name, name) for name in stage.takes)
-    return replace(stage, run=run, memory=memory, takes=takes)
+    return replace(_under_their_names(stage, newer), takes=takes)
 
 
-def _under_their_names(stage: AnyStage, names: Mapping[str, str]) -> Callable[[Job[Any]], None]:
-    """Run a stage whose inputs have other names in the dataflow: names map these to its own."""
+def _under_their_names(stage: AnyStage, in_flow: Mapping[str, str]) -> AnyStage:
+    """Let a stage find its inputs, by the names that it knows, under those that they have in the dataflow."""
+    known = {name: own for own, name in in_flow.items()}
+
+    def renamed(inputs: Mapping[str, Path]) -> dict[str, Path]:
+        return {known.get(name, name): path for name, path in inputs.items()}
 
     def run(job: Job[Any]) -> None:
-        stage.run(replace(job, inputs={names.get(name, name): path for name, path in job.inputs.items()}))
-
-    return run
-
-
-def _memory_under_their_names(
-    stage: AnyStage, names: Mapping[str, str]
-) -> Callable[[Any, Mapping[str, Path], int], int | None]:
-    """Estimate the memory of a stage whose inputs have other names in the dataflow."""
+        stage.run(replace(job, inputs=renamed(job.inputs)))
 
     def memory(settings: Any, inputs: Mapping[str, Path], threads: int) -> int | None:
-        return stage.memory(settings, {names.get(name, name): at for name, at in inputs.items()}, threads)
+        return stage.memory(settings, renamed(inputs), threads)
 
-    return memory
+    return replace(stage, run=run, memory=memory)
 
 
 def _given(flow: Flow) -> set[str]:
@@ -209,8 +202,8 @@ def reporting_on(flow: Flow, made: Collection[str]) -> Flow:
 def _report_on(made: Collection[str]) -> AnyStage:
     """Declare the report that shows these artefacts, in their newest form."""
     taken = newest(REPORT.takes, made) | {name: name for name in NEEDED}
-    run = _under_their_names(REPORT, {own: name for name, own in taken.items()})
-    return replace(REPORT, run=run, takes=tuple(taken[name] for name in REPORT.takes if name in taken))
+    takes = tuple(taken[name] for name in REPORT.takes if name in taken)
+    return replace(_under_their_names(REPORT, taken), takes=takes)
 
 
 def newest(names: Collection[str], made: Collection[str]) -> dict[str, str]:
@@ -218,3 +211,19 @@ def newest(names: Collection[str], made: Collection[str]) -> dict[str, str]:
     newer = CALIBRATED | SMOOTHED | REFINED
     newest = {name: newer[name] if newer.get(name) in made else name for name in names}
     return {name: own for name, own in newest.items() if own in made}
+
+
+ASKED_FOR: tuple[tuple[Callable[[Mapping[str, Settings]], bool], Callable[[Flow], Flow]], ...] = (
+    (asks_for_shading_normals, with_shading_normals),
+    (asks_for_refinement, with_refinement),
+    (asks_for_calibration, with_calibration),
+    (asks_for_colour_space, with_colour_space),
+)  # in order: each takes what those before it give
+
+
+def as_asked_for(flow: Flow, settings: Mapping[str, Settings]) -> Flow:
+    """Add what the settings of all stages ask for to a dataflow."""
+    for asked, extended in ASKED_FOR:
+        if asked(settings):
+            flow = extended(flow)
+    return flow

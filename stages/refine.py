@@ -15,7 +15,6 @@ from stages.stereo.refinement.settings import RefineSettings
 if TYPE_CHECKING:
     import numpy as np
 
-    from stages.formats.meshes.triangle_meshes import Surface
     from stages.scene.cameras import Camera
 
 BYTES_PER_PIXEL = 20  # of all views, held
@@ -30,50 +29,36 @@ def run(job: Job[RefineSettings]) -> None:
     from stages.formats.colmap.model import cameras_of, read_model
     from stages.formats.meshes.triangle_meshes import read_mesh, write_mesh
     from stages.solvers.kernels.threading_layer import use_threads
-    from stages.stereo.refinement.refined_surface import refine
+    from stages.stereo.refinement.refined_surface import divided, refine
     from stages.stereo.refinement.view_pairs import sources_of_views
 
     use_threads(job.threads)
     settings = job.settings
     cameras = cameras_of(read_model(job.inputs["workspace"] / "sparse"))
     given = read_mesh(job.inputs["mesh"])
-    surface = _finer(given, cameras, settings)
+    surface = divided(given, cameras, settings)
     sources = sources_of_views(surface, cameras, settings.neighbours, settings.pairs, job.threads)
     read = partial(_log_radiance, dict(job.inputs), settings)
     noise = []
     with job.progress("rounds", len(settings.scales) * settings.rounds) as step:
-        for one in refine(surface, cameras, sources, read, settings, job.threads):
-            noise.append(round(one.noise, 3))
+        for last in refine(surface, cameras, sources, read, settings, job.threads):
+            noise.append(round(last.noise, 3))
             step()
-    write_mesh(job.outputs["refined_mesh"], one.surface)
-    if one.known < FEW_KNOWN:
+    write_mesh(job.outputs["refined_mesh"], last.surface)
+    if last.known < FEW_KNOWN:
         job.warn(
-            f"The photos tell the height of only {one.known:.1%} of the mesh's vertices, so that it stays as "
-            "it is: too few views see the same surface. Check that mesh and cameras belong together, and the "
-            "masks."
+            f"The photos tell the height of only {last.known:.1%} of the mesh's vertices, so that it stays "
+            "as it is: too few views see the same surface. Check that mesh and cameras belong together, and "
+            "the masks."
         )
     job.note(
         vertices_given=len(given.vertices),
-        vertices=len(one.surface.vertices),
-        moved_footprints=round(one.moved, 3),
-        known=round(one.known, 3),
-        stiffness=round(one.stiffness, 2),
+        vertices=len(last.surface.vertices),
+        moved_footprints=round(last.moved, 3),
+        known=round(last.known, 3),
+        stiffness=round(last.stiffness, 2),
         noise=noise,
     )
-
-
-def _finer(given: Surface, cameras: list[Camera], settings: RefineSettings) -> Surface:
-    """Divide faces until edges are as short as relief needs them."""
-    import numpy as np
-
-    from stages.geometry.short_edges import with_short_edges
-    from stages.scene.cameras import smallest_footprints
-
-    sizes = smallest_footprints(given.vertices, cameras)
-    sizes = sizes[np.isfinite(sizes)]
-    if not len(sizes):
-        return given
-    return with_short_edges(given, settings.edge_px * float(np.median(sizes)), settings.most_vertices).surface
 
 
 def _log_radiance(paths: dict[str, Path], settings: RefineSettings, camera: Camera) -> np.ndarray:

@@ -17,7 +17,7 @@ from stages.formats.meshes.triangle_meshes import Surface, read_mesh
 from stages.geometry.rays import RayCaster, vertex_normals
 from stages.scene.cameras import Camera, back_project
 from stages.stereo.refinement.compared_photos import Photo, _differences, _projection, _rays, log_radiance
-from stages.stereo.refinement.displacement import Evidence, HeightModel, Roughness
+from stages.stereo.refinement.displacement import HeightModel, NormalEquations, Roughness
 from stages.stereo.refinement.refined_surface import refine
 from stages.stereo.refinement.settings import RefineSettings, RoughnessSettings
 from stages.stereo.refinement.vertex_rings import VertexRings
@@ -121,7 +121,7 @@ def test_evidence_is_the_matrix_of_its_pixels():
     rings, rng = VertexRings.of(surface.faces, 25), np.random.default_rng(1)
     faces = rng.integers(0, len(surface.faces), 200)
     shares, curvature, slope = rng.uniform(size=(200, 3)), rng.uniform(size=200), rng.normal(size=200)
-    evidence = Evidence.none(rings)
+    evidence = NormalEquations.none(rings)
     corners = surface.faces[faces]
     evidence.add(corners, shares, rings.edges_of_faces[faces], curvature, slope, np.ones(200))
     rise = sp.coo_array((shares.ravel(), (np.arange(200).repeat(3), corners.ravel())), (200, 25)).tocsr()
@@ -139,7 +139,7 @@ def test_samples_have_the_variance_that_the_photos_leave_open():
     diagonal = rng.uniform(0.5, 2, count)
     model = HeightModel(
         rings,
-        Evidence(diagonal, np.zeros(rings.edge_count), np.zeros(count), np.zeros(count)),
+        NormalEquations(diagonal, np.zeros(rings.edge_count), np.zeros(count), np.zeros(count)),
         Roughness(3.0, rng.uniform(0.5, 1.5, count)),
         SETTINGS,
     )

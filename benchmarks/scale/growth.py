@@ -55,17 +55,26 @@ def grow(photos: PhotoSet, arguments: Sequence[str], from_photos: bool) -> Grown
         Estimate cameras and mesh, as far as the mesh; else both are given, as far as the albedo.
     """
     workspace = photos.folder / ("workspace-photos" if from_photos else "workspace")
-    command = ["--images", str(photos.photos)]
-    command += ["--workspace", str(workspace), "--set", "undistort.max_size_px=null"]
-    if from_photos:
-        command += ["--to", "mesh"]
-    else:
-        command += ["--colmap", str(photos.model), "--mesh", str(photos.mesh)]
-    records = run_program([*command, *arguments, "--force"])
+    geometry = ["--to", "mesh"] if from_photos else with_geometry(photos, photos.mesh)
+    records = run_program([*in_workspace(photos, workspace), *geometry, *arguments, "--force"])
     stages = {stage: _taken(record) for stage, record in records.items()}
     comparable = "export" in stages and not from_photos  # cameras that were found see other pixels
     error = albedo_error(photos, workspace / "output/albedo") if comparable else None
     return Grown(photos.views, stages, error)
+
+
+def in_workspace(photos: PhotoSet, workspace: Path) -> list[str]:
+    """List the arguments of a run on a street's photos, at their own size."""
+    return [
+        *("--images", str(photos.photos)),
+        *("--workspace", str(workspace)),
+        *("--set", "undistort.max_size_px=null"),
+    ]
+
+
+def with_geometry(photos: PhotoSet, mesh: Path) -> list[str]:
+    """List the arguments that give a street's cameras and a mesh."""
+    return ["--colmap", str(photos.model), "--mesh", str(mesh)]
 
 
 def run_program(arguments: Sequence[str]) -> dict[str, dict[str, Any]]:

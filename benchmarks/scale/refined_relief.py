@@ -18,7 +18,12 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in an
 import numpy as np  # noqa: E402
 
 from benchmarks.scale.albedo_error import albedo_error  # noqa: E402
-from benchmarks.scale.growth import own_and_further, run_program  # noqa: E402
+from benchmarks.scale.growth import (  # noqa: E402
+    in_workspace,
+    own_and_further,
+    run_program,
+    with_geometry,
+)
 from benchmarks.scale.photo_set import PhotoSet, photo_set  # noqa: E402
 from stages.formats.colmap.model import cameras_of, read_model  # noqa: E402
 from stages.formats.images.exr import read_exr  # noqa: E402
@@ -79,9 +84,7 @@ def runs(photos: PhotoSet, smoothing: Sequence[int], further: Sequence[str]) -> 
 def _run(photos: PhotoSet, name: str, mesh: Path, further: Sequence[str]) -> Found:
     """Run the program on a mesh, and compare normals and albedo with the truth."""
     workspace = photos.folder / f"relief-{name.replace(', ', '-').replace(' ', '-')}"
-    sources = ["--images", str(photos.photos), "--colmap", str(photos.model), "--mesh", str(mesh)]
-    settings = ["--workspace", str(workspace), "--set", "undistort.max_size_px=null"]
-    run_program([*sources, *settings, *further])
+    run_program([*in_workspace(photos, workspace), *with_geometry(photos, mesh), *further])
     angles = np.concatenate(list(_angles_deg(photos, workspace / "output" / "normal")))
     summary = np.append(np.quantile(angles, QUANTILES), angles.mean())
     return Found(name, summary, tuple(albedo_error(photos, workspace / "output/albedo").si_rmse))

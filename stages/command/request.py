@@ -162,15 +162,7 @@ def _request(
     flow = stages.keeping_within_masks(flow, settings)
     for extended in added:
         flow = extended(flow)
-    if additions.asks_for_shading_normals(settings):
-        flow = additions.with_shading_normals(flow)
-    if additions.asks_for_refinement(settings):
-        flow = additions.with_refinement(flow)
-    if additions.asks_for_calibration(settings):
-        flow = additions.with_calibration(flow)
-    if additions.asks_for_colour_space(settings):
-        flow = additions.with_colour_space(flow)
-    flow = additions.with_report(flow)
+    flow = additions.with_report(additions.as_asked_for(flow, settings))
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     memory = memory_of(command)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import open3d as o3d
@@ -40,31 +41,16 @@ class Hits:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What one view sees of the mesh.
+class Seen(Hits):
+    """What one view sees of the mesh: Ω, before the user's own mask, is `mask`.
 
     Attributes
     ----------
-    depth : ndarray, shape (h, w), float32
-        z, model units; 0 where nothing is hit.
     normals : ndarray, shape (h, w, 3), float32
         Unit, world axes, towards the camera; 0 where nothing is hit.
-    mask : ndarray, shape (h, w), bool
-        Where the mesh is hit: Ω before the user's own mask.
-    triangles : ndarray, shape (h, w), uint32
-        Face behind each pixel, `NO_TRIANGLE` where none.
-    barycentric : ndarray, shape (h, w, 2), float32
-        (u, v): the point is (1 − u − v) a + u b + v c.
-    behind : ndarray, shape (h, w), bool
-        Where a face is hit from its back.
     """
 
-    depth: np.ndarray
     normals: np.ndarray
-    mask: np.ndarray
-    triangles: np.ndarray
-    barycentric: np.ndarray
-    behind: np.ndarray
 
 
 class RayCaster:
@@ -76,11 +62,14 @@ class RayCaster:
 
     def __init__(self, surface: Surface) -> None:
         self._scene, self._origin = scene_of(surface)
-        self._faces = surface.faces
-        self._vertex_normals = vertex_normals(surface.vertices - self._origin, surface.faces)
+        self._surface = surface
+
+    @cached_property
+    def _vertex_normals(self) -> np.ndarray:
+        return vertex_normals(self._surface.vertices - self._origin, self._surface.faces)
 
     def hits(self, camera: Camera, threads: int = 0) -> Hits:
-        """Cast the rays of all pixel centres of one view. Memory: about 130 bytes per pixel."""
+        """Cast the rays of all pixel centres of one view."""
         rays = rays_in_world(camera)
         origins = np.broadcast_to(camera.centre_in_world - self._origin, rays.shape)
         packed = np.concatenate([origins, rays], axis=-1).astype(np.float32)
@@ -92,21 +81,20 @@ class RayCaster:
         return Hits(np.where(mask, distance, 0), mask, triangles, barycentric * mask[..., None], behind)
 
     def see(self, camera: Camera, threads: int = 0) -> Seen:
-        """Cast them, and interpolate the mesh's normals where they meet it."""
+        """Cast them, and interpolate the mesh's normals where they meet it. Memory: 130 bytes per pixel."""
         hits = self.hits(camera, threads)
         mask = hits.mask
         normals = np.zeros((*mask.shape, 3), np.float32)
         normals[mask] = self._normals(hits.triangles[mask], hits.barycentric[mask], hits.behind[mask])
-        return Seen(hits.depth, normals, mask, hits.triangles, hits.barycentric, hits.behind)
+        return Seen(hits.depth, mask, hits.triangles, hits.barycentric, hits.behind, normals)
 
     def _normals(self, triangles: np.ndarray, barycentric: np.ndarray, behind: np.ndarray) -> np.ndarray:
         """Interpolated vertex normals, turned by the *face's* side: near silhouettes they may lean away."""
         u, v = barycentric[:, :1], barycentric[:, 1:]
-        corners = self._vertex_normals[self._faces[triangles]]
+        corners = self._vertex_normals[self._surface.faces[triangles]]
         smooth = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
         smooth[behind] *= -1
-        length = np.linalg.norm(smooth, axis=1, keepdims=True)
-        return smooth / np.where(length > 0, length, 1)
+        return as_unit(smooth)
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -129,5 +117,10 @@ def summed_at_vertices(of_faces: np.ndarray, faces: np.ndarray, vertices: int) -
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Compute area-weighted unit normals, shape (v, 3) float32; zero at a vertex without area around it."""
     summed = summed_at_vertices(face_normals(vertices, faces), faces, len(vertices))
-    length = np.linalg.norm(summed, axis=1, keepdims=True)
-    return (summed / np.where(length > 0, length, 1)).astype(np.float32)
+    return as_unit(summed).astype(np.float32)
+
+
+def as_unit(vectors: np.ndarray) -> np.ndarray:
+    """Scale vectors, (n, 3), to length 1; zeros stay zero."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1)

@@ -1,4 +1,4 @@
-"""Comparison of a photo with another by way of the surface: how they differ, and how that changes with it."""
+"""Photo-consistency of views through a surface: residuals of log radiance and their derivatives by height."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Photo:
 
 @dataclass(frozen=True, eq=False)
 class PixelTerms:
-    """What a photo's comparisons with others say about the height of the surface at its pixels.
+    """Sum the squared residuals of a photo to others, as a quadratic of the height at each of its pixels.
 
     The negative logarithm of the likelihood of a change by x, model units, is, but for a constant,
     ``½ curvature x² + slope x``: its exact slope, and the curvature for relief finer than the window.
@@ -52,7 +52,7 @@ class PixelTerms:
     curvature, slope : ndarray, shape (h, w), float64
         0 where no other photo shows the point.
     misfits : ndarray, shape (n,), float32
-        Squared differences over their variance, of all comparisons.
+        Squared residuals over their variance, of all comparisons.
     """
 
     curvature: np.ndarray
@@ -76,7 +76,7 @@ def compare(
     noise: float,
     settings: RefineSettings,
 ) -> PixelTerms:
-    """Compare a photo with others, each seen through the surface.
+    """Compute the photo-consistency of a photo with others, each seen through the surface.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def compare(
             np.isfinite(weighted), change * (weighted - _local_mean(weighted, settings.window_px)), 0
         )
         misfits.append(misfit[np.isfinite(misfit)])
-    share = 1 / (np.maximum(compared + 1, 1) * errors.alike)
+    share = 1 / ((compared + 1) * errors.alike)
     return PixelTerms(curvature * share, slope * share, np.concatenate([np.zeros(0, np.float32), *misfits]))
 
 
@@ -161,6 +161,22 @@ def _cubic(t):
 def _cubic_slope(t):
     """Derivatives of these weights."""
     return ((-1.5 * t + 2.0) * t - 0.5, (4.5 * t - 5.0) * t, (-4.5 * t + 4.0) * t + 0.5, (1.5 * t - 1.0) * t)
+
+
+@numba.njit(inline="always")
+def _interpolated(image, u, v):
+    """Value and gradient at array coordinates (u, v), from the 4 × 4 pixels around; NaN if one of them is."""
+    left, top = floor(u) - 1, floor(v) - 1
+    across, down = _cubic(u - left - 1), _cubic(v - top - 1)
+    slope_across, slope_down = _cubic_slope(u - left - 1), _cubic_slope(v - top - 1)
+    value, gradient_u, gradient_v = 0.0, 0.0, 0.0
+    for i in range(4):
+        for j in range(4):
+            one = image[top + i, left + j]
+            value += down[i] * across[j] * one
+            gradient_u += down[i] * slope_across[j] * one
+            gradient_v += slope_down[i] * across[j] * one
+    return value, gradient_u, gradient_v
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
@@ -237,16 +253,7 @@ def _differences(
                     toward -= rotation[axis, k] * seen[axis] * normals[row, column, k]
             if toward < grazing * sqrt(away):
                 continue
-            left, top = floor(u) - 1, floor(v) - 1
-            across, down = _cubic(u - left - 1), _cubic(v - top - 1)
-            slope_across, slope_down = _cubic_slope(u - left - 1), _cubic_slope(v - top - 1)
-            found, gradient_u, gradient_v = 0.0, 0.0, 0.0
-            for i in range(4):
-                for j in range(4):
-                    one = other[top + i, left + j]
-                    found += down[i] * across[j] * one
-                    gradient_u += down[i] * slope_across[j] * one
-                    gradient_v += slope_down[i] * across[j] * one
+            found, gradient_u, gradient_v = _interpolated(other, u, v)
             if np.isnan(found):
                 continue
             by_u = focal_x * (moved[0] - seen[0] / seen[2] * moved[2]) / seen[2]

@@ -1,4 +1,4 @@
-"""Heights along the normals of a mesh: what photos say of them, how rough they are, and their estimate."""
+"""Displacement of a mesh along its normals: normal equations of the photos, bending prior, and solution."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from stages.stereo.refinement.vertex_rings import VertexRings
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """What the photos say of heights x, (V,): ``½ xᵀ A x + gᵀ x`` around those at hand.
+class NormalEquations:
+    """Normal equations of the photos for heights x, (V,): ``½ xᵀ A x + gᵀ x`` around those at hand.
 
     Attributes
     ----------
@@ -34,8 +34,8 @@ class Evidence:
     sample: np.ndarray
 
     @classmethod
-    def none(cls, rings: VertexRings) -> Evidence:
-        """Begin without any."""
+    def none(cls, rings: VertexRings) -> NormalEquations:
+        """Make those of no pixel."""
         vertices = len(rings.first) - 1
         return cls(np.zeros(vertices), np.zeros(rings.edge_count), np.zeros(vertices), np.zeros(vertices))
 
@@ -48,7 +48,7 @@ class Evidence:
         slope: np.ndarray,
         noise: np.ndarray,
     ) -> None:
-        """Add what pixels say to what is known of the corners of their faces.
+        """Add pixels, each to the corners of its face.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class Roughness:
         known: np.ndarray,
         settings: RoughnessSettings,
     ) -> Roughness:
-        """Measure it anew: the stiffness at which the photos are most probable, and its spread over places.
+        """Estimate the stiffness by maximum evidence, and its spread over places.
 
         Parameters
         ----------
@@ -105,14 +105,14 @@ class Roughness:
         MacKay 1992: ``γ / Σ w (L x)²`` with γ the number of curvatures that the photos determine; the
         variance that is left open, over that without photos, is what they do not determine.
         """
-        bent, open_ = rings.curvature(heights)[known] ** 2, rings.curvature(sample)[known] ** 2
+        bent, left_open = rings.curvature(heights) ** 2, rings.curvature(sample) ** 2
         weights = self.weights[known]
-        share = max(1 - self.stiffness * float(np.mean(weights * open_)), settings.least_share)
-        rough = float(np.mean(weights * bent))
+        share = max(1 - self.stiffness * float(np.mean(weights * left_open[known])), settings.least_share)
+        rough = float(np.mean(weights * bent[known]))
         step = settings.largest_step
         wished = share / rough if rough > 0 else np.inf
         stiffness = float(np.clip(wished, self.stiffness / step, self.stiffness * step))
-        around = rings.curvature(heights) ** 2
+        around = bent
         for _ in range(settings.rings):
             around = rings.averaged(around)
         usual = float(around[known].mean())
@@ -125,14 +125,14 @@ class HeightModel:
     """The distribution of heights, given photos and roughness: normal around the most probable ones."""
 
     rings: VertexRings
-    evidence: Evidence
+    equations: NormalEquations
     roughness: Roughness
     settings: RefineSettings
 
     def most_probable(self, heights: np.ndarray) -> np.ndarray:
         """Find the most probable heights near those at hand, (V,), by conjugate gradients (Jacobi)."""
         settings = self.settings
-        move = self._solved(-(self.evidence.slope + self._bent(heights) + settings.hold * heights))
+        move = self._solved(-(self.equations.slope + self._bent(heights) + settings.hold * heights))
         return heights + np.clip(move, -settings.largest_move, settings.largest_move)
 
     def sample(self, rng: np.random.Generator) -> np.ndarray:
@@ -141,10 +141,10 @@ class HeightModel:
         The solution for a right side with the system's covariance has its inverse (Papandreou and Yuille
         2010).
         """
-        bent, held = rng.standard_normal((2, len(self.evidence.diagonal)))
+        bent, held = rng.standard_normal((2, len(self.equations.diagonal)))
         rough = self.roughness
         spread = self.rings.transposed_curvature(np.sqrt(rough.stiffness * rough.weights) * bent)
-        return self._solved(self.evidence.sample + spread + np.sqrt(self.settings.hold) * held)
+        return self._solved(self.equations.sample + spread + np.sqrt(self.settings.hold) * held)
 
     def _bent(self, values: np.ndarray) -> np.ndarray:
         """Apply the roughness' matrix, ``stiffness Lᵀ W L``."""
@@ -153,12 +153,12 @@ class HeightModel:
 
     def _solved(self, right: np.ndarray) -> np.ndarray:
         """Solve the system for a right side, (V,), as far as the settings' steps reach."""
-        rings, evidence, rough, settings = self.rings, self.evidence, self.roughness, self.settings
-        diagonal = evidence.diagonal + settings.hold
+        rings, equations, rough, settings = self.rings, self.equations, self.roughness, self.settings
+        diagonal = equations.diagonal + settings.hold
         inverse = 1 / (diagonal + rough.stiffness * rings.squared_curvature_diagonal(rough.weights))
 
         def applied(values: np.ndarray) -> np.ndarray:
-            return rings.product(diagonal, evidence.of_edges, values) + self._bent(values)
+            return rings.product(diagonal, equations.of_edges, values) + self._bent(values)
 
         shape = (len(right), len(right))
         system = LinearOperator(shape, matvec=applied, dtype=np.float64)

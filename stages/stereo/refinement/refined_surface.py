@@ -8,26 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.formats.meshes.triangle_meshes import Surface, joined
-from stages.geometry.rays import RayCaster, face_normals, vertex_normals
+from stages.geometry.rays import Hits, RayCaster, as_unit, face_normals, vertex_normals
+from stages.geometry.short_edges import with_short_edges
 from stages.scene.cameras import Camera, smallest_footprints
 from stages.stereo.refinement.compared_photos import Photo, compare
-from stages.stereo.refinement.displacement import Evidence, HeightModel, Roughness
+from stages.stereo.refinement.displacement import HeightModel, NormalEquations, Roughness
 from stages.stereo.refinement.settings import RefineSettings
 from stages.stereo.refinement.vertex_rings import VertexRings
 
 MEDIAN_SQUARE = 0.455  # of a standard normal variable
-MISFITS_OF_VIEW = 20_000  # differences of a view, at most, that the noise is measured from
+MISFITS_OF_VIEW = 20_000  # residuals of a view, about, that the noise is measured from
 
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """What a round has led to.
+    """The surface after a round of refinement, and what was measured in it.
 
     Attributes
     ----------
     surface : Surface
-    scale : int
-        At which the photos were compared.
     noise : float
         Variance of differences of the photos, before its move, over that which the settings give.
     moved : float
@@ -40,7 +39,6 @@ class Round:
     """
 
     surface: Surface
-    scale: int
     noise: float
     moved: float
     stiffness: float
@@ -88,81 +86,95 @@ def refine(
         scaled = [camera.reduced(1 / scale) for camera in cameras]
         logs = [log_radiance_at(camera) for camera in scaled]
         for number in range(settings.rounds):
-            views = _View.of_all(scaled, logs, now, settings.occlusion, threads)
-            evidence, measured = _evidence(views, sources, rings, directions, noise, number, settings)
+            views = _Views.of(scaled, logs, now, settings.occlusion, threads)
+            equations, measured = _equations(views, sources, rings, directions, noise, number, settings)
             noise = max(noise * measured, settings.errors.least)
-            model = HeightModel(rings, evidence, roughness, settings)
-            heights, known = model.most_probable(heights), evidence.diagonal > settings.hold
+            model = HeightModel(rings, equations, roughness, settings)
+            heights, known = model.most_probable(heights), equations.diagonal > settings.hold
             if scale == settings.scales[-1] and known.any():
-                left_open = model.sample(np.random.default_rng([number, len(views)]))
+                left_open = model.sample(np.random.default_rng([number, len(cameras)]))
                 roughness = roughness.measured(rings, heights, left_open, known, settings.roughness)
             now = Surface(whole.vertices + heights[:, None] * directions, whole.faces)
-            del views, evidence, model  # the rays' tree, before that of the next round is made
+            del views, equations, model  # the rays' tree, before that of the next round is made
             moved = float(np.sqrt(np.mean(heights[known] ** 2))) if known.any() else 0.0
             found = Surface(now.vertices[number_in_whole], surface.faces)
-            yield Round(found, scale, noise, moved, roughness.stiffness * edge**2, float(known.mean()))
+            yield Round(found, noise, moved, roughness.stiffness * edge**2, float(known.mean()))
         del logs
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
-    """A photo with what it needs of the surface: the caster, and normals of the faces."""
+class _Views:
+    """The photos of all views, and the surface that they see: rays, and unit normals of faces, (F, 3)."""
 
-    photo: Photo
-    caster: RayCaster
+    photos: list[Photo]
     surface: Surface
+    caster: RayCaster
     normals: np.ndarray
     threads: int
 
     @classmethod
-    def of_all(
+    def of(
         cls, cameras: list[Camera], logs: list[np.ndarray], surface: Surface, occlusion: float, threads: int
-    ) -> list[_View]:
+    ) -> _Views:
         """Cast the rays of all views onto the surface; of each, only the depth is held."""
         caster = RayCaster(surface)
-        normals = face_normals(surface.vertices, surface.faces)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
         depths = (caster.hits(camera, threads).depth for camera in cameras)
-        return [
-            cls(Photo.unmixed(camera, log, depth, occlusion), caster, surface, normals, threads)
+        photos = [
+            Photo.unmixed(camera, log, depth, occlusion)
             for camera, log, depth in zip(cameras, logs, depths, strict=True)
         ]
+        normals = as_unit(face_normals(surface.vertices, surface.faces))
+        return cls(photos, surface, caster, normals, threads)
+
+    def seen(self, view: int) -> tuple[Hits, np.ndarray]:
+        """Cast the rays of a view again; and find the normals of the faces that they meet, (h, w, 3)."""
+        hits = self.caster.hits(self.photos[view].camera, self.threads)
+        normals = self.normals[np.where(hits.mask, hits.triangles, 0)]
+        normals[hits.behind] *= -1
+        return hits, normals
 
 
-def _evidence(
-    views: list[_View],
+def _equations(
+    views: _Views,
     sources: Sequence[Sequence[int]],
     rings: VertexRings,
     directions: np.ndarray,
     noise: float,
     seed: int,
     settings: RefineSettings,
-) -> tuple[Evidence, float]:
-    """Gather what all photos say; and the variance of their differences over that which was assumed."""
-    evidence, misfits = Evidence.none(rings), []
-    for number, view in enumerate(views):
-        hits = view.caster.hits(view.photo.camera, view.threads)
-        normals = view.normals[np.where(hits.mask, hits.triangles, 0)]
-        normals[hits.behind] *= -1
-        others = [views[other].photo for other in sources[number]]
-        terms = compare(view.photo, normals, others, noise, settings)
-        told = terms.curvature > 0
-        if not told.any():
+) -> tuple[NormalEquations, float]:
+    """Sum up the normal equations of all photos, and measure residuals' variance over the assumed one."""
+    equations, misfits = NormalEquations.none(rings), []
+    for number, photo in enumerate(views.photos):
+        hits, normals = views.seen(number)
+        terms = compare(photo, normals, [views.photos[other] for other in sources[number]], noise, settings)
+        compared = terms.curvature > 0
+        if not compared.any():
             continue
-        triangles, (u, v) = hits.triangles[told], hits.barycentric[told].T.astype(np.float64)
-        corners = view.surface.faces[triangles]
-        rise = np.einsum("nck,nk->nc", directions[corners], normals[told])
+        triangles, (u, v) = hits.triangles[compared], hits.barycentric[compared].T.astype(np.float64)
+        corners = views.surface.faces[triangles]
+        rise = np.einsum("nck,nk->nc", directions[corners], normals[compared])
         rng = np.random.default_rng([seed, number])
-        evidence.add(
+        equations.add(
             corners,
             np.stack([1 - u - v, u, v], axis=1) * rise,
             rings.edges_of_faces[triangles],
-            *(terms.curvature[told], terms.slope[told], rng.standard_normal(len(corners))),
+            *(terms.curvature[compared], terms.slope[compared], rng.standard_normal(len(corners))),
         )
         every = max(len(terms.misfits) // MISFITS_OF_VIEW, 1)
         misfits.append(terms.misfits[::every])
     measured = float(np.median(np.concatenate(misfits))) / MEDIAN_SQUARE if misfits else 1.0
-    return evidence, measured
+    return equations, measured
+
+
+def divided(surface: Surface, cameras: Sequence[Camera], settings: RefineSettings) -> Surface:
+    """Divide faces until edges are as short as relief needs them."""
+    sizes = smallest_footprints(surface.vertices, list(cameras))
+    sizes = sizes[np.isfinite(sizes)]
+    if not len(sizes):
+        return surface
+    longest = settings.edge_px * float(np.median(sizes))
+    return with_short_edges(surface, longest, settings.most_vertices).surface
 
 
 def _footprints(surface: Surface, cameras: list[Camera]) -> np.ndarray:
