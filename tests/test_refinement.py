@@ -116,20 +116,20 @@ def test_rings_are_the_umbrella_operator():
     np.testing.assert_allclose(rings.squared_curvature_diagonal(weights), squared, atol=1e-12)
 
 
-def test_evidence_is_the_matrix_of_its_pixels():
+def test_normal_equations_are_those_of_their_pixels():
     surface = grid(5, flat)
     rings, rng = VertexRings.of(surface.faces, 25), np.random.default_rng(1)
     faces = rng.integers(0, len(surface.faces), 200)
     shares, curvature, slope = rng.uniform(size=(200, 3)), rng.uniform(size=200), rng.normal(size=200)
-    evidence = NormalEquations.none(rings)
+    equations = NormalEquations.none(rings)
     corners = surface.faces[faces]
-    evidence.add(corners, shares, rings.edges_of_faces[faces], curvature, slope, np.ones(200))
+    equations.add(corners, shares, rings.edges_of_faces[faces], curvature, slope, np.ones(200))
     rise = sp.coo_array((shares.ravel(), (np.arange(200).repeat(3), corners.ravel())), (200, 25)).tocsr()
     values = rng.normal(size=25)
-    product = rings.product(evidence.diagonal, evidence.of_edges, values)
+    product = rings.product(equations.diagonal, equations.of_edges, values)
     np.testing.assert_allclose(product, rise.T @ (curvature * (rise @ values)), rtol=1e-10)
-    np.testing.assert_allclose(evidence.slope, rise.T @ slope, rtol=1e-10)
-    np.testing.assert_allclose(evidence.sample, rise.T @ np.sqrt(curvature), rtol=1e-10)
+    np.testing.assert_allclose(equations.slope, rise.T @ slope, rtol=1e-10)
+    np.testing.assert_allclose(equations.sample, rise.T @ np.sqrt(curvature), rtol=1e-10)
 
 
 def test_samples_have_the_variance_that_the_photos_leave_open():
@@ -145,7 +145,7 @@ def test_samples_have_the_variance_that_the_photos_leave_open():
     )
     samples = [
         replace(
-            model, evidence=replace(model.evidence, sample=np.sqrt(diagonal) * rng.normal(size=count))
+            model, equations=replace(model.equations, sample=np.sqrt(diagonal) * rng.normal(size=count))
         ).sample(np.random.default_rng([4, k]))
         for k in range(4000)
     ]
