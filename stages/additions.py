@@ -13,9 +13,11 @@ from typing import Any
 from pipeline import AnyStage, Flow, Job, Settings, settings_of
 from stages.calibration import CALIBRATION
 from stages.colour_space import COLOUR_SPACE, CONVERTED
+from stages.decomposition import DECOMPOSITION
 from stages.delit_photos import DELIT_PHOTOS
 from stages.full_resolution import FULL_RESOLUTION
 from stages.lighting import LIGHTING
+from stages.mesh import MESH
 from stages.raycast import RAYCAST
 from stages.refine import REFINE
 from stages.relight import RELIGHT, RELIGHT_AS_FOUND
@@ -32,10 +34,9 @@ CALIBRATED = {
 
 SMOOTHED = {"normal": "shading_normal"}
 REFINED = {"mesh": "refined_mesh"}
-REFINING = ("refine.refine=true",)  # the assignment that asks for it
 
 
-def asks_for_shading_normals(settings: Mapping[str, Settings]) -> bool:
+def asks_for_shading_normals(flow: Flow, settings: Mapping[str, Settings]) -> bool:
     """Tell whether relief of the mesh that the photos contradict is to be weakened."""
     return settings_of(SHADING_NORMALS, settings).weaken
 
@@ -49,9 +50,14 @@ def with_shading_normals(flow: Flow) -> Flow:
     return (*before, SHADING_NORMALS, *(_of(stage, SMOOTHED) for stage in flow[place:]))
 
 
-def asks_for_refinement(settings: Mapping[str, Settings]) -> bool:
-    """Tell whether the mesh is to be moved until the photos agree on it."""
-    return settings_of(REFINE, settings).refine
+def asks_for_refinement(flow: Flow, settings: Mapping[str, Settings]) -> bool:
+    """Tell whether the mesh is to be moved until the photos agree on it; unasked, one that is made here."""
+    asked = settings_of(REFINE, settings).refine
+    if asked != "auto":
+        return asked
+    return (
+        MESH.name in {stage.name for stage in flow} and settings_of(DECOMPOSITION, settings).mode != "paper"
+    )
 
 
 def with_refinement(flow: Flow) -> Flow:
@@ -98,7 +104,7 @@ def with_delit_photos(flow: Flow) -> Flow:
     return (*flow, DELIT_PHOTOS)
 
 
-def asks_for_calibration(settings: Mapping[str, Settings]) -> bool:
+def asks_for_calibration(flow: Flow, settings: Mapping[str, Settings]) -> bool:
     """Tell whether a card or chart is given, and check how it is written.
 
     Raises
@@ -133,7 +139,7 @@ def with_calibration(flow: Flow) -> Flow:
     return (*before, calibration, *(_of_calibrated(stage) for stage in flow[place:]))
 
 
-def asks_for_colour_space(settings: Mapping[str, Settings]) -> bool:
+def asks_for_colour_space(flow: Flow, settings: Mapping[str, Settings]) -> bool:
     """Tell whether the EXRs are to be in another colour space than that of the cache."""
     return settings_of(COLOUR_SPACE, settings).exr != "srgb-linear"
 
@@ -213,7 +219,7 @@ def newest(names: Collection[str], made: Collection[str]) -> dict[str, str]:
     return {name: own for name, own in newest.items() if own in made}
 
 
-ASKED_FOR: tuple[tuple[Callable[[Mapping[str, Settings]], bool], Callable[[Flow], Flow]], ...] = (
+ASKED_FOR: tuple[tuple[Callable[[Flow, Mapping[str, Settings]], bool], Callable[[Flow], Flow]], ...] = (
     (asks_for_shading_normals, with_shading_normals),
     (asks_for_refinement, with_refinement),
     (asks_for_calibration, with_calibration),
@@ -224,6 +230,6 @@ ASKED_FOR: tuple[tuple[Callable[[Mapping[str, Settings]], bool], Callable[[Flow]
 def as_asked_for(flow: Flow, settings: Mapping[str, Settings]) -> Flow:
     """Add what the settings of all stages ask for to a dataflow."""
     for asked, extended in ASKED_FOR:
-        if asked(settings):
+        if asked(flow, settings):
             flow = extended(flow)
     return flow

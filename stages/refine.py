@@ -17,10 +17,11 @@ if TYPE_CHECKING:
 
     from stages.scene.cameras import Camera
 
-BYTES_PER_PIXEL = 20  # of all views, held
+BYTES_PER_PIXEL = 20  # of views, held
 BYTES_PER_PIXEL_OF_VIEW = 260  # of the one that is compared
 BYTES_PER_VERTEX = 1400
 BYTES_OF_VERTEX_IN_FILE = 50  # with two faces
+LEAST_VERTICES = 1000  # as the setting allows
 FEW_KNOWN = 0.01  # of the vertices: a warning
 
 
@@ -80,10 +81,23 @@ def estimated_memory(settings: RefineSettings, inputs: Mapping[str, Path], threa
     cameras = cameras_of(read_model(inputs["workspace"] / "sparse"))
     pixels = [camera.width * camera.height for camera in cameras]
     scale = settings.scales[-1] ** 2
-    held = BYTES_PER_PIXEL * sum(pixels) + BYTES_PER_PIXEL_OF_VIEW * max(pixels, default=0)
+    held = BYTES_PER_PIXEL * min(sum(pixels) // scale, settings.most_pixels)
+    compared = BYTES_PER_PIXEL_OF_VIEW * max(pixels, default=0) // scale
     given = inputs["mesh"].stat().st_size // BYTES_OF_VERTEX_IN_FILE
     divided = min(settings.most_vertices, int(sum(pixels) / settings.edge_px**2))
-    return BYTES_OF_LIBRARIES + held // scale + BYTES_PER_VERTEX * max(given, divided)
+    return BYTES_OF_LIBRARIES + held + compared + BYTES_PER_VERTEX * max(given, divided)
+
+
+def within(settings: RefineSettings, memory: int) -> RefineSettings:
+    """Allow half of the memory, bytes, for the vertices, and a third of it for pixels of views."""
+    room = max(memory - BYTES_OF_LIBRARIES, 0)
+    vertices = max(room // 2 // BYTES_PER_VERTEX, LEAST_VERTICES)
+    pixels = max(room // 3 // BYTES_PER_PIXEL, 1)
+    update = {
+        "most_vertices": min(settings.most_vertices, vertices),
+        "most_pixels": min(settings.most_pixels, pixels),
+    }
+    return settings.model_copy(update=update)
 
 
 def in_words(facts: Mapping[str, Any]) -> str:
@@ -100,12 +114,14 @@ REFINE = Stage(
     about="The mesh moved until the photos of neighbouring views agree on it.",
     settings=RefineSettings,
     takes=("mesh", "linear", "workspace", "kept"),
+    ignores=("refine",),  # whoever asked for it, it is the same
     gives=(
         Artefact("refined_mesh", "refined triangle mesh, world axes", file="mesh.ply", output="mesh.ply"),
     ),
     run=run,
     tools=("numpy", "scipy", "numba", *PYCOLMAP, *OPEN3D, *PICTURES),
     memory=estimated_memory,
+    within=within,
     saves_memory=f"set refine.scales=[4,2], lower refine.most_vertices, or {FEWER_OR_SMALLER_VIEWS}",
     found=in_words,
 )

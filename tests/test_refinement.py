@@ -11,13 +11,16 @@ import scipy.sparse as sp
 import stages
 from benchmarks.paper.laboratory import results_of
 from pipeline.command.terminal import Terminal
+from pipeline.config import check_settings
 from stages import additions
 from stages.formats.artefacts.camera_file import write_cameras
 from stages.formats.meshes.triangle_meshes import Surface, read_mesh
-from stages.geometry.rays import RayCaster, vertex_normals
+from stages.geometry.rays import RayCaster, face_normals, vertex_normals
+from stages.refine import REFINE
 from stages.scene.cameras import Camera, back_project
 from stages.stereo.refinement.compared_photos import Photo, _differences, _projection, _rays, log_radiance
 from stages.stereo.refinement.displacement import HeightModel, NormalEquations, Roughness
+from stages.stereo.refinement.folds import without_folds
 from stages.stereo.refinement.refined_surface import refine
 from stages.stereo.refinement.settings import RefineSettings, RoughnessSettings
 from stages.stereo.refinement.vertex_rings import VertexRings
@@ -168,6 +171,32 @@ def test_roughness_is_found_from_heights_that_are_known():
     np.testing.assert_allclose(rough.weights, 1, rtol=1e-6)
 
 
+def test_faces_do_not_fold():
+    surface = grid(20, flat)
+    rings, up = VertexRings.of(surface.faces, 400), np.tile([0, 0, 1.0], (400, 1))
+    heights = np.random.default_rng(4).normal(0, 0.01, 400)
+    np.testing.assert_array_equal(without_folds(surface, rings, up, heights, SETTINGS.folds), heights)
+    heights[210] = 0.6  # six edges: faces around it stand up
+    smoother = without_folds(surface, rings, up, heights, SETTINGS.folds)
+    normals = face_normals(surface.vertices + smoother[:, None] * up, surface.faces)
+    turned = np.rad2deg(np.arccos(normals[:, 2] / np.linalg.norm(normals, axis=1)))
+    assert turned.max() < SETTINGS.folds.largest_turn_deg
+    changed = np.flatnonzero(smoother != heights)
+    assert 210 in changed
+    assert len(changed) < 20
+
+
+def test_what_is_read_again_is_the_same():
+    views, truth, given = cameras(), grid(60, relief), grid(60, flat)
+    photos = photographs(truth, views)
+    how = SETTINGS.model_copy(update={"neighbours": 2, "rounds": 1})
+    held, again = (
+        refined(given, views, photos, how.model_copy(update={"most_pixels": pixels})).surface.vertices
+        for pixels in (10**9, 1)
+    )
+    np.testing.assert_array_equal(held, again)
+
+
 def test_a_difference_changes_with_the_surface_as_is_said():
     views = cameras(3)
     surface = grid(80, flat)
@@ -267,6 +296,34 @@ def test_all_stages_behind_it_take_its_mesh_and_none_before():
     assert "mesh_file" not in flow["texture"].may_take
     shown = [one.name for stage in flow.values() for one in stage.gives if one.output == "mesh.ply"]
     assert shown == ["refined_mesh"]
+
+
+@pytest.mark.parametrize(
+    ("given", "settings", "refined"),
+    [
+        (["images"], {}, True),
+        (["images", "colmap"], {}, True),
+        (["images", "colmap", "points_file"], {}, True),
+        (["images", "colmap", "mesh_file"], {}, False),
+        (["images", "colmap", "mesh_file"], {"refine": {"refine": True}}, True),
+        (["images"], {"refine": {"refine": False}}, False),
+        (["images"], {"decomposition": {"mode": "paper"}}, False),
+    ],
+)
+def test_a_mesh_that_is_made_here_is_refined_unasked(given, settings, refined):
+    checked = check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, settings)
+    flow = stages.dataflow(given, stages.kind_of_light(checked, given))
+    names = [stage.name for stage in additions.as_asked_for(flow, checked)]
+    assert ("refine" in names) == refined
+    assert "refine" not in names or names.index("refine") + 1 == names.index("raycast")
+
+
+def test_less_memory_lets_it_divide_less_and_hold_fewer_views():
+    tight = REFINE.within(SETTINGS, 2 * 10**9)
+    assert tight.most_vertices < SETTINGS.most_vertices
+    assert tight.most_pixels < SETTINGS.most_pixels
+    assert REFINE.within(SETTINGS, 10**12) == SETTINGS
+    assert REFINE.within(SETTINGS, 1).most_vertices == 1000
 
 
 def test_memory_is_estimated_from_its_mesh(tmp_path):

@@ -113,7 +113,8 @@ def reporting_of(command: Report) -> Request:
     added = [
         extend for name, extend in (FURTHER | {"relight": additions.with_relighting}).items() if name in made
     ]
-    further = list(additions.REFINING) if additions.REFINE.name in made else []
+    refined = additions.REFINE.name in made
+    further = [f"refine.refine={json_text(refined)}"] if made else []
     return _request(command, config, sources, Selection(), added, further)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from stages.geometry.short_edges import with_short_edges
 from stages.scene.cameras import Camera, smallest_footprints
 from stages.stereo.refinement.compared_photos import Photo, compare
 from stages.stereo.refinement.displacement import HeightModel, NormalEquations, Roughness
+from stages.stereo.refinement.folds import without_folds
 from stages.stereo.refinement.settings import RefineSettings
 from stages.stereo.refinement.vertex_rings import VertexRings
 
@@ -84,29 +86,31 @@ def refine(
     now = whole
     for scale in settings.scales:
         scaled = [camera.reduced(1 / scale) for camera in cameras]
-        logs = [log_radiance_at(camera) for camera in scaled]
+        held = max(settings.most_pixels // max(c.width * c.height for c in scaled), settings.neighbours + 1)
+        log_radiance_of = lru_cache(held)(log_radiance_at)
         for number in range(settings.rounds):
-            views = _Views.of(scaled, logs, now, settings.occlusion, threads)
+            views = _Views.of(scaled, log_radiance_of, now, held, settings.occlusion, threads)
             equations, measured = _equations(views, sources, rings, directions, noise, number, settings)
             noise = max(noise * measured, settings.errors.least)
             model = HeightModel(rings, equations, roughness, settings)
-            heights, known = model.most_probable(heights), equations.diagonal > settings.hold
+            found, known = model.most_probable(heights), equations.diagonal > settings.hold
+            heights = without_folds(whole, rings, directions, found, settings.folds)
             if scale == settings.scales[-1] and known.any():
                 left_open = model.sample(np.random.default_rng([number, len(cameras)]))
                 roughness = roughness.measured(rings, heights, left_open, known, settings.roughness)
             now = Surface(whole.vertices + heights[:, None] * directions, whole.faces)
             del views, equations, model  # the rays' tree, before that of the next round is made
             moved = float(np.sqrt(np.mean(heights[known] ** 2))) if known.any() else 0.0
-            found = Surface(now.vertices[number_in_whole], surface.faces)
-            yield Round(found, noise, moved, roughness.stiffness * edge**2, float(known.mean()))
-        del logs
+            refined = Surface(now.vertices[number_in_whole], surface.faces)
+            yield Round(refined, noise, moved, roughness.stiffness * edge**2, float(known.mean()))
 
 
 @dataclass(frozen=True, eq=False)
 class _Views:
-    """The photos of all views, and the surface that they see: rays, and unit normals of faces, (F, 3)."""
+    """Views of a surface: photos by number, some of them held; rays; and unit normals of faces, (F, 3)."""
 
-    photos: list[Photo]
+    cameras: list[Camera]
+    photo: Callable[[int], Photo]
     surface: Surface
     caster: RayCaster
     normals: np.ndarray
@@ -114,21 +118,28 @@ class _Views:
 
     @classmethod
     def of(
-        cls, cameras: list[Camera], logs: list[np.ndarray], surface: Surface, occlusion: float, threads: int
+        cls,
+        cameras: list[Camera],
+        log_radiance_of: Callable[[Camera], np.ndarray],
+        surface: Surface,
+        held: int,
+        occlusion: float,
+        threads: int,
     ) -> _Views:
-        """Cast the rays of all views onto the surface; of each, only the depth is held."""
+        """Prepare the rays onto a surface; photos are read and cast when they are asked for."""
         caster = RayCaster(surface)
-        depths = (caster.hits(camera, threads).depth for camera in cameras)
-        photos = [
-            Photo.unmixed(camera, log, depth, occlusion)
-            for camera, log, depth in zip(cameras, logs, depths, strict=True)
-        ]
+
+        def photo(view: int) -> Photo:
+            camera = cameras[view]
+            depth = caster.hits(camera, threads).depth
+            return Photo.unmixed(camera, log_radiance_of(camera), depth, occlusion)
+
         normals = as_unit(face_normals(surface.vertices, surface.faces))
-        return cls(photos, surface, caster, normals, threads)
+        return cls(cameras, lru_cache(held)(photo), surface, caster, normals, threads)
 
     def seen(self, view: int) -> tuple[Hits, np.ndarray]:
         """Cast the rays of a view again; and find the normals of the faces that they meet, (h, w, 3)."""
-        hits = self.caster.hits(self.photos[view].camera, self.threads)
+        hits = self.caster.hits(self.cameras[view], self.threads)
         normals = self.normals[np.where(hits.mask, hits.triangles, 0)]
         normals[hits.behind] *= -1
         return hits, normals
@@ -145,9 +156,10 @@ def _equations(
 ) -> tuple[NormalEquations, float]:
     """Sum up the normal equations of all photos, and measure residuals' variance over the assumed one."""
     equations, misfits = NormalEquations.none(rings), []
-    for number, photo in enumerate(views.photos):
+    for number in range(len(views.cameras)):
         hits, normals = views.seen(number)
-        terms = compare(photo, normals, [views.photos[other] for other in sources[number]], noise, settings)
+        others = [views.photo(other) for other in sources[number]]
+        terms = compare(views.photo(number), normals, others, noise, settings)
         compared = terms.curvature > 0
         if not compared.any():
             continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
@@ -90,6 +90,21 @@ class RoughnessSettings(Settings):
     )
 
 
+class FoldSettings(Settings):
+    """Settings of where the surface would fold, because vertices beside each other part."""
+
+    largest_turn_deg: float = setting(
+        75.0,
+        "Moves are averaged over the vertices around where a face turns by more.",
+        unit="°",
+        gt=0,
+        lt=180,
+    )
+    times: int = setting(
+        3, "How often; what is turned even then are splinters, whose normals mean nothing.", ge=0, le=100
+    )
+
+
 class ViewPairSettings(Settings):
     """Settings of which views see the same surface: at a sample of its vertices, in small views."""
 
@@ -106,10 +121,11 @@ class ViewPairSettings(Settings):
 class RefineSettings(Settings):
     """Settings of the `refine` stage."""
 
-    refine: bool = setting(
-        False,
+    refine: bool | Literal["auto"] = setting(
+        "auto",
         "The mesh is moved until the photos of neighbouring views agree on it: grooves and joints that it "
-        "lacks become relief, instead of paint in the albedo.",
+        "lacks become relief, instead of paint in the albedo. auto: one that is made here, of points; not a "
+        "given one, nor any in `decomposition.mode=paper`.",
     )
     neighbours: int = setting(
         6, "Views that each view is compared with: those of stereo's best angles.", unit="views", ge=1, le=20
@@ -160,12 +176,20 @@ class RefineSettings(Settings):
     most_vertices: int = setting(
         2_000_000, "Vertices up to which faces are divided.", unit="vertices", ge=1000
     )
+    most_pixels: int = setting(
+        200_000_000,
+        "Pixels of views that are in memory at once; other views are read again where they are compared.",
+        unit="px",
+        changes_result=False,
+        ge=1,
+    )
     solver_steps: int = setting(
         60, "Steps of conjugate gradients in a round; more rounds are worth more than more steps.", ge=1
     )
     solver_tolerance: float = setting(1e-3, "Relative residual at which these stop earlier.", gt=0, lt=1)
     pairs: ViewPairSettings = group(ViewPairSettings, "Which views see the same surface.")
     errors: PhotoErrorSettings = group(PhotoErrorSettings, "How far photos of one point may differ.")
+    folds: FoldSettings = group(FoldSettings, "Where the surface would fold.")
     roughness: RoughnessSettings = group(RoughnessSettings, "How rough the added relief may be.")
 
     @field_validator("scales")

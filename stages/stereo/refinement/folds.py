@@ -1,0 +1,45 @@
+"""Faces that a displacement turns over, and the displacement without them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.formats.meshes.triangle_meshes import Surface
+from stages.geometry.rays import as_unit, face_normals
+from stages.stereo.refinement.settings import FoldSettings
+from stages.stereo.refinement.vertex_rings import VertexRings
+
+
+def without_folds(
+    surface: Surface,
+    rings: VertexRings,
+    directions: np.ndarray,
+    heights: np.ndarray,
+    settings: FoldSettings,
+) -> np.ndarray:
+    """Average heights over neighbours where faces turn too far: neighbours that part turn them over.
+
+    Parameters
+    ----------
+    surface : Surface
+    rings : VertexRings
+        Of its vertices.
+    directions : ndarray, shape (V, 3), float64
+        By which vertices move with a height of 1, model units.
+    heights : ndarray, shape (V,), float64
+    settings : FoldSettings
+
+    Returns
+    -------
+    ndarray, shape (V,), float64
+    """
+    least_cosine = np.cos(np.deg2rad(settings.largest_turn_deg))
+    before = as_unit(face_normals(surface.vertices, surface.faces))
+    for _ in range(settings.times):
+        moved = surface.vertices + heights[:, None] * directions
+        after = as_unit(face_normals(moved, surface.faces))
+        turned = surface.faces[np.einsum("fk,fk->f", before, after) < least_cosine]
+        folded = np.zeros(len(heights), bool)
+        folded[turned] = True
+        heights = np.where(folded, rings.averaged(heights), heights)
+    return heights
