@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 BYTES_PER_PIXEL = 20  # of views, held
 BYTES_PER_PIXEL_OF_VIEW = 260  # of the one that is compared
-BYTES_PER_VERTEX = 1400
+BYTES_PER_VERTEX = 1200
+DIVIDED = 1.6  # vertices over those of a mesh that is made here
+OVERLAP = 2  # views, at least, that see a place of a coarse one
 BYTES_OF_VERTEX_IN_FILE = 50  # with two faces
 LEAST_VERTICES = 1000  # as the setting allows
 FEW_KNOWN = 0.01  # of the vertices: a warning
@@ -84,8 +86,9 @@ def estimated_memory(settings: RefineSettings, inputs: Mapping[str, Path], threa
     held = BYTES_PER_PIXEL * min(sum(pixels) // scale, settings.most_pixels)
     compared = BYTES_PER_PIXEL_OF_VIEW * max(pixels, default=0) // scale
     given = inputs["mesh"].stat().st_size // BYTES_OF_VERTEX_IN_FILE
-    divided = min(settings.most_vertices, int(sum(pixels) / settings.edge_px**2))
-    return BYTES_OF_LIBRARIES + held + compared + BYTES_PER_VERTEX * max(given, divided)
+    divided = int(max(DIVIDED * given, sum(pixels) / settings.edge_px**2 / OVERLAP))
+    vertices = max(given, min(divided, settings.most_vertices))
+    return BYTES_OF_LIBRARIES + held + compared + BYTES_PER_VERTEX * vertices
 
 
 def within(settings: RefineSettings, memory: int) -> RefineSettings:

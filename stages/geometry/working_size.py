@@ -13,7 +13,7 @@ class AutoSizeSettings(Settings):
     """Settings of `max_size_px: auto`."""
 
     processor_minutes: float = setting(
-        35.0,
+        42.0,
         "Processor time that a run from photos to albedo may take, about; two cores take a little more than "
         "half of it.",
         unit="min",
@@ -26,7 +26,7 @@ class AutoSizeSettings(Settings):
         ge=1,
     )
     seconds_per_megapixel: float = setting(
-        80.0,
+        100.0,
         "Processor time that all stages take per megapixel of all working images, as measured "
         "(docs/performance.md).",
         unit="s",
