@@ -113,7 +113,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 REFINE = Stage(
     name="refine",
-    version=1,
+    version=2,
     about="The mesh moved until the photos of neighbouring views agree on it.",
     settings=RefineSettings,
     takes=("mesh", "linear", "workspace", "kept"),

@@ -246,7 +246,7 @@ def test_a_photographed_row_starts_from_photos_with_its_lens_held(tmp_path, monk
     results = laboratory_of(row, TINY, tmp_path / "w").run_with(row, {"mode": "transfer"})
     assert list(given) == ["render", "decomposition"]
     flow, sources, settings = given["decomposition"]
-    assert flow[:4] == ["sfm", "undistort", "mvs", "mesh"]
+    assert flow[:5] == ["sfm", "undistort", "mvs", "mesh", "refine"]
     assert set(sources) == {"images", "masks"}
     assert [path.name for path in sources["images"].iterdir()] == ["000.png"]
     assert settings["sfm"]["camera_params"] == [50.0, 50.0, 10.0, 8.0]

@@ -115,10 +115,12 @@ def test_a_second_run_reuses_everything_and_says_so(finished, capsys):
     code, _, said = unshade(capsys, "run", ROOT / "configs/sample.yaml", "--workspace", finished, *QUICK)
     assert code == 0
     (reused,) = [line for line in said.splitlines() if line.startswith("reuse")]
-    flow = "sfm undistort mvs mesh raycast correspondence transfer lighting decomposition export report"
+    flow = (
+        "sfm undistort mvs mesh refine raycast correspondence transfer lighting decomposition export report"
+    )
     assert reused.replace(",", "").split()[1:] == flow.split() and "done in" not in said
     _, told, _ = unshade(capsys, "plan", ROOT / "configs/sample.yaml", "--workspace", finished, *QUICK)
-    assert told.count("nothing that it depends on has changed") == 11
+    assert told.count("nothing that it depends on has changed") == 12
 
 
 def test_a_setting_of_the_decomposition_reruns_it_and_what_follows_only(finished, capsys):

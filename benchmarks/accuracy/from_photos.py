@@ -9,6 +9,8 @@ from typing import Any
 import stages
 from benchmarks.paper.laboratory import Laboratory, Results, results_of
 from benchmarks.paper.rows import Row
+from pipeline.config import check_settings
+from stages.additions import as_asked_for
 from stages.formats.colmap.model import cameras_of, read_model
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask, write_png_srgb8
@@ -55,7 +57,9 @@ class PhotoLaboratory(Laboratory):
             "decomposition": decomposition,
         }
         sources = {"images": photos, "masks": rendered.paths["masks"]}
+        settings = check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given)
         flow = stages.dataflow(sources, DecompositionSettings(**decomposition).kind_of_light)
+        flow = as_asked_for(flow, settings)
         done = results_of(
             flow, sources, given, self.workspace / "estimated", last, self.threads, self.listener
         )

@@ -3,7 +3,7 @@
 Renders streets of so many views (kept in ``workspaces/scale``), runs the program on each, and prints and
 writes ``scale.md``: every stage's seconds, processor seconds and peak memory, their slopes against the number
 of views in logarithms, and the error of the albedo. Cameras and mesh are given, as far as the albedo;
-`--from-photos` estimates them, as far as the mesh. What follows ``--`` is given to `unshade run`.
+`--from-photos` estimates them, as far as the refined mesh. What follows ``--`` is given to `unshade run`.
 """
 
 from __future__ import annotations

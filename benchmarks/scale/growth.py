@@ -52,10 +52,10 @@ def grow(photos: PhotoSet, arguments: Sequence[str], from_photos: bool) -> Grown
     arguments : sequence of str
         Further arguments of `unshade run`.
     from_photos : bool
-        Estimate cameras and mesh, as far as the mesh; else both are given, as far as the albedo.
+        Estimate cameras and mesh, as far as the refined mesh; else both are given, as far as the albedo.
     """
     workspace = photos.folder / ("workspace-photos" if from_photos else "workspace")
-    geometry = ["--to", "mesh"] if from_photos else with_geometry(photos, photos.mesh)
+    geometry = ["--to", "refine"] if from_photos else with_geometry(photos, photos.mesh)
     records = run_program([*in_workspace(photos, workspace), *geometry, *arguments, "--force"])
     stages = {stage: _taken(record) for stage, record in records.items()}
     comparable = "export" in stages and not from_photos  # cameras that were found see other pixels

@@ -77,9 +77,10 @@ class RoughnessSettings(Settings):
         lt=1,
     )
     tail: float = setting(
-        1.0,
+        0.1,
         "How far curvature may differ from place to place: degrees of freedom of Student's distribution. "
-        "Creases bend where plain surface stays plain; large values let it be alike everywhere.",
+        "Creases bend where plain surface stays plain; with large values they bend alike, and plain surface "
+        "gets waves.",
         gt=0,
     )
     rings: int = setting(
