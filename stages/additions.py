@@ -60,6 +60,17 @@ def asks_for_refinement(flow: Flow, settings: Mapping[str, Settings]) -> bool:
     )
 
 
+def unrefined_before(
+    last: str | None, flow: Flow, settings: Mapping[str, Settings]
+) -> Mapping[str, Settings]:
+    """Ask for no refinement where a run ends before it: it shows the mesh as it is."""
+    names = [stage.name for stage in flow]
+    if last not in names[: names.index(RAYCAST.name)]:
+        return settings
+    own = settings_of(REFINE, settings).model_copy(update={"refine": False})
+    return {**settings, REFINE.name: own}
+
+
 def with_refinement(flow: Flow) -> Flow:
     """Put `refine` before the stage `raycast`; all behind take its mesh, and none the file of a given one.
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 from pipeline import Job, Silence, Stage
@@ -15,6 +16,9 @@ from pipeline import Job, Silence, Stage
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 from stages.solvers.kernels.threading_layer import use_threads  # noqa: E402
+
+hypothesis.settings.register_profile("untimed", deadline=None)  # a busy machine is no defect
+hypothesis.settings.load_profile("untimed")
 
 # Files of tests that run the program, render, or search for light: five seconds and more each.
 WHOLE = {

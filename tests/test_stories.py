@@ -188,6 +188,7 @@ def test_a_flipped_byte_in_the_cache_is_noticed_and_rebuilt_to_the_same_bytes(ow
         "undistort": "reuse",
         "mvs": "reuse",
         "mesh": "run",
+        "refine": "reuse",
         "raycast": "reuse",
     }
     assert mesh.read_bytes() == before

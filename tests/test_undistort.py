@@ -106,7 +106,7 @@ def test_an_automatic_size_is_told_with_what_it_will_take(tmp_path, make_job):
     for index in range(2):
         write_png_srgb8(images / f"{index}.png", np.full((800, 1200, 3), 0.5, np.float32))
     model = one_image_model("{}.png", lens, 2)
-    settings = UndistortSettings(auto=AutoSizeSettings(processor_minutes=1.3))
+    settings = UndistortSettings(auto=AutoSizeSettings(processor_minutes=1.62))
     said: list[str] = []
 
     def listening(*args, **inputs):
@@ -115,7 +115,7 @@ def test_an_automatic_size_is_told_with_what_it_will_take(tmp_path, make_job):
     job = undistort(listening, tmp_path, model, images, settings)
     written = cameras_of(read_model(job.outputs["workspace"] / "sparse"))
     assert {(camera.width, camera.height) for camera in written} == {(849, 566)}
-    assert any("Works at 849 px of 1200, about 1 minutes" in sentence for sentence in said)
+    assert any("Works at 849 px of 1200, about 2 minutes" in sentence for sentence in said)
     said.clear()
     whole = undistort(listening, tmp_path, model, images, None, out="whole")
     written = cameras_of(read_model(whole.outputs["workspace"] / "sparse"))

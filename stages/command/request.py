@@ -163,7 +163,8 @@ def _request(
     flow = stages.keeping_within_masks(flow, settings)
     for extended in added:
         flow = extended(flow)
-    flow = additions.with_report(additions.as_asked_for(flow, settings))
+    asked = additions.unrefined_before(selection.last or selection.only, flow, settings)
+    flow = additions.with_report(additions.as_asked_for(flow, asked))
     kinds = stages.kinds_of_sources(flow)
     check_flow(flow, kinds)
     memory = memory_of(command)
