@@ -174,10 +174,13 @@ def test_roughness_is_found_from_heights_that_are_known():
 def test_faces_do_not_fold():
     surface = grid(20, flat)
     rings, up = VertexRings.of(surface.faces, 400), np.tile([0, 0, 1.0], (400, 1))
+    up_faces = np.tile([0, 0, 1.0], (len(surface.faces), 1))
     heights = np.random.default_rng(4).normal(0, 0.01, 400)
-    np.testing.assert_array_equal(without_folds(surface, rings, up, heights, SETTINGS.folds), heights)
+    np.testing.assert_array_equal(
+        without_folds(surface, up_faces, rings, up, heights, SETTINGS.folds), heights
+    )
     heights[210] = 0.6  # six edges: faces around it stand up
-    smoother = without_folds(surface, rings, up, heights, SETTINGS.folds)
+    smoother = without_folds(surface, up_faces, rings, up, heights, SETTINGS.folds)
     normals = face_normals(surface.vertices + smoother[:, None] * up, surface.faces)
     turned = np.rad2deg(np.arccos(normals[:, 2] / np.linalg.norm(normals, axis=1)))
     assert turned.max() < SETTINGS.folds.largest_turn_deg

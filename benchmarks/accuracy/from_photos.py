@@ -14,7 +14,6 @@ from stages.additions import as_asked_for
 from stages.formats.colmap.model import cameras_of, read_model
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask, write_png_srgb8
-from stages.photometry.decomposition_settings import DecompositionSettings
 from stages.synthetic.sample import exposure
 
 
@@ -58,8 +57,7 @@ class PhotoLaboratory(Laboratory):
         }
         sources = {"images": photos, "masks": rendered.paths["masks"]}
         settings = check_settings({stage.name: stage.settings for stage in stages.ALL_STAGES}, given)
-        flow = stages.dataflow(sources, DecompositionSettings(**decomposition).kind_of_light)
-        flow = as_asked_for(flow, settings)
+        flow = as_asked_for(stages.dataflow(sources, stages.kind_of_light(settings, sources)), settings)
         done = results_of(
             flow, sources, given, self.workspace / "estimated", last, self.threads, self.listener
         )

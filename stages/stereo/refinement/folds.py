@@ -12,6 +12,7 @@ from stages.stereo.refinement.vertex_rings import VertexRings
 
 def without_folds(
     surface: Surface,
+    before: np.ndarray,
     rings: VertexRings,
     directions: np.ndarray,
     heights: np.ndarray,
@@ -22,6 +23,8 @@ def without_folds(
     Parameters
     ----------
     surface : Surface
+    before : ndarray, shape (F, 3), float64
+        Unit normals of its faces.
     rings : VertexRings
         Of its vertices.
     directions : ndarray, shape (V, 3), float64
@@ -34,11 +37,12 @@ def without_folds(
     ndarray, shape (V,), float64
     """
     least_cosine = np.cos(np.deg2rad(settings.largest_turn_deg))
-    before = as_unit(face_normals(surface.vertices, surface.faces))
     for _ in range(settings.times):
         moved = surface.vertices + heights[:, None] * directions
         after = as_unit(face_normals(moved, surface.faces))
         turned = surface.faces[np.einsum("fk,fk->f", before, after) < least_cosine]
+        if not len(turned):
+            break
         folded = np.zeros(len(heights), bool)
         folded[turned] = True
         heights = np.where(folded, rings.averaged(heights), heights)

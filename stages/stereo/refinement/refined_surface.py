@@ -78,6 +78,7 @@ def refine(
     """
     whole, number_in_whole = joined(surface)  # at creases and seams, or it would open there
     lengths, normals = _footprints(whole, list(cameras)), vertex_normals(whole.vertices, whole.faces)
+    facing = as_unit(face_normals(whole.vertices, whole.faces))
     directions = normals.astype(np.float64) * lengths[:, None]
     rings = VertexRings.of(whole.faces, len(whole.vertices))
     heights, noise = np.zeros(len(whole.vertices)), 1.0
@@ -94,7 +95,7 @@ def refine(
             noise = max(noise * measured, settings.errors.least)
             model = HeightModel(rings, equations, roughness, settings)
             found, known = model.most_probable(heights), equations.diagonal > settings.hold
-            heights = without_folds(whole, rings, directions, found, settings.folds)
+            heights = without_folds(whole, facing, rings, directions, found, settings.folds)
             if scale == settings.scales[-1] and known.any():
                 left_open = model.sample(np.random.default_rng([number, len(cameras)]))
                 roughness = roughness.measured(rings, heights, left_open, known, settings.roughness)
