@@ -32,7 +32,7 @@ def run(job: Job[RefineSettings]) -> None:
     from stages.formats.colmap.model import cameras_of, read_model
     from stages.formats.meshes.triangle_meshes import read_mesh, write_mesh
     from stages.solvers.kernels.threading_layer import use_threads
-    from stages.stereo.refinement.refined_surface import divided, refine
+    from stages.stereo.refinement.refined_surface import divided, refine, widest_relief
     from stages.stereo.refinement.view_pairs import sources_of_views
 
     use_threads(job.threads)
@@ -41,10 +41,11 @@ def run(job: Job[RefineSettings]) -> None:
     given = read_mesh(job.inputs["mesh"])
     surface = divided(given, cameras, settings)
     sources = sources_of_views(surface, cameras, settings.neighbours, settings.pairs, job.threads)
-    read = partial(_log_radiance, dict(job.inputs), settings)
+    widest = widest_relief(given, cameras, settings)
+    read = partial(_radiance, dict(job.inputs), settings)
     noise = []
     with job.progress("rounds", len(settings.scales) * settings.rounds) as step:
-        for last in refine(surface, cameras, sources, read, settings, job.threads):
+        for last in refine(surface, widest, cameras, sources, read, settings, job.threads):
             noise.append(round(last.noise, 3))
             step()
     write_mesh(job.outputs["refined_mesh"], last.surface)
@@ -64,16 +65,16 @@ def run(job: Job[RefineSettings]) -> None:
     )
 
 
-def _log_radiance(paths: dict[str, Path], settings: RefineSettings, camera: Camera) -> np.ndarray:
-    """Read a photo and its mask at the size of a camera: as `Photo.log_radiance`."""
+def _radiance(paths: dict[str, Path], settings: RefineSettings, camera: Camera) -> np.ndarray:
+    """Read a photo and its mask at the size of a camera: as `Photo.radiance`."""
     from stages.formats.images.exr import read_exr
     from stages.formats.images.masks import kept_at
     from stages.formats.images.resize import reduce_by_area
-    from stages.stereo.refinement.compared_photos import log_radiance
+    from stages.stereo.refinement.compared_photos import radiance
 
     image = reduce_by_area(read_exr(paths["linear"] / f"{camera.name}.exr"), camera.shape)
     kept = kept_at(paths["kept"] / f"{camera.name}.png", camera.shape)
-    return log_radiance(image, kept, settings.errors)
+    return radiance(image, kept, settings.errors)
 
 
 def estimated_memory(settings: RefineSettings, inputs: Mapping[str, Path], threads: int) -> int:
@@ -113,7 +114,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 REFINE = Stage(
     name="refine",
-    version=2,
+    version=3,
     about="The mesh moved until the photos of neighbouring views agree on it.",
     settings=RefineSettings,
     takes=("mesh", "linear", "workspace", "kept"),

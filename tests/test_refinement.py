@@ -18,10 +18,10 @@ from stages.formats.meshes.triangle_meshes import Surface, read_mesh
 from stages.geometry.rays import RayCaster, face_normals, vertex_normals
 from stages.refine import REFINE
 from stages.scene.cameras import Camera, back_project
-from stages.stereo.refinement.compared_photos import Photo, _differences, _projection, _rays, log_radiance
+from stages.stereo.refinement.compared_photos import Photo, _projection, _rays, _seen_by_other, radiance
 from stages.stereo.refinement.displacement import HeightModel, NormalEquations, Roughness
 from stages.stereo.refinement.folds import without_folds
-from stages.stereo.refinement.refined_surface import refine
+from stages.stereo.refinement.refined_surface import refine, widest_relief
 from stages.stereo.refinement.settings import RefineSettings, RoughnessSettings
 from stages.stereo.refinement.vertex_rings import VertexRings
 from stages.stereo.refinement.view_pairs import sources_of_views
@@ -88,10 +88,10 @@ def refined(given: Surface, views: list[Camera], photos, settings=SETTINGS, kept
         side = WIDTH // camera.width
         blocks = photos[camera.name].reshape(camera.height, side, camera.width, side, 3)
         mask = np.ones(camera.shape, bool) if kept is None else kept[::side, ::side]
-        return log_radiance(blocks.mean(axis=(1, 3)), mask, settings.errors)
+        return radiance(blocks.mean(axis=(1, 3)), mask, settings.errors)
 
     sources = sources_of_views(given, views, settings.neighbours, settings.pairs, 1)
-    return list(refine(given, views, sources, read, settings, 1))[-1]
+    return list(refine(given, widest_relief(given, views, settings), views, sources, read, settings, 1))[-1]
 
 
 def angles_deg(surface: Surface, truth: Surface) -> np.ndarray:
@@ -143,7 +143,7 @@ def test_samples_have_the_variance_that_the_photos_leave_open():
     model = HeightModel(
         rings,
         NormalEquations(diagonal, np.zeros(rings.edge_count), np.zeros(count), np.zeros(count)),
-        Roughness(3.0, rng.uniform(0.5, 1.5, count)),
+        Roughness(3.0, rng.uniform(0.5, 1.5, count), 2.0),
         SETTINGS,
     )
     samples = [
@@ -154,7 +154,8 @@ def test_samples_have_the_variance_that_the_photos_leave_open():
     ]
     umbrella = np.stack([rings.curvature(one) for one in np.eye(count)], axis=1)
     system = (
-        np.diag(diagonal + SETTINGS.hold) + 3.0 * umbrella.T @ np.diag(model.roughness.weights) @ umbrella
+        np.diag(diagonal + SETTINGS.hold + 3.0 * model.roughness.weights / 2.0**4)
+        + 3.0 * umbrella.T @ np.diag(model.roughness.weights) @ umbrella
     )
     np.testing.assert_allclose(np.var(samples, axis=0), np.diag(np.linalg.inv(system)), rtol=0.12)
 
@@ -163,7 +164,7 @@ def test_roughness_is_found_from_heights_that_are_known():
     surface = grid(60, flat)
     rings = VertexRings.of(surface.faces, 3600)
     heights = np.random.default_rng(3).normal(size=3600)
-    rough, nothing_open, known = Roughness(1.0, np.ones(3600)), np.zeros(3600), np.ones(3600, bool)
+    rough, nothing_open, known = Roughness(1.0, np.ones(3600), np.inf), np.zeros(3600), np.ones(3600, bool)
     alike = RoughnessSettings(tail=1e9)
     for _ in range(9):
         rough = rough.measured(rings, heights, nothing_open, known, alike)
@@ -200,19 +201,19 @@ def test_what_is_read_again_is_the_same():
     np.testing.assert_array_equal(held, again)
 
 
-def test_a_difference_changes_with_the_surface_as_is_said():
+def test_what_another_photo_shows_changes_with_the_surface_as_is_said():
     views = cameras(3)
     surface = grid(80, flat)
     photos = photographs(surface, views)
-    logs = {c.name: log_radiance(photos[c.name], np.ones(c.shape, bool), SETTINGS.errors) for c in views}
+    values = {c.name: radiance(photos[c.name], np.ones(c.shape, bool), SETTINGS.errors) for c in views}
 
     def differences(height: float):
         caster = RayCaster(grid(2, lambda x, y: np.full_like(x, height)))
-        one, other = (Photo(c, logs[c.name], caster.hits(c, 1).depth) for c in (views[0], views[2]))
+        one, other = (Photo(c, values[c.name], caster.hits(c, 1).depth) for c in (views[0], views[2]))
         up = np.broadcast_to(np.array([0, 0, 1.0]), (*views[0].shape, 3)).copy()
-        seen = one.depth, up, one.log_radiance
-        return _differences(
-            *_rays(one.camera), *seen, *_projection(other.camera), other.depth, other.log_radiance, 4.0, 0.2
+        seen = one.depth, up, np.isfinite(one.radiance)
+        return _seen_by_other(
+            *_rays(one.camera), *seen, *_projection(other.camera), other.depth, other.radiance, 4.0, 0.2
         )
 
     step = 1e-3

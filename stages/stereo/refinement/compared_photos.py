@@ -1,9 +1,9 @@
-"""Photo-consistency of views through a surface: residuals of log radiance and their derivatives by height."""
+"""Photo-consistency of views through a surface: differences of contrast, and their derivatives by height."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, floor, sqrt
+from math import floor, sqrt
 
 import cv2
 import numba
@@ -21,23 +21,23 @@ class Photo:
     Attributes
     ----------
     camera : Camera
-    log_radiance : ndarray, shape (h, w), float32
+    radiance : ndarray, shape (h, w), float32
         Mean of the channels over white; NaN where the photo is not kept.
     depth : ndarray, shape (h, w), float32
         z of the surface, model units; 0 where there is none.
     """
 
     camera: Camera
-    log_radiance: np.ndarray
+    radiance: np.ndarray
     depth: np.ndarray
 
     @classmethod
-    def unmixed(cls, camera: Camera, log_radiance: np.ndarray, depth: np.ndarray, occlusion: float) -> Photo:
+    def unmixed(cls, camera: Camera, radiance: np.ndarray, depth: np.ndarray, occlusion: float) -> Photo:
         """Leave out pixels at edges of the depth, which show two surfaces, or one and what is behind.
 
         `occlusion`: how far apart the depths of neighbours of one surface may be, pixel footprints.
         """
-        return cls(camera, _unmixed(log_radiance, depth, occlusion / camera.focal_px), depth)
+        return cls(camera, _unmixed(radiance, depth, occlusion / camera.focal_px), depth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +60,13 @@ class PixelTerms:
     misfits: np.ndarray
 
 
-def log_radiance(image: np.ndarray, kept: np.ndarray, settings: PhotoErrorSettings) -> np.ndarray:
-    """Compute the logarithm of a photo's grey, (h, w), float32, of linear values, (h, w, 3), over white."""
+def radiance(image: np.ndarray, kept: np.ndarray, settings: PhotoErrorSettings) -> np.ndarray:
+    """Compute a photo's grey over white, (h, w), float32, from linear values, (h, w, 3)."""
     grey = image.mean(axis=2)
     kept = kept & np.isfinite(grey)
     white = float(np.quantile(grey[kept], settings.white)) if kept.any() else 0.0
     bright = np.maximum(grey / (white if white > 0 else 1.0), settings.darkest)
-    return np.where(kept, np.log(bright), np.nan).astype(np.float32)
+    return np.where(kept, bright, np.nan).astype(np.float32)
 
 
 def compare(
@@ -90,39 +90,43 @@ def compare(
 
     Notes
     -----
-    With i seen at a pixel, j at the projection of its point, a difference is ``log i − log j`` less its
-    average around the pixel. The surface moves along its normal n by h: the point moves along the pixel's
-    ray r by h / (n·r), and j's value by its gradient times the projection of that. A photo's own noise is
-    in all its comparisons, so K of them, in both directions, count as often over as there are photos: K + 1.
-    The average around a pixel changes with the surface as well; of wide relief on paint that changes slowly
-    the curvature is therefore too large, and its moves are short.
+    With i seen at a pixel, j at the projection of its point, and ī, j̄ their averages around, a difference is
+    ``i / ī − j / j̄``: exposures cancel. (Of logarithms, edges that are blurred in one photo more than in the
+    other would move to their dark side: blur is linear in radiance.) The surface moves along its normal n by
+    h: the point moves along the pixel's ray r by h / (n·r), and j by its gradient times the projection of
+    that. A photo's own noise is in all its comparisons, so K of them, in both directions, count as often
+    over as there are photos: K + 1. The average j̄ changes with the surface as well; of wide relief on paint
+    that changes slowly the curvature is therefore too large, and its moves are short.
     """
     shape = photo.camera.shape
     curvature, slope, compared = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     misfits = []
     errors = settings.errors
     for other in others:
-        difference, change = _differences(
+        there, rate = _seen_by_other(
             *_rays(photo.camera),
             photo.depth,
             normals,
-            photo.log_radiance,
+            np.isfinite(photo.radiance),
             *_projection(other.camera),
             other.depth,
-            other.log_radiance,
+            other.radiance,
             settings.occlusion,
             settings.grazing,
         )
-        own = difference - _local_mean(difference, settings.window_px)
+        here = np.where(np.isfinite(there), photo.radiance, np.nan)
+        mean_here, mean_there = (
+            np.maximum(_local_mean(values, settings.window_px), errors.darkest) for values in (here, there)
+        )
+        contrast_there, change = there / mean_there, -rate / mean_there
+        variance = errors.shot_noise**2 * (1 / mean_here + 1 / mean_there) + 2 * errors.mismatch**2
         misfit, weighted = np.full((2, *shape), np.nan, np.float32)
-        variances = noise * errors.shot_noise**2, noise * errors.mismatch**2
         _add_terms(
-            *(own, difference, change, photo.log_radiance, *variances, errors.outlier),
+            *(here / mean_here - contrast_there, change, noise * variance, errors.outlier),
             *(curvature, compared, misfit, weighted),
         )
-        slope += np.where(
-            np.isfinite(weighted), change * (weighted - _local_mean(weighted, settings.window_px)), 0
-        )
+        around = _local_mean(weighted * contrast_there, settings.window_px)
+        slope += np.where(np.isfinite(weighted), change * (weighted - around), 0)
         misfits.append(misfit[np.isfinite(misfit)])
     share = 1 / ((compared + 1) * errors.alike)
     return PixelTerms(curvature * share, slope * share, np.concatenate([np.zeros(0, np.float32), *misfits]))
@@ -196,12 +200,12 @@ def _unmixed(values, depth, farthest):
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def _differences(
+def _seen_by_other(
     ray_of,
     centre,
     depth,
     normals,
-    own,
+    kept,
     intrinsics,
     rotation,
     translation,
@@ -210,17 +214,17 @@ def _differences(
     occlusion,
     grazing,
 ):
-    """Differences to another photo and their changes by height, (h, w) float32 each; NaN where unseen."""
+    """Another photo's values at the pixels' points, NaN where unseen, and their changes by height."""
     height, width = depth.shape
     other_height, other_width = other_depth.shape
-    difference = np.full((height, width), np.nan, np.float32)
+    there = np.full((height, width), np.nan, np.float32)
     change = np.zeros((height, width), np.float32)
     focal_x, focal_y = intrinsics[0, 0], intrinsics[1, 1]
     for row in numba.prange(height):
         ray, point, seen, moved = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
         for column in range(width):
-            z, value = depth[row, column], own[row, column]
-            if not z > 0 or np.isnan(value):
+            z = depth[row, column]
+            if not z > 0 or not kept[row, column]:
                 continue
             x, y = column + 0.5, row + 0.5
             facing, length = 0.0, 0.0
@@ -258,27 +262,22 @@ def _differences(
                 continue
             by_u = focal_x * (moved[0] - seen[0] / seen[2] * moved[2]) / seen[2]
             by_v = focal_y * (moved[1] - seen[1] / seen[2] * moved[2]) / seen[2]
-            difference[row, column] = value - found
-            change[row, column] = -(gradient_u * by_u + gradient_v * by_v)
-    return difference, change
+            there[row, column] = found
+            change[row, column] = gradient_u * by_u + gradient_v * by_v
+    return there, change
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def _add_terms(
-    own, difference, change, log_own, shot, mismatch, outlier, curvature, compared, misfit, weighted
-):
+def _add_terms(difference, change, variance, outlier, curvature, compared, misfit, weighted):
     """Add one comparison's terms to those of the pixels; `misfit`: squared differences over variance."""
-    height, width = own.shape
+    height, width = difference.shape
     for row in numba.prange(height):
         for column in range(width):
             if np.isnan(difference[row, column]):
                 continue
-            here = log_own[row, column]
-            there = here - difference[row, column]
-            variance = shot * (exp(-here) + exp(-there)) + 2 * mismatch
-            squared = own[row, column] ** 2 / variance
-            weight = 1 / (variance * (1 + squared / outlier**2))
+            squared = difference[row, column] ** 2 / variance[row, column]
+            weight = 1 / (variance[row, column] * (1 + squared / outlier**2))
             curvature[row, column] += weight * change[row, column] ** 2
-            weighted[row, column] = weight * own[row, column]
+            weighted[row, column] = weight * difference[row, column]
             compared[row, column] += 1
             misfit[row, column] = squared

@@ -69,17 +69,25 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Roughness:
-    """How rough heights are expected to be: ``½ stiffness Σ weight (L x)²``.
+    """How rough heights are expected to be: ``½ stiffness Σ weight ((L x)² + x² / reach⁴)``.
 
     Attributes
     ----------
     stiffness : float
     weights : ndarray, shape (V,), float64
         Small where curvature was found to be large.
+    reach : float
+        Over what length heights are alike, edges: both terms are as large for a wavelength of π times it.
     """
 
     stiffness: float
     weights: np.ndarray
+    reach: float
+
+    @property
+    def hold(self) -> np.ndarray:
+        """Inverse variance of the height of each vertex by itself, (V,)."""
+        return self.stiffness * self.weights / self.reach**4
 
     def measured(
         self,
@@ -117,7 +125,7 @@ class Roughness:
             around = rings.averaged(around)
         usual = float(around[known].mean())
         relative = around / usual if usual > 0 else np.ones_like(around)
-        return Roughness(stiffness, (settings.tail + 1) / (settings.tail + relative))
+        return Roughness(stiffness, (settings.tail + 1) / (settings.tail + relative), self.reach)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +140,7 @@ class HeightModel:
     def most_probable(self, heights: np.ndarray) -> np.ndarray:
         """Find the most probable heights near those at hand, (V,), by conjugate gradients (Jacobi)."""
         settings = self.settings
-        move = self._solved(-(self.equations.slope + self._bent(heights) + settings.hold * heights))
+        move = self._solved(-(self.equations.slope + self._bent(heights) + self._hold * heights))
         return heights + np.clip(move, -settings.largest_move, settings.largest_move)
 
     def sample(self, rng: np.random.Generator) -> np.ndarray:
@@ -144,7 +152,12 @@ class HeightModel:
         bent, held = rng.standard_normal((2, len(self.equations.diagonal)))
         rough = self.roughness
         spread = self.rings.transposed_curvature(np.sqrt(rough.stiffness * rough.weights) * bent)
-        return self._solved(self.equations.sample + spread + np.sqrt(self.settings.hold) * held)
+        return self._solved(self.equations.sample + spread + np.sqrt(self._hold) * held)
+
+    @property
+    def _hold(self) -> np.ndarray:
+        """Inverse variance of each height by itself, (V,): never none, or what no photo shows would drift."""
+        return self.roughness.hold + self.settings.hold
 
     def _bent(self, values: np.ndarray) -> np.ndarray:
         """Apply the roughness' matrix, ``stiffness Lᵀ W L``."""
@@ -154,7 +167,7 @@ class HeightModel:
     def _solved(self, right: np.ndarray) -> np.ndarray:
         """Solve the system for a right side, (V,), as far as the settings' steps reach."""
         rings, equations, rough, settings = self.rings, self.equations, self.roughness, self.settings
-        diagonal = equations.diagonal + settings.hold
+        diagonal = equations.diagonal + self._hold
         inverse = 1 / (diagonal + rough.stiffness * rings.squared_curvature_diagonal(rough.weights))
 
         def applied(values: np.ndarray) -> np.ndarray:

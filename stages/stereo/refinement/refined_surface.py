@@ -49,9 +49,10 @@ class Round:
 
 def refine(
     surface: Surface,
+    widest: float,
     cameras: Sequence[Camera],
     sources: Sequence[Sequence[int]],
-    log_radiance_at: Callable[[Camera], np.ndarray],
+    radiance_at: Callable[[Camera], np.ndarray],
     settings: RefineSettings,
     threads: int,
 ) -> Iterator[Round]:
@@ -60,12 +61,14 @@ def refine(
     Parameters
     ----------
     surface : Surface
+    widest : float
+        As `widest_relief` says of it, pixel footprints.
     cameras : sequence of Camera
         At the working size.
     sources : sequence of sequence of int
         Of each view, those that it is compared with.
-    log_radiance_at : callable
-        Reads the photo of a camera at its size: as `Photo.log_radiance`.
+    radiance_at : callable
+        Reads the photo of a camera at its size: as `Photo.radiance`.
     settings : RefineSettings
     threads : int
 
@@ -74,7 +77,8 @@ def refine(
     Heights are along the normals of the given surface, in pixel footprints. Each round compares the photos
     through the surface as it is, and solves for the heights that are most probable given the differences,
     their variance as measured, and a roughness that is measured too, on the finest scale. (Vu et al. 2012
-    descend a correlation by steps of a given length under a given stiffness.)
+    descend a correlation by steps of a given length under a given stiffness.) Heights that are wider than
+    what the mesh lacks are not expected: else an edge that is sharpened would bend the plain surface beside.
     """
     whole, number_in_whole = joined(surface)  # at creases and seams, or it would open there
     lengths, normals = _footprints(whole, list(cameras)), vertex_normals(whole.vertices, whole.faces)
@@ -83,14 +87,16 @@ def refine(
     rings = VertexRings.of(whole.faces, len(whole.vertices))
     heights, noise = np.zeros(len(whole.vertices)), 1.0
     edge = _typical_edge(whole, lengths)
-    roughness = Roughness(settings.roughness.stiffness / edge**2, np.ones(len(heights)))
+    roughness = Roughness(
+        settings.roughness.stiffness / edge**2, np.ones(len(heights)), widest / (np.pi * edge)
+    )
     now = whole
     for scale in settings.scales:
         scaled = [camera.reduced(1 / scale) for camera in cameras]
         held = max(settings.most_pixels // max(c.width * c.height for c in scaled), settings.neighbours + 1)
-        log_radiance_of = lru_cache(held)(log_radiance_at)
+        radiance_of = lru_cache(held)(radiance_at)
         for number in range(settings.rounds):
-            views = _Views.of(scaled, log_radiance_of, now, held, settings.occlusion, threads)
+            views = _Views.of(scaled, radiance_of, now, held, settings.occlusion, threads)
             equations, measured = _equations(views, sources, rings, directions, noise, number, settings)
             noise = max(noise * measured, settings.errors.least)
             model = HeightModel(rings, equations, roughness, settings)
@@ -121,7 +127,7 @@ class _Views:
     def of(
         cls,
         cameras: list[Camera],
-        log_radiance_of: Callable[[Camera], np.ndarray],
+        radiance_of: Callable[[Camera], np.ndarray],
         surface: Surface,
         held: int,
         occlusion: float,
@@ -133,7 +139,7 @@ class _Views:
         def photo(view: int) -> Photo:
             camera = cameras[view]
             depth = caster.hits(camera, threads).depth
-            return Photo.unmixed(camera, log_radiance_of(camera), depth, occlusion)
+            return Photo.unmixed(camera, radiance_of(camera), depth, occlusion)
 
         normals = as_unit(face_normals(surface.vertices, surface.faces))
         return cls(cameras, lru_cache(held)(photo), surface, caster, normals, threads)
@@ -188,6 +194,12 @@ def divided(surface: Surface, cameras: Sequence[Camera], settings: RefineSetting
         return surface
     longest = settings.edge_px * float(np.median(sizes))
     return with_short_edges(surface, longest, settings.most_vertices).surface
+
+
+def widest_relief(surface: Surface, cameras: Sequence[Camera], settings: RefineSettings) -> float:
+    """Estimate how wide relief may be that a mesh lacks: a wavelength, pixel footprints."""
+    edge = _typical_edge(surface, _footprints(surface, list(cameras)))
+    return max(settings.roughness.widest_px, settings.roughness.widest_edges * edge)
 
 
 def _footprints(surface: Surface, cameras: list[Camera]) -> np.ndarray:

@@ -12,7 +12,7 @@ Scale = Annotated[int, Field(ge=1, le=64)]
 
 
 class PhotoErrorSettings(Settings):
-    """Settings of how far photos of one point may differ: in logarithms of radiance."""
+    """Settings of how far photos of one point may differ: in radiance over its average around the pixel."""
 
     shot_noise: float = setting(
         0.01,
@@ -25,7 +25,7 @@ class PhotoErrorSettings(Settings):
     mismatch: float = setting(
         0.02,
         "Deviation of what else differs, at any radiance: gloss, blur, interpolation.",
-        unit="log radiance",
+        unit="radiance over its average around",
         gt=0,
         le=1,
     )
@@ -62,11 +62,21 @@ class RoughnessSettings(Settings):
     """Settings of how rough the relief may be that is added: before the photos say how rough it is."""
 
     stiffness: float = setting(
-        1000.0,
+        300.0,
         "Weight of the squared curvature of added heights, both in pixel footprints, over the area, at "
         "first; on the finest scale it is measured, from what the photos say beyond their noise (evidence, "
         "MacKay 1992).",
         gt=0,
+    )
+    widest_px: float = setting(
+        20.0,
+        "Relief that a mesh lacks is expected to be narrower than this wavelength, as the mesh has what is "
+        "wider: else an edge that is sharpened bends plain surface beside it.",
+        unit="pixel footprints",
+        gt=0,
+    )
+    widest_edges: float = setting(
+        9.5, "The same of a coarse mesh, by its edges; the larger of both counts.", unit="edges", ge=0
     )
     largest_step: float = setting(3.0, "Factor by which it may change from round to round.", gt=1)
     least_share: float = setting(
