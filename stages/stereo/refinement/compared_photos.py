@@ -102,18 +102,10 @@ def compare(
     curvature, slope, compared = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     misfits = []
     errors = settings.errors
+    own = *_rays(photo.camera), photo.depth, normals, np.isfinite(photo.radiance)
     for other in others:
-        there, rate = _seen_by_other(
-            *_rays(photo.camera),
-            photo.depth,
-            normals,
-            np.isfinite(photo.radiance),
-            *_projection(other.camera),
-            other.depth,
-            other.radiance,
-            settings.occlusion,
-            settings.grazing,
-        )
+        theirs = *_projection(other.camera), other.depth, other.radiance
+        there, rate = _seen_by_other(*own, *theirs, settings.occlusion, settings.grazing)
         here = np.where(np.isfinite(there), photo.radiance, np.nan)
         mean_here, mean_there = (
             np.maximum(_local_mean(values, settings.window_px), errors.darkest) for values in (here, there)
@@ -214,7 +206,7 @@ def _seen_by_other(
     occlusion,
     grazing,
 ):
-    """Another photo's values at the pixels' points, NaN where unseen, and their changes by height."""
+    """Interpolate another photo at the pixels' points: values, NaN where unseen, and changes by height."""
     height, width = depth.shape
     other_height, other_width = other_depth.shape
     there = np.full((height, width), np.nan, np.float32)
