@@ -201,6 +201,14 @@ def test_what_is_read_again_is_the_same():
     np.testing.assert_array_equal(held, again)
 
 
+def seen_by_other(one: Photo, other: Photo, spread: float = 0.0):
+    """Interpolate a photo of a plane that faces z at another's pixels: values, and changes by height."""
+    up = np.broadcast_to(np.array([0, 0, 1.0]), (*one.radiance.shape, 3)).copy()
+    depth = np.where(np.isfinite(one.radiance), one.depth, 0)
+    theirs = *_projection(other.camera), other.depth, other.radiance
+    return _seen_by_other(*_rays(one.camera), depth, up, *theirs, 4.0, 0.2, spread)
+
+
 def test_what_another_photo_shows_changes_with_the_surface_as_is_said():
     views = cameras(3)
     surface = grid(80, flat)
@@ -210,11 +218,7 @@ def test_what_another_photo_shows_changes_with_the_surface_as_is_said():
     def differences(height: float):
         caster = RayCaster(grid(2, lambda x, y: np.full_like(x, height)))
         one, other = (Photo(c, values[c.name], caster.hits(c, 1).depth) for c in (views[0], views[2]))
-        up = np.broadcast_to(np.array([0, 0, 1.0]), (*views[0].shape, 3)).copy()
-        seen = one.depth, up, np.isfinite(one.radiance)
-        return _seen_by_other(
-            *_rays(one.camera), *seen, *_projection(other.camera), other.depth, other.radiance, 4.0, 0.2
-        )
+        return seen_by_other(one, other)
 
     step = 1e-3
     (below, _), (_, change), (above, _) = (differences(by * step) for by in (-1, 0, 1))
@@ -223,6 +227,28 @@ def test_what_another_photo_shows_changes_with_the_surface_as_is_said():
     assert there.sum() > 3000
     assert np.corrcoef(measured[there], change[there])[0, 1] > 0.99
     assert np.median(measured[there] / change[there]) == pytest.approx(1, abs=0.02)
+
+
+def test_photos_that_blur_a_surface_otherwise_are_compared_as_if_they_blurred_it_alike():
+    """One camera looks straight, the other at a slant: each averages over its own pixels."""
+    spread = (1 - 1 / 9) / 12  # of the three rays a side that `photographs` averages
+
+    def photo(eye: tuple[float, float, float]) -> Photo:
+        looking = look_at(np.array(eye), np.zeros(3))
+        camera = Camera("one", WIDTH, HEIGHT, cameras(1)[0].intrinsics, looking)
+        depth = RayCaster(grid(2, flat)).hits(camera, 1).depth
+        image = photographs(grid(2, flat), [camera])["one"]
+        return Photo(camera, radiance(image, depth > 0, SETTINGS.errors), depth)
+
+    straight, slanted = photo((0, 0.01, 0.5)), photo((0.4, 0.01, 0.3))
+    for one, other, least in ((straight, slanted, 0.6), (slanted, straight, 0.95)):
+        as_it_is, alike = (seen_by_other(one, other, by)[0] for by in (0.0, spread))
+        white = np.nanmedian(alike / one.radiance)
+        there = np.isfinite(alike)
+        assert there.sum() > 3000
+        missing, added = (one.radiance * white - as_it_is)[there], (alike - as_it_is)[there]
+        assert np.corrcoef(missing, added)[0, 1] > least  # to sharpen is harder than to blur
+        assert missing @ added == pytest.approx(added @ added, rel=0.1)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.004])

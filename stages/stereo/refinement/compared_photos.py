@@ -92,20 +92,24 @@ def compare(
     -----
     With i seen at a pixel, j at the projection of its point, and ī, j̄ their averages around, a difference is
     ``i / ī − j / j̄``: exposures cancel. (Of logarithms, edges that are blurred in one photo more than in the
-    other would move to their dark side: blur is linear in radiance.) The surface moves along its normal n by
-    h: the point moves along the pixel's ray r by h / (n·r), and j by its gradient times the projection of
-    that. A photo's own noise is in all its comparisons, so K of them, in both directions, count as often
-    over as there are photos: K + 1. The average j̄ changes with the surface as well; of wide relief on paint
-    that changes slowly the curvature is therefore too large, and its moves are short.
+    other would move to their dark side: blur is linear in radiance.) A pixel shows an average over an area;
+    where i's is another one on the surface than j's, as at a slant, j is blurred or sharpened by what they
+    differ: ``½ σ² tr((J Jᵀ - 1) H)`` with J how j's image moves from pixel to pixel of i along the surface,
+    and H its second derivatives; else shadows' edges would bend what is plain. The surface moves along its
+    normal n by h: the point moves along the pixel's ray r by h / (n·r), and j by its gradient times the
+    projection of that. A photo's own noise is in all its comparisons, so K of them, in both directions,
+    count as often over as there are photos: K + 1. The average j̄ changes with the surface as well; of wide
+    relief on paint that changes slowly the curvature is therefore too large, and its moves are short.
     """
     shape = photo.camera.shape
     curvature, slope, compared = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     misfits = []
     errors = settings.errors
-    own = *_rays(photo.camera), photo.depth, normals, np.isfinite(photo.radiance)
+    own = *_rays(photo.camera), np.where(np.isfinite(photo.radiance), photo.depth, 0), normals
+    limits = settings.occlusion, settings.grazing, errors.spread_px**2
     for other in others:
         theirs = *_projection(other.camera), other.depth, other.radiance
-        there, rate = _seen_by_other(*own, *theirs, settings.occlusion, settings.grazing)
+        there, rate = _seen_by_other(*own, *theirs, *limits)
         here = np.where(np.isfinite(there), photo.radiance, np.nan)
         mean_here, mean_there = (
             np.maximum(_local_mean(values, settings.window_px), errors.darkest) for values in (here, there)
@@ -160,19 +164,54 @@ def _cubic_slope(t):
 
 
 @numba.njit(inline="always")
+def _cubic_bend(t):
+    """Second derivatives of these weights."""
+    return (-3.0 * t + 2.0, 9.0 * t - 5.0, -9.0 * t + 4.0, 3.0 * t - 1.0)
+
+
+@numba.njit(nogil=True)
 def _interpolated(image, u, v):
-    """Value and gradient at array coordinates (u, v), from the 4 × 4 pixels around; NaN if one of them is."""
+    """Value, gradient, and second derivatives (uu, uv, vv) at array coordinates (u, v).
+
+    From the 4 × 4 pixels around; NaN if one of them is.
+    """
     left, top = floor(u) - 1, floor(v) - 1
     across, down = _cubic(u - left - 1), _cubic(v - top - 1)
     slope_across, slope_down = _cubic_slope(u - left - 1), _cubic_slope(v - top - 1)
+    bend_across, bend_down = _cubic_bend(u - left - 1), _cubic_bend(v - top - 1)
     value, gradient_u, gradient_v = 0.0, 0.0, 0.0
+    bend_uu, bend_uv, bend_vv = 0.0, 0.0, 0.0
     for i in range(4):
         for j in range(4):
             one = image[top + i, left + j]
             value += down[i] * across[j] * one
             gradient_u += down[i] * slope_across[j] * one
             gradient_v += slope_down[i] * across[j] * one
-    return value, gradient_u, gradient_v
+            bend_uu += down[i] * bend_across[j] * one
+            bend_uv += slope_down[i] * slope_across[j] * one
+            bend_vv += bend_down[i] * across[j] * one
+    return value, (gradient_u, gradient_v), (bend_uu, bend_uv, bend_vv)
+
+
+@numba.njit(inline="always")
+def _image_motion(intrinsics, rotation, seen, by):
+    """By how much the image of a point moves, (u, v) in pixels, that moves by a world vector."""
+    across, down, away = 0.0, 0.0, 0.0
+    for axis in range(3):
+        across += rotation[0, axis] * by[axis]
+        down += rotation[1, axis] * by[axis]
+        away += rotation[2, axis] * by[axis]
+    return (
+        intrinsics[0, 0] * (across - seen[0] / seen[2] * away) / seen[2],
+        intrinsics[1, 1] * (down - seen[1] / seen[2] * away) / seen[2],
+    )
+
+
+@numba.njit(inline="always")
+def _blur(x, y, bend):
+    """Trace of (J Jᵀ - 1) H: J's columns are the motions x and y of an image, H its second derivatives."""
+    uu, uv, vv = x[0] * x[0] + y[0] * y[0] - 1, x[0] * x[1] + y[0] * y[1], x[1] * x[1] + y[1] * y[1] - 1
+    return uu * bend[0] + 2 * uv * bend[1] + vv * bend[2]
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
@@ -197,7 +236,6 @@ def _seen_by_other(
     centre,
     depth,
     normals,
-    kept,
     intrinsics,
     rotation,
     translation,
@@ -205,42 +243,47 @@ def _seen_by_other(
     other,
     occlusion,
     grazing,
+    spread,
 ):
     """Interpolate another photo at the pixels' points: values, NaN where unseen, and changes by height."""
     height, width = depth.shape
     other_height, other_width = other_depth.shape
     there = np.full((height, width), np.nan, np.float32)
     change = np.zeros((height, width), np.float32)
-    focal_x, focal_y = intrinsics[0, 0], intrinsics[1, 1]
     for row in numba.prange(height):
-        ray, point, seen, moved = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+        ray, point, seen = np.empty(3), np.empty(3), np.empty(3)
+        lifted, by_column, by_row = np.empty(3), np.empty(3), np.empty(3)
         for column in range(width):
             z = depth[row, column]
-            if not z > 0 or not kept[row, column]:
+            if not z > 0:
                 continue
             x, y = column + 0.5, row + 0.5
-            facing, length = 0.0, 0.0
+            facing, length, facing_column, facing_row = 0.0, 0.0, 0.0, 0.0
             for k in range(3):
+                normal = normals[row, column, k]
                 ray[k] = ray_of[k, 0] * x + ray_of[k, 1] * y + ray_of[k, 2]
                 point[k] = centre[k] + z * ray[k]
-                facing += ray[k] * normals[row, column, k]
                 length += ray[k] * ray[k]
+                facing += ray[k] * normal
+                facing_column += ray_of[k, 0] * normal
+                facing_row += ray_of[k, 1] * normal
             if -facing < grazing * sqrt(length):
                 continue
             for k in range(3):
                 seen[k] = translation[k]
-                moved[k] = 0.0
                 for axis in range(3):
                     seen[k] += rotation[k, axis] * point[axis]
-                    moved[k] += rotation[k, axis] * ray[axis] / facing
+                lifted[k] = ray[k] / facing
+                by_column[k] = z * (ray_of[k, 0] - lifted[k] * facing_column)
+                by_row[k] = z * (ray_of[k, 1] - lifted[k] * facing_row)
             if not seen[2] > 0:
                 continue
-            u = focal_x * seen[0] / seen[2] + intrinsics[0, 2] - 0.5
-            v = focal_y * seen[1] / seen[2] + intrinsics[1, 2] - 0.5
+            u = intrinsics[0, 0] * seen[0] / seen[2] + intrinsics[0, 2] - 0.5
+            v = intrinsics[1, 1] * seen[1] / seen[2] + intrinsics[1, 2] - 0.5
             if not (u >= 1 and v >= 1 and u < other_width - 2 and v < other_height - 2):
                 continue
             nearest = other_depth[int(v + 0.5), int(u + 0.5)]
-            if not nearest > 0 or seen[2] - nearest > occlusion * seen[2] / focal_x:
+            if not nearest > 0 or seen[2] - nearest > occlusion * seen[2] / intrinsics[0, 0]:
                 continue
             away, toward = 0.0, 0.0
             for k in range(3):
@@ -249,13 +292,14 @@ def _seen_by_other(
                     toward -= rotation[axis, k] * seen[axis] * normals[row, column, k]
             if toward < grazing * sqrt(away):
                 continue
-            found, gradient_u, gradient_v = _interpolated(other, u, v)
+            found, gradient, bend = _interpolated(other, u, v)
             if np.isnan(found):
                 continue
-            by_u = focal_x * (moved[0] - seen[0] / seen[2] * moved[2]) / seen[2]
-            by_v = focal_y * (moved[1] - seen[1] / seen[2] * moved[2]) / seen[2]
-            there[row, column] = found
-            change[row, column] = gradient_u * by_u + gradient_v * by_v
+            beside = _image_motion(intrinsics, rotation, seen, by_column)
+            below = _image_motion(intrinsics, rotation, seen, by_row)
+            by_height = _image_motion(intrinsics, rotation, seen, lifted)
+            there[row, column] = found + 0.5 * spread * _blur(beside, below, bend)
+            change[row, column] = gradient[0] * by_height[0] + gradient[1] * by_height[1]
     return there, change
 
 

@@ -29,6 +29,14 @@ class PhotoErrorSettings(Settings):
         gt=0,
         le=1,
     )
+    spread_px: float = setting(
+        0.29,
+        "Deviation of the area around it that a pixel shows: .29 of a square; with a lens and "
+        "demosaicing, at the photos' own size, rather .5. Results hardly depend on it.",
+        unit="px",
+        ge=0,
+        le=2,
+    )
     white: float = setting(
         0.99, "Quantile of a photo's radiance that counts as white.", unit="quantile", gt=0, le=1
     )
