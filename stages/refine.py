@@ -114,7 +114,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 REFINE = Stage(
     name="refine",
-    version=4,
+    version=5,
     about="The mesh moved until the photos of neighbouring views agree on it.",
     settings=RefineSettings,
     takes=("mesh", "linear", "workspace", "kept"),

@@ -23,6 +23,7 @@ from stages.stereo.refinement.displacement import HeightModel, NormalEquations, 
 from stages.stereo.refinement.folds import without_folds
 from stages.stereo.refinement.refined_surface import refine, widest_relief
 from stages.stereo.refinement.settings import RefineSettings, RoughnessSettings
+from stages.stereo.refinement.vertex_order import ordered_by_neighbours
 from stages.stereo.refinement.vertex_rings import VertexRings
 from stages.stereo.refinement.view_pairs import sources_of_views
 from stages.synthetic.views import look_at
@@ -117,6 +118,24 @@ def test_rings_are_the_umbrella_operator():
     np.testing.assert_allclose(rings.transposed_curvature(values), umbrella.T @ values, atol=1e-12)
     squared = np.diag(umbrella.T @ np.diag(weights) @ umbrella)
     np.testing.assert_allclose(rings.squared_curvature_diagonal(weights), squared, atol=1e-12)
+
+
+def test_ordering_by_neighbours_keeps_the_surface_and_brings_neighbours_together():
+    rng = np.random.default_rng(3)
+    given = grid(40, relief)
+    mixed = rng.permutation(len(given.vertices)).astype(np.int32)
+    faces = rng.permutation(np.argsort(mixed).astype(np.int32)[given.faces])
+    shuffled = Surface(given.vertices[mixed], faces)
+    ordered = ordered_by_neighbours(shuffled)
+
+    def triangles(surface: Surface) -> np.ndarray:
+        return np.unique(surface.vertices[surface.faces].reshape(-1, 9), axis=0)
+
+    def apart(surface: Surface) -> int:
+        return int(np.ptp(surface.faces, axis=1).max())
+
+    np.testing.assert_array_equal(triangles(shuffled), triangles(ordered))
+    assert apart(ordered) <= 2 * 40 < 10 * 80 < apart(shuffled)
 
 
 def test_normal_equations_are_those_of_their_pixels():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import floor, sqrt
 
@@ -110,18 +111,16 @@ def compare(
     for other in others:
         theirs = *_projection(other.camera), other.depth, other.radiance
         there, rate = _seen_by_other(*own, *theirs, *limits)
-        here = np.where(np.isfinite(there), photo.radiance, np.nan)
-        mean_here, mean_there = (
-            np.maximum(_local_mean(values, settings.window_px), errors.darkest) for values in (here, there)
-        )
+        average = _local_average(np.isfinite(there), settings.window_px)
+        mean_here, mean_there = (np.maximum(average(v), errors.darkest) for v in (photo.radiance, there))
         contrast_there, change = there / mean_there, -rate / mean_there
         variance = errors.shot_noise**2 * (1 / mean_here + 1 / mean_there) + 2 * errors.mismatch**2
         misfit, weighted = np.full((2, *shape), np.nan, np.float32)
         _add_terms(
-            *(here / mean_here - contrast_there, change, noise * variance, errors.outlier),
+            *(photo.radiance / mean_here - contrast_there, change, noise * variance, errors.outlier),
             *(curvature, compared, misfit, weighted),
         )
-        around = _local_mean(weighted * contrast_there, settings.window_px)
+        around = average(weighted * contrast_there)
         slope += np.where(np.isfinite(weighted), change * (weighted - around), 0)
         misfits.append(misfit[np.isfinite(misfit)])
     share = 1 / ((compared + 1) * errors.alike)
@@ -138,12 +137,10 @@ def _projection(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return camera.intrinsics, np.ascontiguousarray(camera.rotation), camera.cam_from_world[:, 3].copy()
 
 
-def _local_mean(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Average values, (h, w), over a Gaussian around each pixel, without those that are NaN."""
-    there = np.isfinite(values).astype(np.float32)
-    weight = cv2.GaussianBlur(there, (0, 0), sigma)
-    total = cv2.GaussianBlur(np.where(there > 0, values, 0), (0, 0), sigma)
-    return total / np.maximum(weight, np.finfo(np.float32).eps)
+def _local_average(shown: np.ndarray, sigma: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Prepare the average of values, (h, w), over a Gaussian around each pixel, of those shown, (h, w)."""
+    weight = np.maximum(cv2.GaussianBlur(shown.astype(np.float32), (0, 0), sigma), np.finfo(np.float32).eps)
+    return lambda values: cv2.GaussianBlur(np.where(shown, values, 0), (0, 0), sigma) / weight
 
 
 @numba.njit(inline="always")

@@ -110,22 +110,26 @@ class Roughness:
 
         Notes
         -----
-        MacKay 1992: ``γ / Σ w (L x)²`` with γ the number of curvatures that the photos determine; the
-        variance that is left open, over that without photos, is what they do not determine.
+        MacKay 1992: ``γ / Σ w ((L x)² + x² / reach⁴)`` with γ the number of heights that the photos
+        determine; the variance that is left open, over that without photos, is what they do not determine.
         """
-        bent, left_open = rings.curvature(heights) ** 2, rings.curvature(sample) ** 2
+        rough, left_open = self._roughness_of(rings, heights), self._roughness_of(rings, sample)
         weights = self.weights[known]
         share = max(1 - self.stiffness * float(np.mean(weights * left_open[known])), settings.least_share)
-        rough = float(np.mean(weights * bent[known]))
+        mean = float(np.mean(weights * rough[known]))
         step = settings.largest_step
-        wished = share / rough if rough > 0 else np.inf
+        wished = share / mean if mean > 0 else np.inf
         stiffness = float(np.clip(wished, self.stiffness / step, self.stiffness * step))
-        around = bent
+        around = rough
         for _ in range(settings.rings):
             around = rings.averaged(around)
         usual = float(around[known].mean())
         relative = around / usual if usual > 0 else np.ones_like(around)
         return Roughness(stiffness, (settings.tail + 1) / (settings.tail + relative), self.reach)
+
+    def _roughness_of(self, rings: VertexRings, heights: np.ndarray) -> np.ndarray:
+        """What of heights, (V,), the prior weighs at each vertex: ``(L x)² + x² / reach⁴``, (V,)."""
+        return rings.curvature(heights) ** 2 + heights**2 / self.reach**4
 
 
 @dataclass(frozen=True, eq=False)

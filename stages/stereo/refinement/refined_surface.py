@@ -16,6 +16,7 @@ from stages.stereo.refinement.compared_photos import Photo, compare
 from stages.stereo.refinement.displacement import HeightModel, NormalEquations, Roughness
 from stages.stereo.refinement.folds import without_folds
 from stages.stereo.refinement.settings import RefineSettings
+from stages.stereo.refinement.vertex_order import ordered_by_neighbours
 from stages.stereo.refinement.vertex_rings import VertexRings
 
 MEDIAN_SQUARE = 0.455  # of a standard normal variable
@@ -193,7 +194,7 @@ def divided(surface: Surface, cameras: Sequence[Camera], settings: RefineSetting
     if not len(sizes):
         return surface
     longest = settings.edge_px * float(np.median(sizes))
-    return with_short_edges(surface, longest, settings.most_vertices).surface
+    return ordered_by_neighbours(with_short_edges(surface, longest, settings.most_vertices).surface)
 
 
 def widest_relief(surface: Surface, cameras: Sequence[Camera], settings: RefineSettings) -> float:

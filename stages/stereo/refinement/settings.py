@@ -95,15 +95,15 @@ class RoughnessSettings(Settings):
         lt=1,
     )
     tail: float = setting(
-        0.1,
-        "How far curvature may differ from place to place: degrees of freedom of Student's distribution. "
+        0.03,
+        "How far roughness may differ from place to place: degrees of freedom of Student's distribution. "
         "Creases bend where plain surface stays plain; with large values they bend alike, and plain surface "
         "gets waves.",
         gt=0,
     )
     rings: int = setting(
         4,
-        "Curvature is averaged so often with that of neighbouring vertices to say how rough a place is.",
+        "Roughness is averaged so often with that of neighbouring vertices to say how rough a place is.",
         ge=0,
         le=100,
     )

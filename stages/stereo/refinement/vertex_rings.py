@@ -57,7 +57,12 @@ class VertexRings:
 
     def transposed_curvature(self, values: np.ndarray) -> np.ndarray:
         """Apply ``Lᵀ`` to values, (V,)."""
-        return _transposed_curvature(self.first, self.neighbours, values)
+        return _transposed_curvature(self.first, self.neighbours, values, self._shared(values))
+
+    def _shared(self, values: np.ndarray) -> np.ndarray:
+        """Divide values, (V,), by the number of neighbours; 0 where there are none."""
+        count = np.diff(self.first)
+        return np.where(count > 0, values / np.maximum(count, 1), 0.0)
 
     def product(self, diagonal: np.ndarray, of_edges: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Multiply values, (V,), by the symmetric matrix of this diagonal, (V,), and of edges, (E,)."""
@@ -81,13 +86,12 @@ def _averaged(first, neighbours, values):
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _transposed_curvature(first, neighbours, values):
+def _transposed_curvature(first, neighbours, values, shared):
     found = np.empty_like(values)
     for v in numba.prange(len(values)):
         total = values[v] if first[v + 1] > first[v] else 0.0
         for k in range(first[v], first[v + 1]):
-            u = neighbours[k]
-            total -= values[u] / (first[u + 1] - first[u])
+            total -= shared[neighbours[k]]
         found[v] = total
     return found
 
