@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from stages.scene.cameras import Camera
 
-BYTES_PER_PIXEL = 20  # of views, held
+BYTES_PER_PIXEL = 28  # of views, held
 BYTES_PER_PIXEL_OF_VIEW = 260  # of the one that is compared
 BYTES_PER_VERTEX = 1200
 DIVIDED = 1.6  # vertices over those of a mesh that is made here

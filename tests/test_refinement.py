@@ -223,8 +223,8 @@ def test_what_is_read_again_is_the_same():
 def seen_by_other(one: Photo, other: Photo, spread: float = 0.0):
     """Interpolate a photo of a plane that faces z at another's pixels: values, and changes by height."""
     up = np.broadcast_to(np.array([0, 0, 1.0]), (*one.radiance.shape, 3)).copy()
-    depth = np.where(np.isfinite(one.radiance), one.depth, 0)
-    theirs = *_projection(other.camera), other.depth, other.radiance
+    depth = np.where(np.isfinite(one.radiance), one.hits.depth, 0)
+    theirs = *_projection(other.camera), other.hits.depth, other.radiance
     return _seen_by_other(*_rays(one.camera), depth, up, *theirs, 4.0, 0.2, spread)
 
 
@@ -236,7 +236,7 @@ def test_what_another_photo_shows_changes_with_the_surface_as_is_said():
 
     def differences(height: float):
         caster = RayCaster(grid(2, lambda x, y: np.full_like(x, height)))
-        one, other = (Photo(c, values[c.name], caster.hits(c, 1).depth) for c in (views[0], views[2]))
+        one, other = (Photo(c, values[c.name], caster.hits(c, 1)) for c in (views[0], views[2]))
         return seen_by_other(one, other)
 
     step = 1e-3
@@ -255,9 +255,9 @@ def test_photos_that_blur_a_surface_otherwise_are_compared_as_if_they_blurred_it
     def photo(eye: tuple[float, float, float]) -> Photo:
         looking = look_at(np.array(eye), np.zeros(3))
         camera = Camera("one", WIDTH, HEIGHT, cameras(1)[0].intrinsics, looking)
-        depth = RayCaster(grid(2, flat)).hits(camera, 1).depth
+        hits = RayCaster(grid(2, flat)).hits(camera, 1)
         image = photographs(grid(2, flat), [camera])["one"]
-        return Photo(camera, radiance(image, depth > 0, SETTINGS.errors), depth)
+        return Photo(camera, radiance(image, hits.mask, SETTINGS.errors), hits)
 
     straight, slanted = photo((0, 0.01, 0.5)), photo((0.4, 0.01, 0.3))
     for one, other, least in ((straight, slanted, 0.6), (slanted, straight, 0.95)):

@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401  # before the first parallel loop
+from stages.geometry.rays import Hits
 from stages.scene.cameras import Camera
 from stages.stereo.refinement.settings import PhotoErrorSettings, RefineSettings
 
@@ -24,21 +25,21 @@ class Photo:
     camera : Camera
     radiance : ndarray, shape (h, w), float32
         Mean of the channels over white; NaN where the photo is not kept.
-    depth : ndarray, shape (h, w), float32
-        z of the surface, model units; 0 where there is none.
+    hits : Hits
+        Of its rays with the surface.
     """
 
     camera: Camera
     radiance: np.ndarray
-    depth: np.ndarray
+    hits: Hits
 
     @classmethod
-    def unmixed(cls, camera: Camera, radiance: np.ndarray, depth: np.ndarray, occlusion: float) -> Photo:
+    def unmixed(cls, camera: Camera, radiance: np.ndarray, hits: Hits, occlusion: float) -> Photo:
         """Leave out pixels at edges of the depth, which show two surfaces, or one and what is behind.
 
         `occlusion`: how far apart the depths of neighbours of one surface may be, pixel footprints.
         """
-        return cls(camera, _unmixed(radiance, depth, occlusion / camera.focal_px), depth)
+        return cls(camera, _unmixed(radiance, hits.depth, occlusion / camera.focal_px), hits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +107,10 @@ def compare(
     curvature, slope, compared = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     misfits = []
     errors = settings.errors
-    own = *_rays(photo.camera), np.where(np.isfinite(photo.radiance), photo.depth, 0), normals
+    own = *_rays(photo.camera), np.where(np.isfinite(photo.radiance), photo.hits.depth, 0), normals
     limits = settings.occlusion, settings.grazing, errors.spread_px**2
     for other in others:
-        theirs = *_projection(other.camera), other.depth, other.radiance
+        theirs = *_projection(other.camera), other.hits.depth, other.radiance
         there, rate = _seen_by_other(*own, *theirs, *limits)
         average = _local_average(np.isfinite(there), settings.window_px)
         mean_here, mean_there = (np.maximum(average(v), errors.darkest) for v in (photo.radiance, there))

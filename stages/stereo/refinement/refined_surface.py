@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from stages.formats.meshes.triangle_meshes import Surface, joined
-from stages.geometry.rays import Hits, RayCaster, as_unit, face_normals, vertex_normals
+from stages.geometry.rays import RayCaster, as_unit, face_normals, vertex_normals
 from stages.geometry.short_edges import with_short_edges
 from stages.scene.cameras import Camera, smallest_footprints
 from stages.stereo.refinement.compared_photos import Photo, compare
@@ -115,14 +115,12 @@ def refine(
 
 @dataclass(frozen=True, eq=False)
 class _Views:
-    """Views of a surface: photos by number, some of them held; rays; and unit normals of faces, (F, 3)."""
+    """Views of a surface: photos by number, some of them held; and unit normals of its faces, (F, 3)."""
 
     cameras: list[Camera]
     photo: Callable[[int], Photo]
     surface: Surface
-    caster: RayCaster
     normals: np.ndarray
-    threads: int
 
     @classmethod
     def of(
@@ -139,18 +137,17 @@ class _Views:
 
         def photo(view: int) -> Photo:
             camera = cameras[view]
-            depth = caster.hits(camera, threads).depth
-            return Photo.unmixed(camera, radiance_of(camera), depth, occlusion)
+            return Photo.unmixed(camera, radiance_of(camera), caster.hits(camera, threads), occlusion)
 
         normals = as_unit(face_normals(surface.vertices, surface.faces))
-        return cls(cameras, lru_cache(held)(photo), surface, caster, normals, threads)
+        return cls(cameras, lru_cache(held)(photo), surface, normals)
 
-    def seen(self, view: int) -> tuple[Hits, np.ndarray]:
-        """Cast the rays of a view again; and find the normals of the faces that they meet, (h, w, 3)."""
-        hits = self.caster.hits(self.cameras[view], self.threads)
+    def normals_in(self, photo: Photo) -> np.ndarray:
+        """Find the normals of the faces that a photo's rays meet, towards its camera, (h, w, 3)."""
+        hits = photo.hits
         normals = self.normals[np.where(hits.mask, hits.triangles, 0)]
         normals[hits.behind] *= -1
-        return hits, normals
+        return normals
 
 
 def _equations(
@@ -165,9 +162,9 @@ def _equations(
     """Sum up the normal equations of all photos, and measure residuals' variance over the assumed one."""
     equations, misfits = NormalEquations.none(rings), []
     for number in range(len(views.cameras)):
-        hits, normals = views.seen(number)
-        others = [views.photo(other) for other in sources[number]]
-        terms = compare(views.photo(number), normals, others, noise, settings)
+        photo, others = views.photo(number), [views.photo(other) for other in sources[number]]
+        hits, normals = photo.hits, views.normals_in(photo)
+        terms = compare(photo, normals, others, noise, settings)
         compared = terms.curvature > 0
         if not compared.any():
             continue
