@@ -10,9 +10,8 @@ settings of the stage, as in ``-- roughness.tail=1``.
 from __future__ import annotations
 
 import argparse
-import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,20 +19,20 @@ from typing import Any
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in another order
 
 import numpy as np  # noqa: E402
-import yaml  # noqa: E402
 
 from benchmarks.accuracy.natural import OWN_SUBJECTS  # noqa: E402
 from benchmarks.accuracy.scenes import SCANS  # noqa: E402
 from benchmarks.paper.tables import markdown  # noqa: E402
 from benchmarks.scale.daylight import Daylight  # noqa: E402
 from benchmarks.scale.growth import own_and_further  # noqa: E402
-from benchmarks.scale.photo_set import SHOT_NOISE, daylight_on, interpolated  # noqa: E402
+from benchmarks.scale.photo_set import SHOT_NOISE, daylight_on, interpolated, shading_seen  # noqa: E402
+from pipeline.config import check_settings, override  # noqa: E402
 from stages.formats.colour.srgb import linear_from_srgb  # noqa: E402
 from stages.formats.images.photos import encode_srgb8  # noqa: E402
 from stages.formats.images.resize import reduce_by_area  # noqa: E402
 from stages.formats.meshes.triangle_meshes import Surface, read_mesh  # noqa: E402
 from stages.geometry.rays import RayCaster  # noqa: E402
-from stages.scene.cameras import Camera, back_project  # noqa: E402
+from stages.scene.cameras import Camera  # noqa: E402
 from stages.stereo.refinement.compared_photos import radiance  # noqa: E402
 from stages.stereo.refinement.refined_surface import divided, refine, widest_relief  # noqa: E402
 from stages.stereo.refinement.settings import RefineSettings  # noqa: E402
@@ -103,15 +102,10 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def settings_of(assignments: Sequence[str]) -> RefineSettings:
     """Set the stage's settings from ``group.key=value``."""
-    found: dict[str, Any] = {}
-    for assignment in assignments:
-        path, value = assignment.split("=", 1)
-        *groups, key = path.split(".")
-        section = found
-        for group in groups:
-            section = section.setdefault(group, {})
-        section[key] = yaml.safe_load(value)
-    return RefineSettings.model_validate_json(json.dumps(found))  # whose lists may be tuples
+    given = override({}, (f"refine.{assignment}" for assignment in assignments))
+    settings = check_settings({"refine": RefineSettings}, given)["refine"]
+    assert isinstance(settings, RefineSettings)
+    return settings
 
 
 def photograph(scene: dict[str, Any], size: int, data: Path | None) -> Photographed:
@@ -156,9 +150,19 @@ def angles_deg(scene: Photographed, mesh: Surface) -> np.ndarray:
     for camera in scene.cameras:
         seen, truth = caster.see(camera), scene.normals[camera.name]
         both = seen.mask & scene.masks[camera.name]
-        cosine = np.einsum("nk,nk->n", seen.normals[both], truth[both])
-        angles.append(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
-    every = np.concatenate(angles)
+        angles.append(angles_between(seen.normals[both], truth[both]))
+    return summary_of(angles)
+
+
+def angles_between(normals: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Measure the angles between unit vectors, (n, 3) each, °, (n,)."""
+    cosines = np.einsum("nk,nk->n", normals, others)
+    return np.rad2deg(np.arccos(np.clip(cosines, -1, 1)))
+
+
+def summary_of(angles: Iterable[np.ndarray]) -> np.ndarray:
+    """Summarise the angles of views: median, 90 % and mean of all pixels."""
+    every = np.concatenate(list(angles))
     return np.array([*np.quantile(every, QUANTILES), every.mean()])
 
 
@@ -181,12 +185,8 @@ def _render(
     """Average several rays of each pixel: radiance, (h, w, 3), and share that meets the subject, (h, w)."""
     fine = camera.scaled(RAYS * camera.width, RAYS * camera.height)
     seen = caster.see(fine)
-    points = (back_project(fine, seen.depth)[seen.mask] - daylight.occluders.origin).astype(np.float32)
-    shading = interpolated(seen, surface, daylight.skylight) + daylight.sunlight(
-        points, seen.normals[seen.mask]
-    )
     image = np.zeros((*fine.shape, 3), np.float32)
-    image[seen.mask] = interpolated(seen, surface, albedo) * shading
+    image[seen.mask] = interpolated(seen, surface, albedo) * shading_seen(seen, fine, surface, daylight)
     covered = seen.mask[..., None].astype(np.float32)
     return reduce_by_area(image, camera.shape), reduce_by_area(covered, camera.shape)[..., 0]
 

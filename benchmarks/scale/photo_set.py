@@ -92,16 +92,19 @@ def interpolated(seen: Seen, surface: Surface, values: np.ndarray) -> np.ndarray
     return (1 - u - v) * a + u * b + v * c
 
 
+def shading_seen(seen: Seen, camera: Camera, surface: Surface, daylight: Daylight) -> np.ndarray:
+    """Compute the shading of a surface at the masked pixels, (n, 3)."""
+    points, normals = back_project(camera, seen.depth)[seen.mask], seen.normals[seen.mask]
+    relative = (points - daylight.occluders.origin).astype(np.float32)
+    return interpolated(seen, surface, daylight.skylight) + daylight.sunlight(relative, normals)
+
+
 def _photograph(
     street: Street, caster: RayCaster, daylight: Daylight, camera: Camera
 ) -> tuple[np.ndarray, np.ndarray]:
     """Render radiance and albedo of a view, (h, w, 3) each, linear, 0 where there is no wall."""
     seen = caster.see(camera)
-    points, normals = back_project(camera, seen.depth)[seen.mask], seen.normals[seen.mask]
-    relative = (points - daylight.occluders.origin).astype(np.float32)
-    skylight = interpolated(seen, street.surface, daylight.skylight)
-    shading = skylight + daylight.sunlight(relative, normals)
     image, albedo = np.zeros((2, *camera.shape, 3), np.float32)
-    albedo[seen.mask] = street.albedo(points)
-    image[seen.mask] = albedo[seen.mask] * shading
+    albedo[seen.mask] = street.albedo(back_project(camera, seen.depth)[seen.mask])
+    image[seen.mask] = albedo[seen.mask] * shading_seen(seen, camera, street.surface, daylight)
     return image, albedo

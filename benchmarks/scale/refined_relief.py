@@ -17,6 +17,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: more threads sum in an
 
 import numpy as np  # noqa: E402
 
+from benchmarks.refined_normals import angles_between, summary_of  # noqa: E402
 from benchmarks.scale.albedo_error import albedo_error  # noqa: E402
 from benchmarks.scale.growth import (  # noqa: E402
     in_workspace,
@@ -32,7 +33,6 @@ from stages.geometry.rays import RayCaster  # noqa: E402
 from stages.synthetic.subjects.smoothing import laplacian_smoothing  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-QUANTILES = (0.5, 0.9)
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,7 @@ def _run(photos: PhotoSet, name: str, mesh: Path, further: Sequence[str]) -> Fou
     """Run the program on a mesh, and compare normals and albedo with the truth."""
     workspace = photos.folder / f"relief-{name.replace(', ', '-').replace(' ', '-')}"
     run_program([*in_workspace(photos, workspace), *with_geometry(photos, mesh), *further])
-    angles = np.concatenate(list(_angles_deg(photos, workspace / "output" / "normal")))
-    summary = np.append(np.quantile(angles, QUANTILES), angles.mean())
+    summary = summary_of(_angles_deg(photos, workspace / "output" / "normal"))
     return Found(name, summary, tuple(albedo_error(photos, workspace / "output/albedo").si_rmse))
 
 
@@ -96,8 +95,7 @@ def _angles_deg(photos: PhotoSet, folder: Path) -> Iterator[np.ndarray]:
     for camera in cameras_of(read_model(photos.model)):
         seen, own = caster.see(camera), read_exr(folder / f"{camera.name}.exr")
         both = seen.mask & own.any(axis=2)
-        cosines = np.einsum("nk,nk->n", seen.normals[both], own[both])
-        yield np.rad2deg(np.arccos(np.clip(cosines, -1, 1)))
+        yield angles_between(seen.normals[both], own[both])
 
 
 if __name__ == "__main__":

@@ -169,7 +169,7 @@ def _cubic_bend(t):
 
 @numba.njit(nogil=True)
 def _interpolated(image, u, v):
-    """Value, gradient, and second derivatives (uu, uv, vv) at array coordinates (u, v).
+    """Interpolate value, gradient, and second derivatives (uu, uv, vv) at array coordinates (u, v).
 
     From the 4 × 4 pixels around; NaN if one of them is.
     """
@@ -193,7 +193,7 @@ def _interpolated(image, u, v):
 
 @numba.njit(inline="always")
 def _image_motion(intrinsics, rotation, seen, by):
-    """By how much the image of a point moves, (u, v) in pixels, that moves by a world vector."""
+    """Compute how far the image of a point moves, (u, v) in pixels, that moves by a world vector."""
     across, down, away = 0.0, 0.0, 0.0
     for axis in range(3):
         across += rotation[0, axis] * by[axis]
@@ -207,7 +207,7 @@ def _image_motion(intrinsics, rotation, seen, by):
 
 @numba.njit(inline="always")
 def _blur(x, y, bend):
-    """Trace of (J Jᵀ - 1) H: J's columns are the motions x and y of an image, H its second derivatives."""
+    """Compute the trace of (J Jᵀ - 1) H: x and y are J's columns, `bend` the second derivatives H."""
     uu, uv, vv = x[0] * x[0] + y[0] * y[0] - 1, x[0] * x[1] + y[0] * y[1], x[1] * x[1] + y[1] * y[1] - 1
     return uu * bend[0] + 2 * uv * bend[1] + vv * bend[2]
 

@@ -128,7 +128,7 @@ class Roughness:
         return Roughness(stiffness, (settings.tail + 1) / (settings.tail + relative), self.reach)
 
     def _roughness_of(self, rings: VertexRings, heights: np.ndarray) -> np.ndarray:
-        """What of heights, (V,), the prior weighs at each vertex: ``(L x)² + x² / reach⁴``, (V,)."""
+        """Compute what the prior weighs of heights x, (V,), at each vertex: ``(L x)² + x² / reach⁴``."""
         return rings.curvature(heights) ** 2 + heights**2 / self.reach**4
 
 

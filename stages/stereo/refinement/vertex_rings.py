@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -57,12 +58,12 @@ class VertexRings:
 
     def transposed_curvature(self, values: np.ndarray) -> np.ndarray:
         """Apply ``Lᵀ`` to values, (V,)."""
-        return _transposed_curvature(self.first, self.neighbours, values, self._shared(values))
+        return _transposed_curvature(self.first, self.neighbours, values, values / self._counts)
 
-    def _shared(self, values: np.ndarray) -> np.ndarray:
-        """Divide values, (V,), by the number of neighbours; 0 where there are none."""
-        count = np.diff(self.first)
-        return np.where(count > 0, values / np.maximum(count, 1), 0.0)
+    @cached_property
+    def _counts(self) -> np.ndarray:
+        """Count the neighbours of every vertex, (V,); 1 where there are none, which no one gathers."""
+        return np.maximum(np.diff(self.first), 1)
 
     def product(self, diagonal: np.ndarray, of_edges: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Multiply values, (V,), by the symmetric matrix of this diagonal, (V,), and of edges, (E,)."""
