@@ -34,7 +34,7 @@ from stages.formats.meshes.triangle_meshes import Surface, read_mesh  # noqa: E4
 from stages.geometry.rays import RayCaster  # noqa: E402
 from stages.scene.cameras import Camera  # noqa: E402
 from stages.stereo.refinement.compared_photos import radiance  # noqa: E402
-from stages.stereo.refinement.refined_surface import divided, refine, widest_relief  # noqa: E402
+from stages.stereo.refinement.refined_surface import refine, remeshed, widest_relief  # noqa: E402
 from stages.stereo.refinement.settings import RefineSettings  # noqa: E402
 from stages.stereo.refinement.view_pairs import sources_of_views  # noqa: E402
 from stages.synthetic import staging  # noqa: E402
@@ -136,7 +136,7 @@ def refined(scene: Photographed, given: Surface, settings: RefineSettings) -> Su
         covered = reduce_by_area(scene.masks[camera.name].astype(np.float32)[..., None], camera.shape)
         return radiance(image, covered[..., 0] > WHOLE, settings.errors)
 
-    surface = divided(given, scene.cameras, settings)
+    surface = remeshed(given, scene.cameras, settings)
     sources = sources_of_views(surface, scene.cameras, settings.neighbours, settings.pairs, THREADS)
     widest = widest_relief(given, scene.cameras, settings)
     for last in refine(surface, widest, scene.cameras, sources, radiance_at, settings, THREADS):

@@ -32,14 +32,14 @@ def run(job: Job[RefineSettings]) -> None:
     from stages.formats.colmap.model import cameras_of, read_model
     from stages.formats.meshes.triangle_meshes import read_mesh, write_mesh
     from stages.solvers.kernels.threading_layer import use_threads
-    from stages.stereo.refinement.refined_surface import divided, refine, widest_relief
+    from stages.stereo.refinement.refined_surface import refine, remeshed, widest_relief
     from stages.stereo.refinement.view_pairs import sources_of_views
 
     use_threads(job.threads)
     settings = job.settings
     cameras = cameras_of(read_model(job.inputs["workspace"] / "sparse"))
     given = read_mesh(job.inputs["mesh"])
-    surface = divided(given, cameras, settings)
+    surface = remeshed(given, cameras, settings)
     sources = sources_of_views(surface, cameras, settings.neighbours, settings.pairs, job.threads)
     widest = widest_relief(given, cameras, settings)
     read = partial(_radiance, dict(job.inputs), settings)
@@ -114,7 +114,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 REFINE = Stage(
     name="refine",
-    version=5,
+    version=6,
     about="The mesh moved until the photos of neighbouring views agree on it.",
     settings=RefineSettings,
     takes=("mesh", "linear", "workspace", "kept"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import open3d as o3d
 import pytest
 import scipy.sparse as sp
 
@@ -14,7 +15,7 @@ from pipeline.command.terminal import Terminal
 from pipeline.config import check_settings
 from stages import additions
 from stages.formats.artefacts.camera_file import write_cameras
-from stages.formats.meshes.triangle_meshes import Surface, read_mesh
+from stages.formats.meshes.triangle_meshes import Surface, from_open3d, read_mesh
 from stages.geometry.rays import RayCaster, face_normals, vertex_normals
 from stages.refine import REFINE
 from stages.scene.cameras import Camera, back_project
@@ -25,6 +26,7 @@ from stages.stereo.refinement.refined_surface import refine, widest_relief
 from stages.stereo.refinement.settings import RefineSettings, RoughnessSettings
 from stages.stereo.refinement.vertex_order import ordered_by_neighbours
 from stages.stereo.refinement.vertex_rings import VertexRings
+from stages.stereo.refinement.vertex_spacing import evenly_spaced
 from stages.stereo.refinement.view_pairs import sources_of_views
 from stages.synthetic.views import look_at
 
@@ -136,6 +138,78 @@ def test_ordering_by_neighbours_keeps_the_surface_and_brings_neighbours_together
 
     np.testing.assert_array_equal(triangles(shuffled), triangles(ordered))
     assert apart(ordered) <= 2 * 40 < 10 * 80 < apart(shuffled)
+
+
+def scattered(surface: Surface, share: float) -> Surface:
+    """Move the inner vertices of a grid sideways, by up to a share of its spacing."""
+    side = int(np.sqrt(len(surface.vertices)))
+    inner = np.zeros((side, side), bool)
+    inner[1:-1, 1:-1] = True
+    way = np.random.default_rng(8).uniform(-1, 1, (inner.sum(), 2)) * share * 2 / (side - 1)
+    vertices = surface.vertices.copy()
+    vertices[inner.ravel(), :2] += way
+    return Surface(vertices, surface.faces)
+
+
+def lowest(surface: Surface) -> np.ndarray:
+    """Compute the smallest height of each triangle over its longest edge, (F,)."""
+    edges = np.diff(surface.vertices[surface.faces[:, [0, 1, 2, 0]]], axis=1)
+    double_area = np.linalg.norm(face_normals(surface.vertices, surface.faces), axis=1)
+    return double_area / np.max(np.sum(edges**2, axis=2), axis=1)
+
+
+def test_vertices_are_spaced_evenly_on_their_surface():
+    given = scattered(grid(40, flat), 0.45)
+    spaced = evenly_spaced(given, SETTINGS.spacing_steps)
+    assert np.quantile(lowest(given), 0.01) < 0.05
+    assert np.quantile(lowest(spaced), 0.01) > 0.2
+    assert (face_normals(spaced.vertices, spaced.faces)[:, 2] > 0).all()
+    border = np.abs(given.vertices[:, :2]).max(axis=1) == 1
+    np.testing.assert_array_equal(spaced.vertices[border], given.vertices[border])
+    np.testing.assert_allclose(spaced.vertices[:, 2], 0, atol=1e-12)
+    np.testing.assert_array_equal(evenly_spaced(given, 0).vertices, given.vertices)
+
+
+def test_vertices_that_are_spaced_evenly_stay_where_they_are_on_a_regular_mesh():
+    given = grid(40, flat)
+    np.testing.assert_allclose(evenly_spaced(given, 3).vertices, given.vertices, atol=1e-12)
+
+
+def test_vertices_that_are_spaced_evenly_stay_on_a_curved_surface():
+    sphere = o3d.geometry.TriangleMesh.create_sphere(1.0, resolution=40)
+    given = from_open3d(sphere)
+    spaced = evenly_spaced(given, 3)
+    edge = np.pi / 40
+    off = np.abs(np.linalg.norm(spaced.vertices, axis=1) - 1)
+    assert np.abs(spaced.vertices - given.vertices).max() > 0.25 * edge  # towards the equator, from the poles
+    assert np.quantile(off, 0.99) < 0.05 * edge
+
+
+def test_vertices_at_a_seam_are_spaced_as_one():
+    given = scattered(grid(20, flat), 0.45)
+    column = np.arange(400) % 20 == 10
+    copies = np.arange(400)
+    copies[column] = 400 + np.arange(20)
+    right = (given.faces % 20).max(axis=1) > 10
+    faces = np.where(right[:, None], copies[given.faces], given.faces).astype(np.int32)
+    cut = Surface(np.concatenate([given.vertices, given.vertices[column]]), faces)
+    spaced, whole = evenly_spaced(cut, 3), evenly_spaced(given, 3)
+    np.testing.assert_allclose(spaced.vertices[:400], whole.vertices, atol=1e-12)
+    np.testing.assert_array_equal(spaced.vertices[400:], spaced.vertices[:400][column])
+
+
+def test_relief_turns_no_splinters_over():
+    """A mesh of marching cubes has splinters: refined as it is, some of them lie on their backs."""
+    views, truth, given = cameras(), grid(60, relief), scattered(grid(60, flat), 0.45)
+    photos = photographs(truth, views)
+
+    def turned_over(surface: Surface) -> int:
+        normals = face_normals(surface.vertices, surface.faces)
+        return int(np.sum(normals[:, 2] < 0))
+
+    spaced = evenly_spaced(given, SETTINGS.spacing_steps)
+    assert turned_over(refined(given, views, photos).surface) > 5
+    assert turned_over(refined(spaced, views, photos).surface) == 0
 
 
 def test_normal_equations_are_those_of_their_pixels():

@@ -18,6 +18,7 @@ from stages.stereo.refinement.folds import without_folds
 from stages.stereo.refinement.settings import RefineSettings
 from stages.stereo.refinement.vertex_order import ordered_by_neighbours
 from stages.stereo.refinement.vertex_rings import VertexRings
+from stages.stereo.refinement.vertex_spacing import evenly_spaced
 
 MEDIAN_SQUARE = 0.455  # of a standard normal variable
 MISFITS_OF_VIEW = 20_000  # residuals of a view, about, that the noise is measured from
@@ -184,8 +185,9 @@ def _equations(
     return equations, measured
 
 
-def divided(surface: Surface, cameras: Sequence[Camera], settings: RefineSettings) -> Surface:
-    """Divide faces until edges are as short as relief needs them."""
+def remeshed(surface: Surface, cameras: Sequence[Camera], settings: RefineSettings) -> Surface:
+    """Space vertices evenly, and divide faces until edges are as short as relief needs them."""
+    surface = evenly_spaced(surface, settings.spacing_steps)
     sizes = smallest_footprints(surface.vertices, list(cameras))
     sizes = sizes[np.isfinite(sizes)]
     if not len(sizes):

@@ -192,6 +192,13 @@ class RefineSettings(Settings):
         unit="pixel footprints",
         gt=0,
     )
+    spacing_steps: int = setting(
+        3,
+        "Steps by which vertices slide along the surface, to even spaces, before they move: what marching "
+        "cubes make has splinters, which turn over. None leaves them where they are.",
+        ge=0,
+        le=100,
+    )
     most_vertices: int = setting(
         2_000_000, "Vertices up to which faces are divided.", unit="vertices", ge=1000
     )
