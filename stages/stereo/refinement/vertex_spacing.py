@@ -45,6 +45,6 @@ def evenly_spaced(surface: Surface, steps: int) -> Surface:
 
 
 def _on_border(faces: np.ndarray, vertices: int) -> np.ndarray:
-    """Tell the vertices, (V,), whose faces close no ring: the edges opposite to them do not add up to none."""
+    """Tell the vertices, (V,), whose faces close no ring: edges opposite to them do not add up to none."""
     opposite = np.roll(faces, -1, axis=1).astype(np.int64) - np.roll(faces, -2, axis=1)
     return np.bincount(faces.ravel(), opposite.ravel(), minlength=vertices) != 0
