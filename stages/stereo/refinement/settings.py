@@ -119,9 +119,7 @@ class FoldSettings(Settings):
         gt=0,
         lt=180,
     )
-    times: int = setting(
-        3, "How often; what is turned even then are splinters, whose normals mean nothing.", ge=0, le=100
-    )
+    times: int = setting(3, "How often; the few faces that are turned even then stay turned.", ge=0, le=100)
 
 
 class ViewPairSettings(Settings):
