@@ -7,26 +7,24 @@ import numpy as np
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.rays import as_unit, face_normals
 from stages.stereo.refinement.settings import FoldSettings
-from stages.stereo.refinement.vertex_rings import VertexRings
 
 
 def without_folds(
     surface: Surface,
     before: np.ndarray,
-    rings: VertexRings,
     directions: np.ndarray,
     heights: np.ndarray,
     settings: FoldSettings,
 ) -> np.ndarray:
-    """Average heights over neighbours where faces turn too far: neighbours that part turn them over.
+    """Halve heights where faces turn too far, until none does: neighbours that part turn them over.
+
+    In a groove, whose normals meet, the same height folds the surface all over: averages would not help.
 
     Parameters
     ----------
     surface : Surface
     before : ndarray, shape (F, 3), float64
         Unit normals of its faces.
-    rings : VertexRings
-        Of its vertices.
     directions : ndarray, shape (V, 3), float64
         By which vertices move with a height of 1, model units.
     heights : ndarray, shape (V,), float64
@@ -45,5 +43,5 @@ def without_folds(
             break
         folded = np.zeros(len(heights), bool)
         folded[turned] = True
-        heights = np.where(folded, rings.averaged(heights), heights)
+        heights = np.where(folded, heights / 2, heights)
     return heights

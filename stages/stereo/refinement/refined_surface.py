@@ -103,7 +103,7 @@ def refine(
             noise = max(noise * measured, settings.errors.least)
             model = HeightModel(rings, equations, roughness, settings)
             found, known = model.most_probable(heights), equations.diagonal > settings.hold
-            heights = without_folds(whole, facing, rings, directions, found, settings.folds)
+            heights = without_folds(whole, facing, directions, found, settings.folds)
             if scale == settings.scales[-1] and known.any():
                 left_open = model.sample(np.random.default_rng([number, len(cameras)]))
                 roughness = roughness.measured(rings, heights, left_open, known, settings.roughness)

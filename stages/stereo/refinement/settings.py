@@ -114,12 +114,14 @@ class FoldSettings(Settings):
 
     largest_turn_deg: float = setting(
         75.0,
-        "Moves are averaged over the vertices around where a face turns by more.",
+        "Moves are halved where a face turns by more than this from the given mesh.",
         unit="°",
         gt=0,
         lt=180,
     )
-    times: int = setting(3, "How often; the few faces that are turned even then stay turned.", ge=0, le=100)
+    times: int = setting(
+        5, "How often, at most; the few faces that are turned even then stay so.", ge=0, le=100
+    )
 
 
 class ViewPairSettings(Settings):
