@@ -16,9 +16,9 @@ from stages.stereo.refinement.compared_photos import Photo, compare
 from stages.stereo.refinement.displacement import HeightModel, NormalEquations, Roughness
 from stages.stereo.refinement.folds import without_folds
 from stages.stereo.refinement.settings import RefineSettings
+from stages.stereo.refinement.splinters import without_splinters
 from stages.stereo.refinement.vertex_order import ordered_by_neighbours
 from stages.stereo.refinement.vertex_rings import VertexRings
-from stages.stereo.refinement.vertex_spacing import evenly_spaced
 
 MEDIAN_SQUARE = 0.455  # of a standard normal variable
 MISFITS_OF_VIEW = 20_000  # residuals of a view, about, that the noise is measured from
@@ -186,8 +186,8 @@ def _equations(
 
 
 def remeshed(surface: Surface, cameras: Sequence[Camera], settings: RefineSettings) -> Surface:
-    """Space vertices evenly, and divide faces until edges are as short as relief needs them."""
-    surface = evenly_spaced(surface, settings.spacing_steps)
+    """Even out splinters, and divide faces until edges are as short as relief needs them."""
+    surface = without_splinters(surface, settings.splinters)
     sizes = smallest_footprints(surface.vertices, list(cameras))
     sizes = sizes[np.isfinite(sizes)]
     if not len(sizes):

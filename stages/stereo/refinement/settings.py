@@ -109,6 +109,22 @@ class RoughnessSettings(Settings):
     )
 
 
+class SplinterSettings(Settings):
+    """Settings of the faces that the slightest move would turn over: marching cubes make many."""
+
+    altitude: float = setting(
+        0.25,
+        "Faces lower than this are splinters: their corners slide along the surface, to even spaces, before "
+        "they move.",
+        unit="longest edge",
+        ge=0,
+        lt=0.8,
+    )
+    steps: int = setting(
+        3, "Steps by which they slide, at most; none leaves them where they are.", ge=0, le=100
+    )
+
+
 class FoldSettings(Settings):
     """Settings of where the surface would fold, because vertices beside each other part."""
 
@@ -192,13 +208,6 @@ class RefineSettings(Settings):
         unit="pixel footprints",
         gt=0,
     )
-    spacing_steps: int = setting(
-        3,
-        "Steps by which vertices slide along the surface, to even spaces, before they move: what marching "
-        "cubes make has splinters, which turn over. None leaves them where they are.",
-        ge=0,
-        le=100,
-    )
     most_vertices: int = setting(
         2_000_000, "Vertices up to which faces are divided.", unit="vertices", ge=1000
     )
@@ -215,6 +224,9 @@ class RefineSettings(Settings):
     solver_tolerance: float = setting(1e-3, "Relative residual at which these stop earlier.", gt=0, lt=1)
     pairs: ViewPairSettings = group(ViewPairSettings, "Which views see the same surface.")
     errors: PhotoErrorSettings = group(PhotoErrorSettings, "How far photos of one point may differ.")
+    splinters: SplinterSettings = group(
+        SplinterSettings, "Faces that the slightest move would turn over: marching cubes make many."
+    )
     folds: FoldSettings = group(FoldSettings, "Where the surface would fold.")
     roughness: RoughnessSettings = group(RoughnessSettings, "How rough the added relief may be.")
 

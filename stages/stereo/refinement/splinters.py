@@ -1,15 +1,16 @@
-"""Vertices slid along their surface until its faces have no splinters."""
+"""Splinters of a mesh, and their vertices slid along the surface until there are hardly any."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from stages.formats.meshes.triangle_meshes import Surface, joined
-from stages.geometry.rays import summed_at_vertices, vertex_normals
+from stages.geometry.rays import face_normals, summed_at_vertices, vertex_normals
+from stages.stereo.refinement.settings import SplinterSettings
 
 
-def evenly_spaced(surface: Surface, steps: int) -> Surface:
-    """Slide each vertex towards the middle of the faces around it, in its tangent plane.
+def without_splinters(surface: Surface, settings: SplinterSettings) -> Surface:
+    """Slide the vertices of splinters towards the middle of the faces around them, in their tangent planes.
 
     Meshes of marching cubes, as Poisson's, are full of splinters: faces much lower than their edges are long.
     The slightest difference of height between their corners turns them over. Borders stay where they are, or
@@ -18,8 +19,7 @@ def evenly_spaced(surface: Surface, steps: int) -> Surface:
     Parameters
     ----------
     surface : Surface
-    steps : int
-        How often.
+    settings : SplinterSettings
 
     Returns
     -------
@@ -33,15 +33,28 @@ def evenly_spaced(surface: Surface, steps: int) -> Surface:
     """
     whole, number_in_whole = joined(surface)  # at seams, or they would be borders
     vertices, faces = whole.vertices.astype(np.float64), whole.faces
-    free = ~_on_border(faces, len(vertices))
+    border = _on_border(faces, len(vertices))
     counts = np.maximum(np.bincount(faces.ravel(), minlength=len(vertices)), 1)[:, None]
-    for _ in range(steps):
+    for _ in range(settings.steps):
+        slides = ~border & _of_splinters(vertices, faces, settings.altitude)
+        if not slides.any():
+            break
         middles = summed_at_vertices(vertices[faces].mean(axis=1), faces, len(vertices)) / counts
         normals = vertex_normals(vertices, faces).astype(np.float64)
         way = middles - vertices
         way -= normals * np.einsum("vk,vk->v", normals, way)[:, None]
-        vertices = np.where(free[:, None], vertices + way, vertices)
+        vertices = np.where(slides[:, None], vertices + way, vertices)
     return Surface(vertices[number_in_whole], surface.faces)
+
+
+def _of_splinters(vertices: np.ndarray, faces: np.ndarray, altitude: float) -> np.ndarray:
+    """Tell the vertices, (V,), of faces lower than a share of their longest edge."""
+    edges = np.diff(vertices[faces[:, [0, 1, 2, 0]]], axis=1)
+    longest = np.einsum("fek,fek->fe", edges, edges).max(axis=1)
+    double_areas = np.linalg.norm(face_normals(vertices, faces), axis=1)
+    found = np.zeros(len(vertices), bool)
+    found[faces[double_areas < altitude * longest]] = True
+    return found
 
 
 def _on_border(faces: np.ndarray, vertices: int) -> np.ndarray:
