@@ -24,7 +24,7 @@ from stages.stereo.refinement.displacement import HeightModel, NormalEquations, 
 from stages.stereo.refinement.folds import without_folds
 from stages.stereo.refinement.refined_surface import refine, widest_relief
 from stages.stereo.refinement.settings import RefineSettings, RoughnessSettings
-from stages.stereo.refinement.splinters import without_splinters
+from stages.stereo.refinement.slivers import without_slivers
 from stages.stereo.refinement.vertex_order import ordered_by_neighbours
 from stages.stereo.refinement.vertex_rings import VertexRings
 from stages.stereo.refinement.view_pairs import sources_of_views
@@ -32,7 +32,7 @@ from stages.synthetic.views import look_at
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 150.0
 SETTINGS = RefineSettings()
-SPLINTERS = SETTINGS.splinters
+SLIVERS = SETTINGS.slivers
 
 
 def grid(side: int, height) -> Surface:
@@ -159,9 +159,9 @@ def lowest(surface: Surface) -> np.ndarray:
     return double_area / np.max(np.sum(edges**2, axis=2), axis=1)
 
 
-def test_vertices_of_splinters_are_spaced_evenly_on_their_surface():
+def test_vertices_of_slivers_are_spaced_evenly_on_their_surface():
     given = scattered(grid(40, flat), 0.45)
-    spaced = without_splinters(given, SPLINTERS)
+    spaced = without_slivers(given, SLIVERS)
     assert np.quantile(lowest(given), 0.01) < 0.05
     assert np.quantile(lowest(spaced), 0.01) > 0.2
     assert (face_normals(spaced.vertices, spaced.faces)[:, 2] > 0).all()
@@ -169,26 +169,26 @@ def test_vertices_of_splinters_are_spaced_evenly_on_their_surface():
     np.testing.assert_array_equal(spaced.vertices[border], given.vertices[border])
     np.testing.assert_allclose(spaced.vertices[:, 2], 0, atol=1e-12)
     np.testing.assert_array_equal(
-        without_splinters(given, SPLINTERS.model_copy(update={"steps": 0})).vertices, given.vertices
+        without_slivers(given, SLIVERS.model_copy(update={"steps": 0})).vertices, given.vertices
     )
 
 
-def test_a_mesh_without_splinters_stays_as_it_is():
+def test_a_mesh_without_slivers_stays_as_it_is():
     given = scattered(grid(40, relief), 0.1)
-    np.testing.assert_array_equal(without_splinters(given, SPLINTERS).vertices, given.vertices)
+    np.testing.assert_array_equal(without_slivers(given, SLIVERS).vertices, given.vertices)
 
 
-def test_vertices_of_splinters_stay_on_a_curved_surface():
+def test_vertices_of_slivers_stay_on_a_curved_surface():
     sphere = o3d.geometry.TriangleMesh.create_sphere(1.0, resolution=40)
     given = from_open3d(sphere)
-    spaced = without_splinters(given, SPLINTERS)
+    spaced = without_slivers(given, SLIVERS)
     edge = np.pi / 40
     off = np.abs(np.linalg.norm(spaced.vertices, axis=1) - 1)
     assert np.abs(spaced.vertices - given.vertices).max() > 0.25 * edge  # towards the equator, from the poles
     assert np.quantile(off, 0.99) < 0.05 * edge
 
 
-def test_splinters_at_a_seam_stay_closed():
+def test_slivers_at_a_seam_stay_closed():
     given = scattered(grid(20, flat), 0.45)
     column = np.arange(400) % 20 == 10
     copies = np.arange(400)
@@ -196,13 +196,13 @@ def test_splinters_at_a_seam_stay_closed():
     right = (given.faces % 20).max(axis=1) > 10
     faces = np.where(right[:, None], copies[given.faces], given.faces).astype(np.int32)
     cut = Surface(np.concatenate([given.vertices, given.vertices[column]]), faces)
-    spaced, whole = without_splinters(cut, SPLINTERS), without_splinters(given, SPLINTERS)
+    spaced, whole = without_slivers(cut, SLIVERS), without_slivers(given, SLIVERS)
     np.testing.assert_allclose(spaced.vertices[:400], whole.vertices, atol=1e-12)
     np.testing.assert_array_equal(spaced.vertices[400:], spaced.vertices[:400][column])
 
 
-def test_relief_turns_no_splinters_over():
-    """A mesh of marching cubes has splinters: refined as it is, some of them lie on their backs."""
+def test_relief_turns_no_slivers_over():
+    """A mesh of marching cubes has slivers: refined as it is, some of them lie on their backs."""
     views, truth, given = cameras(), grid(60, relief), scattered(grid(60, flat), 0.45)
     photos = photographs(truth, views)
 
@@ -210,7 +210,7 @@ def test_relief_turns_no_splinters_over():
         normals = face_normals(surface.vertices, surface.faces)
         return int(np.sum(normals[:, 2] < 0))
 
-    spaced = without_splinters(given, SPLINTERS)
+    spaced = without_slivers(given, SLIVERS)
     assert turned_over(refined(given, views, photos).surface) > 5
     assert turned_over(refined(spaced, views, photos).surface) == 0
 

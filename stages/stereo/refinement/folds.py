@@ -16,9 +16,10 @@ def without_folds(
     heights: np.ndarray,
     settings: FoldSettings,
 ) -> np.ndarray:
-    """Halve heights where faces turn too far, until none does: neighbours that part turn them over.
+    """Halve heights where they turn faces too far, until none is, or as often as the settings say.
 
-    In a groove, whose normals meet, the same height folds the surface all over: averages would not help.
+    Faces turn where neighbours move by different heights; and in grooves, whose normals meet, by heights that
+    are all alike, so that averages would not help.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from stages.stereo.refinement.compared_photos import Photo, compare
 from stages.stereo.refinement.displacement import HeightModel, NormalEquations, Roughness
 from stages.stereo.refinement.folds import without_folds
 from stages.stereo.refinement.settings import RefineSettings
-from stages.stereo.refinement.splinters import without_splinters
+from stages.stereo.refinement.slivers import without_slivers
 from stages.stereo.refinement.vertex_order import ordered_by_neighbours
 from stages.stereo.refinement.vertex_rings import VertexRings
 
@@ -186,8 +186,8 @@ def _equations(
 
 
 def remeshed(surface: Surface, cameras: Sequence[Camera], settings: RefineSettings) -> Surface:
-    """Even out splinters, and divide faces until edges are as short as relief needs them."""
-    surface = without_splinters(surface, settings.splinters)
+    """Even out slivers, and divide faces until edges are as short as relief needs them."""
+    surface = without_slivers(surface, settings.slivers)
     sizes = smallest_footprints(surface.vertices, list(cameras))
     sizes = sizes[np.isfinite(sizes)]
     if not len(sizes):

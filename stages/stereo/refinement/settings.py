@@ -109,12 +109,12 @@ class RoughnessSettings(Settings):
     )
 
 
-class SplinterSettings(Settings):
+class SliverSettings(Settings):
     """Settings of the faces that the slightest move would turn over: marching cubes make many."""
 
     altitude: float = setting(
         0.25,
-        "Faces lower than this are splinters: their corners slide along the surface, to even spaces, before "
+        "Faces lower than this are slivers: their corners slide along the surface, to even spaces, before "
         "they move.",
         unit="longest edge",
         ge=0,
@@ -224,8 +224,8 @@ class RefineSettings(Settings):
     solver_tolerance: float = setting(1e-3, "Relative residual at which these stop earlier.", gt=0, lt=1)
     pairs: ViewPairSettings = group(ViewPairSettings, "Which views see the same surface.")
     errors: PhotoErrorSettings = group(PhotoErrorSettings, "How far photos of one point may differ.")
-    splinters: SplinterSettings = group(
-        SplinterSettings, "Faces that the slightest move would turn over: marching cubes make many."
+    slivers: SliverSettings = group(
+        SliverSettings, "Faces that the slightest move would turn over: marching cubes make many."
     )
     folds: FoldSettings = group(FoldSettings, "Where the surface would fold.")
     roughness: RoughnessSettings = group(RoughnessSettings, "How rough the added relief may be.")

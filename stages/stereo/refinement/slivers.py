@@ -1,4 +1,4 @@
-"""Splinters of a mesh, and their vertices slid along the surface until there are hardly any."""
+"""Slivers of a mesh, and their vertices slid along the surface until there are hardly any."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import numpy as np
 
 from stages.formats.meshes.triangle_meshes import Surface, joined
 from stages.geometry.rays import face_normals, summed_at_vertices, vertex_normals
-from stages.stereo.refinement.settings import SplinterSettings
+from stages.stereo.refinement.settings import SliverSettings
 
 
-def without_splinters(surface: Surface, settings: SplinterSettings) -> Surface:
-    """Slide the vertices of splinters towards the middle of the faces around them, in their tangent planes.
+def without_slivers(surface: Surface, settings: SliverSettings) -> Surface:
+    """Slide the vertices of slivers towards the middle of the faces around them, in their tangent planes.
 
-    Meshes of marching cubes, as Poisson's, are full of splinters: faces much lower than their edges are long.
+    Meshes of marching cubes, as Poisson's, are full of slivers: faces much lower than their edges are long.
     The slightest difference of height between their corners turns them over. Borders stay where they are, or
     they would shrink.
 
     Parameters
     ----------
     surface : Surface
-    settings : SplinterSettings
+    settings : SliverSettings
 
     Returns
     -------
@@ -32,11 +32,11 @@ def without_splinters(surface: Surface, settings: SplinterSettings) -> Surface:
     thirds of the way to the mean of the neighbours, weighed alike.
     """
     whole, number_in_whole = joined(surface)  # at seams, or they would be borders
-    vertices, faces = whole.vertices.astype(np.float64), whole.faces
+    vertices, faces = whole.vertices, whole.faces
     border = _on_border(faces, len(vertices))
     counts = np.maximum(np.bincount(faces.ravel(), minlength=len(vertices)), 1)[:, None]
     for _ in range(settings.steps):
-        slides = ~border & _of_splinters(vertices, faces, settings.altitude)
+        slides = ~border & _of_slivers(vertices, faces, settings.altitude)
         if not slides.any():
             break
         middles = summed_at_vertices(vertices[faces].mean(axis=1), faces, len(vertices)) / counts
@@ -47,7 +47,7 @@ def without_splinters(surface: Surface, settings: SplinterSettings) -> Surface:
     return Surface(vertices[number_in_whole], surface.faces)
 
 
-def _of_splinters(vertices: np.ndarray, faces: np.ndarray, altitude: float) -> np.ndarray:
+def _of_slivers(vertices: np.ndarray, faces: np.ndarray, altitude: float) -> np.ndarray:
     """Tell the vertices, (V,), of faces lower than a share of their longest edge."""
     edges = np.diff(vertices[faces[:, [0, 1, 2, 0]]], axis=1)
     longest = np.einsum("fek,fek->fe", edges, edges).max(axis=1)
@@ -58,6 +58,6 @@ def _of_splinters(vertices: np.ndarray, faces: np.ndarray, altitude: float) -> n
 
 
 def _on_border(faces: np.ndarray, vertices: int) -> np.ndarray:
-    """Tell the vertices, (V,), whose faces close no ring: edges opposite to them do not add up to none."""
+    """Tell the vertices, (V,), whose faces close no ring: around a closed one, their differences cancel."""
     opposite = np.roll(faces, -1, axis=1).astype(np.int64) - np.roll(faces, -2, axis=1)
     return np.bincount(faces.ravel(), opposite.ravel(), minlength=vertices) != 0
