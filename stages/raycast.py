@@ -245,7 +245,7 @@ RAYCAST = Stage(
         ),
     ),
     run=run,
-    tools=("numpy", *PYCOLMAP, *OPEN3D, *PICTURES),
+    tools=("numpy", "numba", *PYCOLMAP, *OPEN3D, *PICTURES),
     saves_memory="set raycast.reduce=2, or give a mesh of fewer faces",
     found=in_words,
 )

@@ -195,7 +195,7 @@ RENDER = Stage(
         Artefact("truth", "true albedo, shading, parts and masks per view", output="truth"),
     ),
     run=run,
-    tools=("mitsuba", "drjit", "scikit-image", "numpy", "scipy", *PYCOLMAP, *OPEN3D, *PICTURES),
+    tools=("mitsuba", "drjit", "scikit-image", "numpy", "scipy", "numba", *PYCOLMAP, *OPEN3D, *PICTURES),
     saves_memory="lower render.width_px and render.height_px",
     found=in_words,
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba
 import numpy as np
 import open3d as o3d
 
@@ -99,19 +100,36 @@ class RayCaster:
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Compute normals of faces, twice their area long, shape (f, 3)."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    return np.cross(b - a, c - a)
+    return _face_normals(vertices, faces)
+
+
+@numba.njit(cache=True, nogil=True)
+def _face_normals(vertices, faces):
+    """Loop over faces: a cross product of numpy takes twenty times as long."""
+    found = np.empty((len(faces), 3), vertices.dtype)
+    for face in range(len(faces)):
+        a, b, c = faces[face]
+        for axis in range(3):
+            one, two = (axis + 1) % 3, (axis + 2) % 3
+            found[face, axis] = (vertices[b, one] - vertices[a, one]) * (
+                vertices[c, two] - vertices[a, two]
+            ) - (vertices[b, two] - vertices[a, two]) * (vertices[c, one] - vertices[a, one])
+    return found
 
 
 def summed_at_vertices(of_faces: np.ndarray, faces: np.ndarray, vertices: int) -> np.ndarray:
     """Sum up vectors of faces, (f, 3), at their corners, shape (v, 3), float64."""
-    return np.stack(
-        [
-            np.bincount(faces.ravel(), np.repeat(of_faces[:, axis], 3), minlength=vertices)
-            for axis in range(3)
-        ],
-        axis=1,
-    )
+    return _summed_at_vertices(of_faces, faces, vertices)
+
+
+@numba.njit(cache=True, nogil=True)
+def _summed_at_vertices(of_faces, faces, vertices):
+    found = np.zeros((vertices, 3))
+    for face in range(len(faces)):
+        for corner in range(3):
+            for axis in range(3):
+                found[faces[face, corner], axis] += of_faces[face, axis]
+    return found
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
