@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import scipy.sparse as sp
 
     from stages.formats.artefacts.transfer_file import StoredTransfer
+    from stages.formats.artefacts.view_files import Each
     from stages.geometry.short_edges import ShortEdged
     from stages.photometry.clusters.typical_views import ViewGraph
     from stages.photometry.lighting.illumination import Illumination
@@ -65,13 +66,13 @@ class Scene:
     short: ShortEdged
     sun: SunSettings
 
-    def blend(self, cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> sp.csr_array:
+    def blend(self, cameras: Sequence[Camera], masks: Sequence[np.ndarray], each: Each = map) -> sp.csr_array:
         """Interpolate the proxy's vertices at the masked pixels of cameras, (N, P)."""
         from stages.formats.artefacts.view_files import read_surface_points
         from stages.geometry.vertex_interpolation import pixels_on_proxy_of
 
         points = read_surface_points(self.files.paths, cameras, masks)
-        return pixels_on_proxy_of(self.short, self.stored, points)
+        return pixels_on_proxy_of(self.short, self.stored, points, each)
 
     def rays(self, cameras: Sequence[Camera], masks: Sequence[np.ndarray], threads: int) -> PixelRays:
         """Make rays from the masked pixels of cameras to suns, which the mesh may block."""
@@ -277,7 +278,7 @@ def _scenes(job: Job[LightingSettings], opened: Opened, scene: Scene) -> list[Li
     from stages.photometry.transport.lit_scenes import scenes_by_distance
     from stages.scene.wording import tell_seen_from_behind
 
-    blend = scene.blend(opened.views.cameras, opened.views.masks)
+    blend = scene.blend(opened.views.cameras, opened.views.masks, job.executor.map)
     probes = _probes(job, scene.stored)
     scenes, opposed = scenes_by_distance(scene.stored, blend, opened.normals, probes)
     tell_seen_from_behind(job, opposed, len(opened.normals))
@@ -333,7 +334,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 LIGHTING = Stage(
     name="lighting",
-    version=17,
+    version=18,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=(

@@ -133,7 +133,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 RELIGHT = Stage(
     name="relight",
-    version=9,
+    version=10,
     about="The views under another light, from their albedo.",
     settings=RelightSettings,
     takes=("albedo", "normal", "mask", "cameras", "mesh", "triangles", "transfer"),

@@ -155,7 +155,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 SHADING_NORMALS = Stage(
     name="shading_normals",
-    version=2,
+    version=3,
     about="The mesh's normals without the noise that the photos contradict.",
     settings=ShadingNormalSettings,
     takes=(

@@ -158,7 +158,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 TURNTABLE = Stage(
     name="turntable",
-    version=2,
+    version=3,
     about="The textured model under another light, from all around.",
     settings=TurntableSettings,
     takes=("textured_model", "cameras", "transfer", "surface_light"),

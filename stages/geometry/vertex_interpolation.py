@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from stages.formats.artefacts.transfer_file import StoredTransfer
+from stages.formats.artefacts.view_files import Each
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.short_edges import ShortEdged, with_short_edges
 
@@ -19,10 +20,12 @@ def pixels_on_proxy(stored: StoredTransfer, mesh: Surface, points: SurfacePoints
     return pixels_on_proxy_of(with_short_edges(mesh, float(stored.longest_edge)), stored, points)
 
 
-def pixels_on_proxy_of(short: ShortEdged, stored: StoredTransfer, points: SurfacePoints) -> sp.csr_array:
+def pixels_on_proxy_of(
+    short: ShortEdged, stored: StoredTransfer, points: SurfacePoints, each: Each = map
+) -> sp.csr_array:
     """Interpolate likewise; the mesh already has edges no longer than `stored.longest_edge`."""
     carried, faces = short.carried(*points), short.surface.faces
-    return blend_of_pixels(*carried, faces, stored.corners, stored.weights, len(stored.blocked))
+    return blend_of_pixels(*carried, faces, stored.corners, stored.weights, len(stored.blocked), each)
 
 
 def blend_of_pixels(
@@ -32,6 +35,7 @@ def blend_of_pixels(
     corners: np.ndarray,
     weights: np.ndarray,
     vertex_count: int,
+    each: Each = map,
 ) -> sp.csr_array:
     """Build the matrix that interpolates a proxy's vertices at every pixel.
 
@@ -46,17 +50,21 @@ def blend_of_pixels(
         Every vertex that faces have as a blend of the proxy's.
     vertex_count : int
         P.
+    each : callable
+        Maps a function over the views: `map`, or that of an executor.
 
     Returns
     -------
     csr_array, shape (N, P), float32
     """
     to_proxy = blend_matrix(corners, weights, vertex_count)
-    views = []
-    for seen, uv in zip(triangles, barycentric, strict=True):
+
+    def blend(view: int) -> sp.csr_array:
+        uv = barycentric[view]
         shares = np.column_stack([1 - uv.sum(axis=1), uv]).astype(np.float32)
-        views.append(blend_matrix(faces[seen], shares, len(corners)) @ to_proxy)
-    return sp.csr_array(sp.vstack(views, format="csr"))
+        return blend_matrix(faces[triangles[view]], shares, len(corners)) @ to_proxy
+
+    return sp.csr_array(sp.vstack(list(each(blend, range(len(triangles)))), format="csr"))
 
 
 def blend_matrix(corners: np.ndarray, weights: np.ndarray, vertex_count: int) -> sp.csr_array:

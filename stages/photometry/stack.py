@@ -108,6 +108,11 @@ class StackedViews:
         """Iterate over pairs of corresponding pixels, pair of views by pair of views."""
         return linked_pixels(self.correspondences, self.starts)
 
+    def linked_rows(self) -> Iterator[tuple[np.ndarray, np.ndarray, int, int]]:
+        """Iterate over the pairs of views for compiled loops: C_ij's `indptr` and `indices`, first pixels."""
+        for (i, j), block in sorted(self.correspondences.items()):
+            yield block.indptr, block.indices, int(self.starts[i]), int(self.starts[j])
+
     def shading(self, light: np.ndarray) -> np.ndarray:
         """Evaluate ``S = σ^i·ν^i(p)`` of Eq. 1, all pixels, (N,), under one light per view, (n, K)."""
         # einsum rather than a BLAS product: the same bits whatever the number of threads.

@@ -36,7 +36,7 @@ class LightTask:
     ----------
     files : ViewFiles
     blend : callable
-        Interpolates the proxy's vertices at the masked pixels of cameras: (N, P).
+        Interpolates the proxy's vertices at the masked pixels of cameras: (N, P); takes a map over views.
     rays : callable
         Makes their rays, of masked pixels of cameras and with a number of threads.
     vertex_normals : ndarray, shape (P, 3)
@@ -51,7 +51,7 @@ class LightTask:
     """
 
     files: ViewFiles
-    blend: Callable[[Sequence[Camera], Sequence[np.ndarray]], sp.csr_array]
+    blend: Callable[..., sp.csr_array]
     rays: Callable[[Sequence[Camera], Sequence[np.ndarray], int], PixelRays]
     vertex_normals: np.ndarray
     parts: Parts
@@ -65,7 +65,7 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
     use_threads(threads)
     opened = task.files.open(cluster, task.scale, on_threads)
     blend, _ = without_opposed(
-        opened.normals, task.blend(opened.views.cameras, opened.views.masks), task.vertex_normals
+        opened.normals, task.blend(opened.views.cameras, opened.views.masks, on_threads), task.vertex_normals
     )
     image, scene = np.stack(opened.images, axis=1), task.found.explained.scene
     suns = scene.suns, scene.sphere

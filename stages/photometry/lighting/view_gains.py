@@ -10,6 +10,7 @@ import numpy as np
 from stages.photometry.lighting.settings import ViewGainSettings
 from stages.photometry.neighbourhoods import PATCHES
 from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.pixelwise import on_threads
 
 TO_DEVIATION = 1.4826  # median absolute to standard deviation, were the errors Gaussian
 
@@ -130,19 +131,7 @@ def view_gains(
     """
     own = [LogView.of(image[views.view(k)], trusted[views.view(k)], how) for k in range(views.view_count)]
     if known is None:
-        ratios = [
-            PairRatio.of(
-                i,
-                j,
-                own[i],
-                own[j],
-                one - views.starts[i],
-                other - views.starts[j],
-                how.fewest_correspondences,
-            )
-            for (i, j), (one, other) in zip(sorted(views.correspondences), views.linked_pixels(), strict=True)
-        ]
-        gains = log_gains(views.view_count, ratios, exposures)
+        gains = log_gains(views.view_count, _ratios(views, own, how.fewest_correspondences), exposures)
     else:
         gains = np.log(known)
     logs, bright = np.concatenate([one.logs for one in own]), np.concatenate([one.bright for one in own])
@@ -153,17 +142,32 @@ def view_gains(
     return ViewGains(np.exp(gains), spread)
 
 
+def _ratios(views: StackedViews, logs: Sequence[LogView], fewest: int) -> list[PairRatio]:
+    """Compare all pairs of views."""
+
+    def ratio(pair: tuple[int, int]) -> PairRatio:
+        (i, j), block = pair, views.correspondences[pair]
+        linked = np.flatnonzero(np.diff(block.indptr))
+        return PairRatio.of(i, j, logs[i], logs[j], linked, block.indices, fewest)
+
+    return on_threads(ratio, sorted(views.correspondences))
+
+
 def _left(views: StackedViews, logs: np.ndarray, bright: np.ndarray, how: ViewGainSettings) -> np.ndarray:
     """Average, per patch, the log differences of bright correspondences after the gains, (·,)."""
-    patch, left = _patches(views), [np.zeros(0)]
-    for one, other in views.linked_pixels():
+    patch = _patches(views)
+
+    def left(pair: tuple[np.ndarray, np.ndarray, int, int]) -> np.ndarray:
+        ends, columns, here, there = pair
+        one, other = here + np.flatnonzero(np.diff(ends)), there + columns
         both = bright[one] & bright[other]
         some = both.any(axis=1)
         if np.count_nonzero(some) < how.fewest_correspondences:
-            continue
+            return np.zeros(0)
         off = ((logs[one] - logs[other]) * both)[some].sum(axis=1) / both[some].sum(axis=1)
-        left.append(_of_patches(patch[one[some]], off, how))
-    return np.concatenate(left)
+        return _of_patches(patch[one[some]], off, how)
+
+    return np.concatenate([np.zeros(0), *on_threads(left, views.linked_rows())])
 
 
 def _patches(views: StackedViews) -> np.ndarray:

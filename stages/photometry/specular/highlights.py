@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from stages.photometry.neighbourhoods import add_at, means_around, patch_means
+from stages.photometry.neighbourhoods import means_around, patch_means
+from stages.photometry.specular.linked_kernels import add_differences, count_linked, vote_dark
 from stages.photometry.specular.settings import DarkOutlierSettings, HighlightSettings, LinkedPatchSettings
-from stages.photometry.stack import Pixels, StackedViews
+from stages.photometry.stack import StackedViews
 from stages.solvers.kernels.pixelwise import pixelwise
 
 
@@ -43,7 +43,7 @@ def without_highlights(linked: LinkedPatches, image: np.ndarray, how: HighlightS
     floor = linked.patches.log_floor
     after = pixelwise(partial(_log_of, floor), image)
     for _ in range(how.rounds):
-        excess = np.stack([linked.excess(channel) for channel in after.T], axis=1)
+        excess = linked.excess(after)
         misfit = np.stack(
             [_misfit(linked.views, channel, how.min_negative_share) for channel in excess.T], axis=1
         )
@@ -130,10 +130,8 @@ def darker_outliers(
     seen, darker = linked.log_brightness(image), np.log(how.ratio**power)
     size_px = linked.patches.patch_px
     balance = np.zeros(len(seen), np.int32)
-    for one, other in trusted_correspondences(linked.views, linked.trusted):
-        difference = seen[other] - seen[one]
-        add_at(balance, one, np.where(difference > darker, 1, -1))
-        add_at(balance, other, np.where(-difference > darker, 1, -1))
+    for pair in linked.views.linked_rows():
+        vote_dark(*pair, linked.trusted, seen, darker, balance)
     used = linked.enough & (linked.correspondences > how.min_correspondences_per_pixel)
     place = used & (means_around(linked.views, balance, size_px) > 0)
     close = means_around(linked.views, place, size_px) > 0
@@ -166,36 +164,28 @@ class LinkedPatches:
     def of(cls, views: StackedViews, trusted: np.ndarray, patches: LinkedPatchSettings) -> LinkedPatches:
         """Count the correspondences of all pixels."""
         count = np.zeros(len(trusted))
-        for ends in trusted_correspondences(views, trusted):
-            for end in ends:
-                add_at(count, end, 1)
+        for pair in views.linked_rows():
+            count_linked(*pair, trusted, count)
         enough = means_around(views, count > 0, patches.patch_px) >= patches.min_linked_share
         return cls(views, trusted, patches, means_around(views, count, patches.patch_px), enough)
 
     def excess(self, values: np.ndarray) -> np.ndarray:
-        """Average ``v_p − v_q`` over the correspondences (p, q) of the pixels p in small squares, (N,).
+        """Average ``v_p − v_q`` over the correspondences (p, q) of the pixels p in small squares, as values.
 
-        Misregistration of fine texture by half a pixel averages out, a highlight does not. 0 where there are
-        not `enough` correspondences. The cost is linear in their number.
+        Values are (N,) or (N, channels). Misregistration of fine texture by half a pixel averages out, a
+        highlight does not. 0 where there are not `enough` correspondences. The cost is linear in theirs.
         """
-        total = np.zeros(len(values))
-        for one, other in trusted_correspondences(self.views, self.trusted):
-            difference = values[one] - values[other]
-            add_at(total, one, difference)
-            add_at(total, other, -difference)
-        mean = means_around(self.views, total, self.patches.patch_px) / np.maximum(self.correspondences, 1e-6)
-        return np.where(self.enough, mean, 0)
+        channels = np.ascontiguousarray(values).reshape(len(values), -1)
+        total = np.zeros(channels.shape)
+        for pair in self.views.linked_rows():
+            add_differences(*pair, self.trusted, channels, total)
+        of_square = np.maximum(self.correspondences, 1e-6)
+        means = [means_around(self.views, one, self.patches.patch_px) / of_square for one in total.T]
+        return np.where(self.enough[:, None], np.stack(means, axis=1), 0).reshape(values.shape)
 
     def log_brightness(self, image: np.ndarray) -> np.ndarray:
         """Compute the log of the channels' mean, (N,), with a floor below which values hardly differ."""
         return np.log(np.maximum(image, 0).mean(axis=1) + self.patches.log_floor)
-
-
-def trusted_correspondences(views: StackedViews, trusted: np.ndarray) -> Iterator[Pixels]:
-    """Yield corresponding pixels, pair of views by pair, that are both trusted, (N,) bool."""
-    for one, other in views.linked_pixels():
-        both = trusted[one] & trusted[other]
-        yield one[both], other[both]
 
 
 def _misfit(views: StackedViews, excess: np.ndarray, min_negative_share: float) -> np.ndarray:

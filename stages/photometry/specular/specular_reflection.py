@@ -9,7 +9,7 @@ import numpy as np
 
 from stages.photometry.specular.chromaticity_clusters import ChromaticityClusters
 from stages.photometry.specular.ggx_lobes import mirrored_light
-from stages.photometry.specular.highlights import trusted_correspondences
+from stages.photometry.specular.linked_kernels import lower_to_linked
 from stages.photometry.specular.settings import SpecularSettings
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.directional_transport import DirectionalTransport
@@ -103,7 +103,6 @@ def highlights_of(
 ) -> np.ndarray:
     """Detect pixels with a large specular share whose correspondences include one of far less, (N,)."""
     least = np.full(len(share), np.inf, np.float32)
-    for one, other in trusted_correspondences(views, trusted):
-        for own, there in ((one, other), (other, one)):
-            np.minimum.at(least, own, share[there])
+    for pair in views.linked_rows():
+        lower_to_linked(*pair, trusted, share, least)
     return (share > how.highlight_share) & (share > how.highlight_ratio * least)

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401
-from stages.solvers.kernels.simd import load, spread, store
+from stages.solvers.kernels.simd import COUNT, lane_sum, load, spread, store
 
 CHUNK = 1024  # points that share a buffer
 BITS = np.unpackbits(np.arange(256, dtype=np.uint8)).astype(np.float32)  # of each byte, highest first
@@ -16,20 +16,25 @@ BITS = np.unpackbits(np.arange(256, dtype=np.uint8)).astype(np.float32)  # of ea
 def gather_irradiance(normals, offsets, blend, visible, traced, directions, radiance, out):
     """Gather ``Σ_d V_d g_d e_d`` at every point in three channels, (N, 3), with g of `_arriving`."""
     x, y, z = directions[:, 0].copy(), directions[:, 1].copy(), directions[:, 2].copy()  # to be vectorised
+    lanes = 8 * visible.shape[1]
+    light = np.zeros((3, lanes), np.float32)
+    light[:, : len(radiance)] = radiance.T
+    of_red, of_green, of_blue = light[0], light[1], light[2]
     for chunk in numba.prange((len(normals) + CHUNK - 1) // CHUNK):
-        seen = np.empty(8 * visible.shape[1], np.float32)
+        seen = np.empty(lanes, np.float32)
         for p in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(normals))):
             blended_visibility(p, blend, visible, seen)
             _seen_from_itself(traced[p], len(directions), seen)
             normal, offset = normals[p], offsets[p]
-            for d in range(len(directions)):  # apart from the sums, whose order is fixed
-                seen[d] *= _arriving(normal, offset, x[d], y[d], z[d])
-            red = green = blue = np.float32(0)
             for d in range(len(directions)):
-                red += seen[d] * radiance[d, 0]
-                green += seen[d] * radiance[d, 1]
-                blue += seen[d] * radiance[d, 2]
-            out[p, 0], out[p, 1], out[p, 2] = red, green, blue
+                seen[d] *= _arriving(normal, offset, x[d], y[d], z[d])
+            red = green = blue = spread(np.float32(0))
+            for d in range(0, lanes, COUNT):
+                arriving = load(seen, d)
+                red = red + arriving * load(of_red, d)
+                green = green + arriving * load(of_green, d)
+                blue = blue + arriving * load(of_blue, d)
+            out[p, 0], out[p, 1], out[p, 2] = lane_sum(red), lane_sum(green), lane_sum(blue)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
