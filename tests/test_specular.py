@@ -187,6 +187,33 @@ def test_light_and_specular_reflection_are_found_together(glossy):
     assert error(before, specular) > 3 * error(foretold, specular)
 
 
+def test_no_surface_reflects_more_than_it_shows(glossy):
+    """Of dark paint, all of whose radiance is reflected but a tenth; of bright paint the strength stays."""
+    mirror, everywhere = glossy[2], everything(glossy[4])
+    reflected = STRENGTH * mirror.image(ROUGHNESS, np.arange(len(everywhere)))
+    true = SpecularReflection(STRENGTH, ROUGHNESS, 0.5, everywhere)
+    threefold = replace(true, strength=3 * STRENGTH)
+    dark, bright = 1.1 * reflected, 4 * reflected
+    assert true.bounded(dark, everywhere, mirror, SPECULAR) is true
+    assert threefold.bounded(bright, everywhere, mirror, SPECULAR) is threefold
+    assert np.allclose(threefold.bounded(dark, everywhere, mirror, SPECULAR).strength, 1.1 * STRENGTH)
+
+
+def test_some_pixels_may_show_less_than_a_reflection(glossy):
+    """As many as the settings allow, where the mesh lacks what hides the light; distrusted ones as well."""
+    mirror, everywhere = glossy[2], everything(glossy[4])
+    reflected = STRENGTH * mirror.image(ROUGHNESS, np.arange(len(everywhere)))
+    rng = np.random.default_rng(0)
+    few, many = (rng.random(len(everywhere)) < share for share in (0.03, 0.2))
+    true = SpecularReflection(STRENGTH, ROUGHNESS, 0.5, everywhere)
+    for hidden in (few, many):
+        reflected_or_hidden = np.where(hidden[:, None], 0.5, 1.5) * reflected
+        assert true.bounded(reflected_or_hidden, ~hidden, mirror, SPECULAR) is true
+        expected = 1.0 if hidden is few else 0.5
+        found = true.bounded(reflected_or_hidden, everywhere, mirror, SPECULAR)
+        assert np.allclose(found.strength, expected * STRENGTH)
+
+
 def test_both_witnesses_are_heard(glossy):
     """What pairs and differences are left with together falls, and neither is left as it was."""
     views, sky, mirror, shading, diffuse, specular = glossy

@@ -27,7 +27,7 @@ from stages.photometry.specular.specular_reflection import (
     highlights_of,
     without_specular,
 )
-from stages.photometry.specular.view_differences import Differences, MirrorStrength
+from stages.photometry.specular.view_differences import Differences, InMirror, MirrorStrength
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
 
@@ -212,6 +212,7 @@ class Observations:
             return None
         specular, own = initial
         mirror = own.in_mirror(specular.roughness)
+        specular = self._bounded(specular, mirror, scene, found)
         for _ in range(self.settings.specular.alternations):
             diffuse, _ = without_specular(
                 self.observed, specular.image(self.mirror(scene, found)), self.settings.specular
@@ -223,6 +224,7 @@ class Observations:
             settled = search.settled(light, found)
             dimmed = light.sum() / max(settled.radiance.sum(), 1e-12)
             specular, found = replace(specular, strength=specular.strength * dimmed, left=left), settled
+            specular = self._bounded(specular, mirror, scene, found)
             step()
         how = self.settings.specular
         most = how.differences.explained_residual if specular.glossy.all() else how.cluster_residual
@@ -235,14 +237,27 @@ class Observations:
         how = self.settings.specular
         explained = whole is not None and whole.left < how.differences.explained_residual
         if whole is not None and explained and self._likely(whole.strength):
-            return SpecularReflection(
-                whole.strength, whole.roughness, whole.left, np.ones(len(self.observed), bool)
-            )
+            everything = np.ones(len(self.observed), bool)
+            specular = SpecularReflection(whole.strength, whole.roughness, whole.left, everything)
+            specular = self._bounded(specular, differences.in_mirror(whole.roughness), scene, found)
+            if specular.left < how.differences.explained_residual and self._likely(specular.strength):
+                return specular
         of_clusters = self._specular_of_clusters(scene, differences, found)
         if of_clusters is None:
             return None
-        specular, _ = of_clusters
+        specular, own = of_clusters
+        specular = self._bounded(specular, own.in_mirror(specular.roughness), scene, found)
         return specular if specular.left < how.cluster_residual and self._likely(specular.strength) else None
+
+    def _bounded(
+        self, specular: SpecularReflection, mirror: InMirror, scene: LitScene, found: LightEstimate
+    ) -> SpecularReflection:
+        """Lower the strength to what the photos show; the mirror tells what that leaves unexplained."""
+        seen = self.observed, self.viewing.trusted
+        bounded = specular.bounded(*seen, self.mirror(scene, found), self.settings.specular)
+        if bounded is specular:
+            return specular
+        return replace(bounded, left=mirror.left(bounded.strength * found.radiance[0])[0])
 
     def without_specular(self, specular: SpecularReflection, mirror: Mirror) -> Observations:
         """Remove the reflection; pixels that it dominates in one view but not in another are distrusted."""

@@ -287,6 +287,21 @@ class SpecularSettings(Settings):
         ge=0,
         le=1,
     )
+    overshot_share: float = setting(
+        0.05,
+        "Share of the glossy pixels that may show less radiance than the reflection alone would have; the "
+        "strength is lowered until no more do. Errors of the mesh leave some where the mirrored light is "
+        "hidden.",
+        unit="of their number",
+        ge=0,
+        le=1,
+    )
+    bounding_samples: int = setting(
+        20_000,
+        "Pixels that `overshot_share` is measured on, or up to twice as many.",
+        unit="pixels",
+        ge=100,
+    )
     min_brightness: float = setting(
         0.01,
         "Lower bound of the brightness that the specular share of a pixel is relative to.",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,23 @@ class SpecularReflection:
         added, own = np.zeros((len(self.glossy), 3), np.float32), np.flatnonzero(self.glossy)
         added[own] = self.strength.astype(np.float32) * mirror.image(self.roughness, own)
         return added
+
+    def bounded(
+        self, seen: np.ndarray, trusted: np.ndarray, mirror: Mirror, how: SpecularSettings
+    ) -> SpecularReflection:
+        """Lower the strength to what trusted pixels, (N,), of an image, (N, 3), show.
+
+        No surface shows less than it reflects. Differences between views determine how the reflection varies,
+        and hardly its constant part, which alone may be more than what dark paint shows.
+        """
+        own = np.flatnonzero(self.glossy & trusted)
+        own = own[:: max(1, len(own) // how.bounding_samples)]
+        reflected = self.strength * mirror.image(self.roughness, own)
+        lit = reflected.min(axis=1) > 0
+        if not lit.any():
+            return self
+        shown = np.quantile(seen[own][lit] / reflected[lit], how.overshot_share, axis=0).min()
+        return self if shown >= 1 else replace(self, strength=self.strength * max(0.0, float(shown)))
 
     def as_json(self) -> dict[str, Any]:
         """Convert to plain values for records; of `glossy`, only its size."""
