@@ -334,7 +334,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 LIGHTING = Stage(
     name="lighting",
-    version=19,
+    version=20,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=(
@@ -359,7 +359,9 @@ LIGHTING = Stage(
             output="shading",
         ),
         Artefact("found_light", "the light, gains and gloss, npz", file="light.npz"),
-        Artefact("observations", "per view: radiance with and without gloss, and trusted pixels, npz"),
+        Artefact(
+            "observations", "per view: radiance with and without gloss, trusted and clipped pixels, npz"
+        ),
     ),
     run=run,
     tools=("numpy", "scipy", "numba", "llvmlite", *OPEN3D, *PICTURES),

@@ -83,7 +83,7 @@ def test_albedo_and_detail_are_the_same_to_the_last_bit(tmp_path):
     shading = rng.uniform(0.3, 1, (int(views.starts[-1]), 3)).astype(np.float32)
     image = (shading * rng.choice([0.2, 0.6], (len(shading), 1))).astype(np.float32)
     trusted = rng.random(len(image)) < 0.95
-    data = AlbedoData(image, image, trusted, glossy=0.0)
+    data = AlbedoData(image, image, trusted, ~trusted, glossy=0.0)
     stopping = Stopping(tolerance=1e-3, gap=1e-2, max_rounds=3)
     solver = FastSolver(EnergyWeights(0.02, 0.1), stopping, FastSettings(coarsest_pixels=30))
 

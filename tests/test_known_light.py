@@ -52,7 +52,7 @@ def sphere():
 
 def illuminated(sphere, known: KnownLight, image: np.ndarray):
     views, sky, _, towards = sphere
-    viewing = Viewing(np.ones(len(image), bool), towards)
+    viewing = Viewing(np.ones(len(image), bool), towards, np.zeros(len(image), bool))
     channels = list(np.ascontiguousarray(image.T))
     return illumination_by(known, views, channels, sky, viewing, HOW, 1, lambda: None)
 

@@ -69,7 +69,7 @@ HOW = BySky(
 def viewing(trusted: np.ndarray) -> Viewing:
     """At three views of the sphere."""
     scene = sphere_scene(view_count=3)
-    return Viewing(trusted, ways_to_cameras(scene.cameras, scene.masks))
+    return Viewing(trusted, ways_to_cameras(scene.cameras, scene.masks), ~trusted)
 
 
 def normals_of(scene: SphereScene) -> np.ndarray:

@@ -74,7 +74,7 @@ def differences_of(views, seen, shading, trusted, mirror) -> Differences:
 
 
 def photos_of(views, seen, mirror) -> Observations:
-    looked = Viewing(everything(seen), mirror.towards)
+    looked = Viewing(everything(seen), mirror.towards, ~everything(seen))
     linked = LinkedPatches.of(views, looked.trusted, DEFAULTS.highlights)
     how = FEW.model_copy(update={"lights": "shared"})
     return Observations.of(linked, looked, seen, 0.0, how).in_one_light(linked)
@@ -361,7 +361,7 @@ def test_noise_is_no_mirror_however_few_links_there_are(glossy):
 
 def test_some_pixels_always_stay_trusted():
     trusted = np.array([True, False, True])
-    looks_so_far = Viewing(trusted, np.zeros((3, 3), np.float32))
+    looks_so_far = Viewing(trusted, np.zeros((3, 3), np.float32), ~trusted)
     assert looks_so_far.without(np.array([True, True, False])).trusted.tolist() == [False, False, True]
     assert looks_so_far.without(trusted).trusted.tolist() == trusted.tolist()
 

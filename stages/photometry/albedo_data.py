@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-BY_PIXEL = ("observed", "diffuse", "trusted")  # of `AlbedoData`
+BY_PIXEL = ("observed", "diffuse", "trusted", "clipped")  # of `AlbedoData`
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +21,8 @@ class AlbedoData:
         Without highlights as well, where all views share one light.
     trusted : ndarray, shape (N,), bool
         Pixels with valid data.
+    clipped : ndarray, shape (N,), bool
+        Pixels whose radiance was larger than observed.
     glossy : float
         Degree to which materials may be glossy, 0 to 1: they were detected, or could not be.
     """
@@ -28,6 +30,7 @@ class AlbedoData:
     observed: np.ndarray
     diffuse: np.ndarray
     trusted: np.ndarray
+    clipped: np.ndarray
     glossy: float
 
     def by_pixel(self) -> dict[str, np.ndarray]:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from pipeline import Settings, UserError, group, setting
-from stages.photometry.albedo.settings import ConfidenceSettings, EdgeSettings
+from stages.photometry.albedo.settings import ClippedSettings, ConfidenceSettings, EdgeSettings
 from stages.photometry.clusters.settings import ClusterSettings
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.settings import FastSettings, HarmonicsSettings, KindOfLight, Stopping
@@ -44,7 +44,7 @@ _OF_HARMONICS = (
     "confidence.half_residual",
     "upright_within_deg",  # of the pictures of its light
 )
-_OF_DIRECTIONS = ("edges", "detail", "clusters", "confidence.half_error", "fast.start_shading")
+_OF_DIRECTIONS = ("edges", "detail", "clipped", "clusters", "confidence.half_error", "fast.start_shading")
 IGNORED: Mapping[KindOfLight, tuple[str, ...]] = MappingProxyType(
     {
         "paper": ("light", *_OF_HARMONICS, *_OF_DIRECTIONS),
@@ -160,6 +160,9 @@ class DecompositionSettings(Settings):
     detail: DetailSettings = group(
         DetailSettings,
         "`light: directions`: the photos' detail beyond the smooth albedo, by a Wiener filter.",
+    )
+    clipped: ClippedSettings = group(
+        ClippedSettings, "`light: directions`: the albedo where photos are clipped."
     )
     clusters: ClusterSettings = group(
         ClusterSettings,

@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.process.free_memory import give_back_garbage
 from stages.formats.artefacts.light_npz import StoredLight, read_light
 from stages.photometry.albedo.albedo_given_light import SmoothAlbedos, smooth_albedos_under_light
+from stages.photometry.albedo.clipped_pixels import raised_where_clipped
 from stages.photometry.albedo.confidence import confidence_of
 from stages.photometry.albedo_data import BY_PIXEL, AlbedoData
 from stages.photometry.clusters.cluster_views import ClusterViews, open_cluster
@@ -193,7 +194,10 @@ def _kept(
 ) -> Solution:
     """Keep the albedo and its confidence, and complete the report."""
     trusted = opened.observed.trusted & opened.light.trusted  # if none is, all are used: a guess
-    albedo = detail.albedo * _unit(opened)
+    light = np.maximum(opened.shading, task.settings.detail.least_light * opened.part.typical.light)
+    seen = opened.observed.diffuse, light, opened.observed.clipped
+    albedo = raised_where_clipped(opened.views.stack, detail.albedo, *seen, task.settings.clipped)
+    albedo *= _unit(opened)
     confidence = confidence_of(detail.variance, trusted, task.settings.confidence)
     task.parts.keep(cluster, opened.views, {"albedo": albedo, "confidence": confidence})
     negative = below_zero(albedo[opened.views.own])

@@ -156,6 +156,19 @@ class EdgeSettings(Settings):
         return max(self.fine_lambda, self.coarse_lambda * side / REFERENCE_SIDE_PX)
 
 
+class ClippedSettings(Settings):
+    """Settings of `raised_where_clipped`."""
+
+    agreeing_share: float = setting(
+        0.5,
+        "Share of the corresponding pixels of other views that must be clipped as well, for a clipped pixel "
+        "to show bright paint: a highlight moves from view to view.",
+        unit="of their number",
+        ge=0,
+        le=1,
+    )
+
+
 class ConfidenceSettings(Settings):
     """Settings of the confidence of the albedo per pixel, 0 to 1."""
 

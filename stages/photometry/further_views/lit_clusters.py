@@ -144,7 +144,8 @@ def further_pixels(
     shading = (shading / found.light.unit).astype(np.float32)
     lit = photos.viewing.trusted & ~unlit(shading, found.typical_shading, photos.settings.trusted_pixels)
     shading *= of_pixel
-    data = AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit, own.glossy)
+    radiances = photos.observed * of_pixel, photos.diffuse * of_pixel
+    data = AlbedoData(*radiances, lit, viewing.clipped, own.glossy)
     return shading, data, np.any(hidden, axis=1)
 
 

@@ -237,7 +237,7 @@ class Illumination:
         photos = replace(
             explained.photos,
             views=stack_views([], None, {}),
-            viewing=Viewing(none.astype(bool), nothing),
+            viewing=Viewing(none.astype(bool), nothing, none.astype(bool)),
             observed=nothing,
             diffuse=nothing,
         )
@@ -249,7 +249,9 @@ class Illumination:
         return replace(
             self,
             light=replace(self.light, shading=nothing),
-            observations=AlbedoData(nothing, nothing, none.astype(bool), self.observations.glossy),
+            observations=AlbedoData(
+                nothing, nothing, none.astype(bool), none.astype(bool), self.observations.glossy
+            ),
             explained=replace(explained, photos=photos, scene=scene, removed_under=removed, shadowed=None),
         )
 
@@ -284,4 +286,5 @@ def _albedo_data(
     """
     photos = explained.photos
     lit = photos.viewing.without(unlit(shading, typical, photos.settings.trusted_pixels))
-    return AlbedoData(photos.observed * of_pixel, photos.diffuse * of_pixel, lit.trusted, explained.glossy)
+    radiances = photos.observed * of_pixel, photos.diffuse * of_pixel
+    return AlbedoData(*radiances, lit.trusted, photos.viewing.clipped, explained.glossy)

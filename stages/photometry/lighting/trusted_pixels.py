@@ -21,17 +21,21 @@ class Viewing:
         Pixels whose data count for light and albedo, as far as can be decided without the light.
     towards : ndarray, shape (N, 3), float32
         Unit vectors from the surface to the camera, world axes.
+    clipped : ndarray, shape (N,), bool
+        Pixels of the others that are clipped.
     """
 
     trusted: np.ndarray
     towards: np.ndarray
+    clipped: np.ndarray
 
     @classmethod
     def of(
         cls, unclipped: np.ndarray, normals: np.ndarray, towards: np.ndarray, how: TrustedPixelSettings
     ) -> Viewing:
         """Select those of the `unclipped` pixels, (N,), bool, that are not seen at a grazing angle."""
-        return cls(unclipped & (np.einsum("nk,nk->n", normals, towards) > how.grazing_cosine), towards)
+        facing = np.einsum("nk,nk->n", normals, towards) > how.grazing_cosine
+        return cls(unclipped & facing, towards, ~unclipped)
 
     def without(self, pixels: np.ndarray) -> Viewing:
         """Exclude pixels, (N,) bool, from the trusted ones, unless none would be left."""
