@@ -204,7 +204,7 @@ def test_some_pixels_may_show_less_than_a_reflection(glossy):
     mirror, everywhere = glossy[2], everything(glossy[4])
     reflected = STRENGTH * mirror.image(ROUGHNESS, np.arange(len(everywhere)))
     rng = np.random.default_rng(0)
-    few, many = (rng.random(len(everywhere)) < share for share in (0.03, 0.2))
+    few, many = (rng.random(len(everywhere)) < share for share in (0.005, 0.2))
     true = SpecularReflection(STRENGTH, ROUGHNESS, 0.5, everywhere)
     for hidden in (few, many):
         reflected_or_hidden = np.where(hidden[:, None], 0.5, 1.5) * reflected
