@@ -176,12 +176,14 @@ class LinkedPatches:
         highlight does not. 0 where there are not `enough` correspondences. The cost is linear in theirs.
         """
         channels = np.ascontiguousarray(values).reshape(len(values), -1)
-        total = np.zeros(channels.shape)
+        total = np.zeros(channels.shape, np.float32)
         for pair in self.views.linked_rows():
             add_differences(*pair, self.trusted, channels, total)
-        of_square = np.maximum(self.correspondences, 1e-6)
-        means = [means_around(self.views, one, self.patches.patch_px) / of_square for one in total.T]
-        return np.where(self.enough[:, None], np.stack(means, axis=1), 0).reshape(values.shape)
+        of_square = np.maximum(self.correspondences, np.float32(1e-6))
+        for channel in range(total.shape[1]):  # in place of the totals: of many pixels, each array counts
+            mean = means_around(self.views, total[:, channel], self.patches.patch_px) / of_square
+            total[:, channel] = np.where(self.enough, mean, 0)
+        return total.reshape(values.shape)
 
     def log_brightness(self, image: np.ndarray) -> np.ndarray:
         """Compute the log of the channels' mean, (N,), with a floor below which values hardly differ."""
