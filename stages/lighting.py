@@ -334,7 +334,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 LIGHTING = Stage(
     name="lighting",
-    version=21,
+    version=22,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=(
