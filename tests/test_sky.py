@@ -92,7 +92,7 @@ def test_light_from_nearby_falls_with_the_square_and_faces_the_centre():
     """One source above: twice as near it gives four times as much; from aside, by both angles."""
     directions = even_directions(COUNT)
     up = int(np.argmax(directions[:, 2]))
-    light = np.zeros((COUNT, 1))
+    light = np.zeros((COUNT, 3))
     light[up] = COUNT / 4
     centre, half_way = np.zeros((1, 3)), 0.5 * directions[[up]]
     beside = np.array([[0.5, 0.0, 0.0]])
