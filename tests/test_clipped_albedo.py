@@ -22,7 +22,7 @@ def views() -> StackedViews:
 def raised(views: StackedViews, radiance: float, clipped: np.ndarray) -> np.ndarray:
     image = np.full((len(clipped), 3), radiance, np.float32)
     return raised_where_clipped(
-        views, np.full_like(image, FILLED), image, np.full_like(image, LIGHT), clipped, HOW
+        views, np.full_like(image, FILLED), image, np.full_like(image, LIGHT), LIGHT / 10, clipped, HOW
     )
 
 

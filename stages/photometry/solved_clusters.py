@@ -194,8 +194,8 @@ def _kept(
 ) -> Solution:
     """Keep the albedo and its confidence, and complete the report."""
     trusted = opened.observed.trusted & opened.light.trusted  # if none is, all are used: a guess
-    light = np.maximum(opened.shading, task.settings.detail.least_light * opened.part.typical.light)
-    seen = opened.observed.diffuse, light, opened.observed.clipped
+    least = opened.part.typical.least_light(task.settings.detail.least_light)
+    seen = opened.observed.diffuse, opened.shading, least, opened.observed.clipped
     albedo = raised_where_clipped(opened.views.stack, detail.albedo, *seen, task.settings.clipped)
     albedo *= _unit(opened)
     confidence = confidence_of(detail.variance, trusted, task.settings.confidence)

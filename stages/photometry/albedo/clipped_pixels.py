@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stages.photometry.albedo.settings import ClippedSettings
-from stages.photometry.specular.linked_kernels import count_linked
+from stages.photometry.detail.other_views import OtherViews
 from stages.photometry.stack import StackedViews
 
 
@@ -13,7 +13,8 @@ def raised_where_clipped(
     views: StackedViews,
     albedo: np.ndarray,
     image: np.ndarray,
-    light: np.ndarray,
+    shading: np.ndarray,
+    least_light: float,
     clipped: np.ndarray,
     how: ClippedSettings,
 ) -> np.ndarray:
@@ -24,8 +25,9 @@ def raised_where_clipped(
     views : StackedViews
     albedo : ndarray, shape (N, 3), float32
         Of clipped pixels, inferred from their neighbours.
-    image, light : ndarray, shape (N, 3)
-        Radiance and shading; the light is above 0.
+    image, shading : ndarray, shape (N, 3)
+    least_light : float
+        Shading that the image is divided by at least; above 0.
     clipped : ndarray, shape (N,), bool
     how : ClippedSettings
 
@@ -38,12 +40,9 @@ def raised_where_clipped(
     A clipped value is a lower bound of the radiance, and so of albedo times shading, unless it is that of a
     highlight. Highlights move over the surface from view to view; bright paint is clipped in most of them.
     """
-    alike, linked = np.zeros(len(clipped), np.int32), np.zeros(len(clipped), np.int32)
-    everywhere = np.ones(len(clipped), bool)
-    for pair in views.linked_rows():
-        count_linked(*pair, clipped, alike)
-        count_linked(*pair, everywhere, linked)
-    paint = np.flatnonzero(clipped & (linked > 0) & (alike >= how.agreeing_share * linked))
+    others = OtherViews.of(views, np.ones(len(clipped), bool))
+    agreeing = others.mean(clipped[:, None])[:, 0] >= how.agreeing_share
+    paint = np.flatnonzero(clipped & agreeing & (others.correspondences > 0))
     raised = albedo.copy()
-    raised[paint] = np.maximum(albedo[paint], image[paint] / light[paint])
+    raised[paint] = np.maximum(albedo[paint], image[paint] / np.maximum(shading[paint], least_light))
     return raised

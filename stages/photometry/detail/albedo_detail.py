@@ -109,7 +109,7 @@ def with_detail(
     the local mean square of r, plus the variance between views.
     """
     part = part or whole_scene(shading, image, how.log_offset, how.sample_pixels)
-    least = np.float32(how.least_light * max(part.typical.light, 1e-6))
+    least = np.float32(part.typical.least_light(how.least_light))
     of_pixel = np.repeat(
         np.full(views.view_count, least) if gains is None else least * gains, np.diff(views.starts)
     )

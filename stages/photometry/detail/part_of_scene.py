@@ -32,6 +32,10 @@ class TypicalPixel:
             return cls(0.0, np.ones(3))
         return cls(typical_light_of(shading), np.median(relative_noise_variance(image, log_offset), axis=0))
 
+    def least_light(self, share: float) -> float:
+        """Compute the least shading to divide photos by, a share of the typical one; above 0."""
+        return share * max(self.light, 1e-6)
+
 
 @dataclass(frozen=True, eq=False)
 class PartOfScene:
