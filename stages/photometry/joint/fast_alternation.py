@@ -125,10 +125,11 @@ def from_coarse_to_fine(
     del finest  # frees each level once it is arranged
     give_back_free_memory()
     groups = [level.group for level in levels if level.group is not None]  # the finest has none
+    iterations = how.coarse_iterations_in(known_light=light is not None)
     use_threads(threads_for(levels[0].pixels, threads))
     descent = start(levels.pop(0), how) if light is None else under(light, levels.pop(0), how)
     while levels:
-        descent.iterate(how.coarse_iterations * 2 ** (len(levels) - 1))
+        descent.iterate(iterations * 2 ** (len(levels) - 1))
         coarse = descent.coarse_state().in_file(folder)
         del descent  # before the finer level takes its place
         use_threads(threads_for(levels[0].pixels, threads))

@@ -42,6 +42,8 @@ USUAL: Mapping[KindOfLight, Stopping] = MappingProxyType(  # defaults by kind of
     }
 )
 _PAPER, _HARMONICS, _DIRECTIONS = USUAL["paper"], USUAL["harmonics"], USUAL["directions"]
+COARSE_ITERATIONS = 120  # default where the light is found as well, by the coarse levels above all
+COARSE_ITERATIONS_IN_KNOWN_LIGHT = 30
 
 
 class StepSettings(Settings):
@@ -145,10 +147,11 @@ class FastSettings(Settings):
         unit="iterations",
         ge=1,
     )
-    coarse_iterations: int = setting(
-        120,
+    coarse_iterations: int | None = setting(
+        None,
         "Iterations on the second finest level; doubled on every coarser one, which has a quarter of the "
-        "pixels.",
+        f"pixels. none: {COARSE_ITERATIONS}, or under `light: directions`, where coarse levels have no light "
+        f"to find, {COARSE_ITERATIONS_IN_KNOWN_LIGHT}.",
         unit="iterations",
         ge=0,
     )
@@ -175,6 +178,11 @@ class FastSettings(Settings):
         min_length=1,
     )
     steps: StepSettings = group(StepSettings, "The step sizes of an iteration.")
+
+    def coarse_iterations_in(self, known_light: bool) -> int:
+        """Resolve the iterations on the second finest level: the setting, or its default."""
+        usual = COARSE_ITERATIONS_IN_KNOWN_LIGHT if known_light else COARSE_ITERATIONS
+        return usual if self.coarse_iterations is None else self.coarse_iterations
 
     def stopping(self, light: KindOfLight) -> Stopping:
         """Resolve the stopping criteria: the settings, or the defaults for the kind of light."""
