@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from stages.formats.artefacts.view_files import Each
     from stages.geometry.short_edges import ShortEdged
     from stages.photometry.clusters.typical_views import ViewGraph
-    from stages.photometry.light_search.search import Search
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
     from stages.photometry.lighting.opened_views import Opened, ViewFiles
@@ -210,9 +209,9 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
     if found.apart:
         return False
     job.note(light_found_on=[cameras[view].name for view in some])
-    search, found = found.explained.photos.search(found.explained.scene), found.without_pixels()
+    found = found.without_pixels()
     del opened, scenes, seen, rays
-    found, clipped, untrusted, usable, shadowed = _light_all(job, scene, found, search, gains, scale)
+    clipped, untrusted, usable, shadowed = _light_all(job, scene, found, gains, scale)
     record.warn_of_clipping(job, clipped, int(scene.graph.pixels.sum()))
     record.note_light(job, scene.stored, found, untrusted, shadowed)
     record.report_light(job, scene.stored, found)
@@ -225,14 +224,10 @@ def _light_all(
     job: Job[LightingSettings],
     scene: Scene,
     found: Illumination,
-    search: Search,
     gains: np.ndarray,
     scale: float,
-) -> tuple[Illumination, int, int, int, int]:
-    """Light the pixels of all views, in clusters; count the clipped, untrusted, usable and shadowed ones.
-
-    The illumination is returned with the interreflection that all views show.
-    """
+) -> tuple[int, int, int, int]:
+    """Light the pixels of all views, in clusters; count the clipped, untrusted, usable and shadowed ones."""
     from stages.photometry.clusters.cluster_views import divided_surface
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.clusters.surface_clusters import tell_too_large
@@ -249,8 +244,7 @@ def _light_all(
     every = range(len(scene.cameras))
     with job.progress("bounces", len(every)) as step:
         seen = counted(job.tasks.small(seen_vertices, every, task), step)
-        task = replace(task, found=with_bounces_of_all(found, search, seen))
-    del search
+        task = replace(task, found=with_bounces_of_all(found, seen))
     with job.progress("clusters", len(clusters)) as step:
         counts = list(counted(job.tasks.large(light_cluster, clusters, task), step))
     folders = job.outputs["shading"], job.outputs["observations"]
@@ -258,7 +252,7 @@ def _light_all(
         for _ in job.tasks.small(write_view, every, parts, *folders):
             step()
     clipped, untrusted, usable, shadowed = (sum(column) for column in zip(*counts, strict=True))
-    return task.found, clipped, untrusted, usable, shadowed
+    return clipped, untrusted, usable, shadowed
 
 
 def _steps(how: LightingSettings, scenes: int) -> int:
@@ -340,7 +334,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 LIGHTING = Stage(
     name="lighting",
-    version=23,
+    version=22,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=(

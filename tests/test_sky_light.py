@@ -26,13 +26,7 @@ from stages.photometry.light_search.light_from_pairs import (
     Sample,
     weighted_by_reliability,
 )
-from stages.photometry.light_search.pair_sampling import (
-    COLOUR,
-    Pairs,
-    PixelSample,
-    alike_pairs,
-    sample_of,
-)
+from stages.photometry.light_search.pair_sampling import COLOUR, Pairs, alike_pairs, sample_of
 from stages.photometry.light_search.search import Search, disagreements, estimate_light
 from stages.photometry.lighting.estimate_illumination import explained_best, find_illumination
 from stages.photometry.lighting.observations import Observations
@@ -161,22 +155,6 @@ def test_the_light_of_a_painted_sphere_is_found(lit):
     assert light.radiance.min() >= 0
     assert error(found, shading) < 0.05 < 0.15 < error(np.ones_like(shading), shading)
     assert error(image / found, albedo) < 0.25 * error(image, albedo)
-
-
-def test_light_is_estimated_anew_under_an_interreflection_that_is_known(lit):
-    """The light was found without one: it does from all around what is bounced, and would do so twice."""
-    views, _, albedo, shading, normals = lit
-    on_a_vertex = sp.csr_array(np.ones((len(normals), 1), np.float32))
-    sky, bounced = scene_of(normals, on_a_vertex, np.ones((1, DIRECTIONS), bool)), np.full((1, 1, 3), 0.4)
-    lit = views, sky, albedo, shading, normals
-    image, one_light = (albedo * (shading + 0.4)).astype(np.float32), np.zeros(views.view_count, int)
-    light, direct = light_and_shading(lit, image)
-    search = Search.of(sky, views, image, np.ones(len(image), bool), one_light, FEW)
-    before = LightEstimate(light.radiance * (shading.mean() / direct.mean()), bounced)
-    found = search.in_given_bounces(before)
-    assert found.bounced is bounced
-    was, now = (error(one.shading(sky, views.starts, one_light), shading + 0.4) for one in (before, found))
-    assert now < 0.5 * was
 
 
 def test_a_suns_shadow_is_told_from_paint_however_dark_it_is():
@@ -486,24 +464,6 @@ def test_thin_surface_is_drawn_from_as_well_as_the_knob_on_it():
     views = stack_views([mask], [normals], {})
     drawn = sample_of(views, np.arange(mask.sum()), 10**6, np.random.default_rng(0), FEW.pairs.thin_share)
     assert drawn.size == mask.sum()
-
-
-@pytest.mark.parametrize("count", [5, 50])
-def test_a_sample_has_near_pairs_however_many_views_there_are(count: int):
-    """Of fifty views of 200 × 300 px, 3000 pixels are one in a thousand: .1 in a square of 10 × 10 px."""
-    mask = np.ones((200, 300), bool)
-    normals = np.broadcast_to([0.0, 0.0, 1.0], (*mask.shape, 3)).astype(np.float32)
-    views, every = stack_views([mask] * count, [normals] * count, {}), np.arange(count * mask.size)
-    how = FEW.pairs.model_copy(update={"square_sides": (0.04, 0.16), "in_smallest_square": 3.0})
-
-    def on_a_point(pixels: np.ndarray) -> np.ndarray:
-        return np.zeros((len(pixels), 3))
-
-    drawn = PixelSample.of(views, on_a_point, every, 3000, np.random.default_rng(0), how)
-    assert len(drawn.pixels) == 3000
-    assert len(np.unique(drawn.views)) > count / 2  # from all over the scene
-    pairs = drawn.pairs(np.full((3000, 3), 0.5), np.random.default_rng(0))
-    assert pairs.count(1) > 3000  # one for each; of fifty views, drawn evenly, there would be 150
 
 
 def test_gains_of_the_views_are_found_and_moving_light_is_told_from_them(lit):

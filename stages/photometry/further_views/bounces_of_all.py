@@ -7,14 +7,13 @@ the vertices reflect is taken from all views, one after another.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stages.formats.images.photos import read_mask
 from stages.photometry.further_views.lit_clusters import LightTask
 from stages.photometry.light_search.light_estimate import LightEstimate
-from stages.photometry.light_search.search import Search
 from stages.photometry.light_search.vertex_albedo import NO_LIGHT
 from stages.photometry.lighting.illumination import Illumination
 from stages.photometry.transport.lit_scenes import LitScene
@@ -55,33 +54,12 @@ def seen_vertices(view: int, task: LightTask) -> SeenVertices:
     return SeenVertices(vertices, radiance, weight[:, 0])
 
 
-def with_bounces_of_all(found: Illumination, search: Search, seen: Iterable[SeenVertices]) -> Illumination:
-    """Replace the interreflection of an illumination by `bounced_of_all`, and estimate its light under that.
-
-    Parameters
-    ----------
-    found : Illumination
-        Of one light for all views.
-    search : Search
-        Of the pixels that it was estimated from.
-    seen : iterable of SeenVertices
-        Of every view.
-
-    Notes
-    -----
-    The light was estimated beside an interreflection from albedo and light, whose errors it makes up for:
-    under another one, concavities would be too bright or too dark.
-    """
+def with_bounces_of_all(found: Illumination, seen: Iterable[SeenVertices]) -> Illumination:
+    """Replace the interreflection of an illumination, of one light for all views, by `bounced_of_all`."""
     own = found.explained
     if not own.photos.settings.bounces:
         return found
-    light = search.in_given_bounces(bounced_of_all(own.scene, own.light, seen))
-    return found.under(light, _mean(search.shading(light)) / _mean(search.shading(own.light)))
-
-
-def _mean(shading: np.ndarray) -> np.ndarray:
-    mean = shading.mean(axis=0, dtype=np.float64)
-    return np.where(mean > 0, mean, 1)
+    return replace(found, explained=replace(own, light=bounced_of_all(own.scene, own.light, seen)))
 
 
 def bounced_of_all(scene: LitScene, light: LightEstimate, seen: Iterable[SeenVertices]) -> LightEstimate:

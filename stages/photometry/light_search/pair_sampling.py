@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,18 +98,11 @@ class PixelSample:
         rng: np.random.Generator,
         how: PairSettings,
     ) -> PixelSample:
-        """Draw from the pixels `among`, (m,); see `sample_of`. `places`: see `LitScene.places`.
-
-        Where there are too many for every smallest square to hold `how.in_smallest_square` of those that are
-        drawn, they come from some of the largest squares only: else a larger scene had fewer near pairs.
-        """
-        sides = sorted({max(how.smallest_square, round(side * views.side)) for side in how.square_sides})
-        share = count * sides[0] ** 2 / (how.in_smallest_square * max(among.size, 1))
-        if share < 1:
-            among = among[_in_some_squares(views.masks, sides[-1], share, rng)[among]]
+        """Draw from the pixels `among`, (m,); see `sample_of`. `places`: see `LitScene.places`."""
         pixels = sample_of(views, among, count, rng, how.thin_share)
         view = np.searchsorted(views.starts, pixels, side="right") - 1
-        return cls(pixels, view, views.positions()[pixels], places(pixels), tuple(sides), how)
+        sides = {max(how.smallest_square, round(side * views.side)) for side in how.square_sides}
+        return cls(pixels, view, views.positions()[pixels], places(pixels), tuple(sorted(sides)), how)
 
     def pairs(self, albedo: np.ndarray, rng: np.random.Generator) -> Pairs:
         """Pair the pixels by their estimated albedo, (n, 3); see `alike_pairs`."""
@@ -126,21 +119,6 @@ def sample_of(
     inner = np.concatenate([_inner(mask)[mask] for mask in views.masks])[among]
     chosen = among[inner] if inner.sum() > thin_share * among.size else among
     return np.sort(rng.choice(chosen, min(count, chosen.size), replace=False))
-
-
-def _in_some_squares(
-    masks: Sequence[np.ndarray], side: int, share: float, rng: np.random.Generator
-) -> np.ndarray:
-    """Choose a share of the squares of all views, side in px; (N,), bool, of their masked pixels."""
-    return np.concatenate([_some_squares(mask, side, share, rng)[mask] for mask in masks])
-
-
-def _some_squares(mask: np.ndarray, side: int, share: float, rng: np.random.Generator) -> np.ndarray:
-    """Choose a share of the squares of a view, whose origin is random: (h, w), bool, of all its pixels."""
-    (height, width), (down, right) = mask.shape, rng.integers(0, side, 2)
-    chosen = rng.random((height // side + 2, width // side + 2)) < share
-    whole = np.repeat(np.repeat(chosen, side, axis=0), side, axis=1)
-    return whole[down : down + height, right : right + width]
 
 
 def alike_pairs(

@@ -76,12 +76,11 @@ class Search:
         """Draw the pixels; arguments as of `estimate_light`."""
         how, further = settings.search, int(light_of_view.max(initial=0))
         rng = np.random.default_rng(how.seed)
-        every = np.flatnonzero(trusted)
-        chosen = rng.choice(every, min(how.bounce_pixels, every.size), replace=False)
-        count = int(settings.samples * (1 + how.further_light_share * further))
-        drawn = PixelSample.of(views, scene.places, every, count, rng, settings.pairs)
-        chosen = np.union1d(chosen, drawn.pixels)
+        chosen = np.flatnonzero(trusted)
+        chosen = np.sort(rng.choice(chosen, min(how.bounce_pixels, chosen.size), replace=False))
         part, starts = scene.at(chosen), np.searchsorted(chosen, views.starts)
+        count = int(settings.samples * (1 + how.further_light_share * further))
+        drawn = PixelSample.of(views, scene.places, chosen, count, rng, settings.pairs)
         among = np.searchsorted(chosen, drawn.pixels)
         own_image = image[drawn.pixels].astype(np.float64)
         shares = part.pixels.shares(among)
@@ -100,7 +99,7 @@ class Search:
         None: paired by the image itself, and weighted as under uniform light.
         """
         image, light = self.sample.image, now or self.even_light()
-        shading = self.shading(light)[self.among]
+        shading = light.shading(self.part, self.starts, self.light_of_view)[self.among]
         pairs = self.drawn.pairs(image / np.maximum(shading, NO_LIGHT) if now else image, self.rng)
         return weighted_by_reliability(image, shading, pairs, scale, self.settings.pairs)
 
@@ -128,18 +127,6 @@ class Search:
             now = self.settled(light, before)
             step()
         return now or self.even_light()
-
-    def shading(self, now: LightEstimate) -> np.ndarray:
-        """Compute the shading of the pixels whose image is known here, (m, 3), float32."""
-        return now.shading(self.part, self.starts, self.light_of_view)
-
-    def in_given_bounces(self, now: LightEstimate) -> LightEstimate:
-        """Estimate the light anew near another one, whose interreflection is known and kept."""
-        for scale in self.settings.search.scales[-self.settings.search.refined_scales :]:
-            pairs, bounce = self.pairs(now, scale), self.bounce(now)
-            light = light_from_pairs(self.sample, bounce, pairs, scale, now.radiance, self.settings)
-            now = LightEstimate(light, now.bounced)
-        return now
 
     def settled(self, light: np.ndarray, before: LightEstimate) -> LightEstimate:
         """Scale a light, (G, M, 3), by the reflectance `brightest`, and compute its interreflection.

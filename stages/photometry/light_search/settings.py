@@ -42,16 +42,6 @@ class PairSettings(Settings):
         ge=1,
         le=100,
     )
-    in_smallest_square: float = setting(
-        3.0,
-        "Pixels of the sample in a smallest square, on average and at least: of views with more pixels than "
-        "that allows, some of the largest squares are sampled, all over the views. With one in a square or "
-        "two few pairs would be near enough to have equal albedo, and light would be found worse the more "
-        "views there are.",
-        unit="pixels",
-        gt=0,
-        le=100,
-    )
     outline_distance: float = setting(
         3.0,
         "Near pairs that are farther apart on the surface lie on two sides of an occluding contour, and are "
@@ -133,8 +123,8 @@ class SearchSettings(Settings):
     )
     bounce_pixels: int = setting(
         300_000,
-        "Most pixels, beside those of the pairs, that the albedo of the mesh's vertices is averaged from "
-        "during the light search; the cost does not grow beyond.",
+        "Most pixels that the albedo of the mesh's vertices is averaged from during the light search; the "
+        "cost does not grow beyond.",
         unit="pixels",
         ge=1000,
     )

@@ -229,16 +229,6 @@ class Illumination:
             reflectance=explained.reflectance,
         )
 
-    def under(self, light: LightEstimate, brighter: np.ndarray) -> Illumination:
-        """Replace the light by one whose mean shading is so many times that of the former, (3,)."""
-        unit = (self.light.unit * brighter).astype(np.float32)
-        radiance = light.radiance / unit
-        return replace(
-            self,
-            light=replace(self.light, radiance=radiance, unit=unit),
-            explained=replace(self.explained, light=light),
-        )
-
     def without_pixels(self) -> Illumination:
         """Drop all that is per pixel: what further views need is kept."""
         none = np.zeros(0, np.int64)
