@@ -7,9 +7,11 @@ from benchmarks.scale.__main__ import main
 from benchmarks.scale.albedo_error import SHARED, albedo_error
 from benchmarks.scale.daylight import SKY, Daylight, sun_directions
 from benchmarks.scale.photo_set import PhotoSet
+from benchmarks.scale.shading_error import by_brightness, errors_of
 from benchmarks.scale.street import build_street
 from benchmarks.solver.growth import slope
 from stages.formats.images.exr import write_exr
+from stages.formats.images.photos import write_png_srgb8
 from stages.formats.meshes.triangle_meshes import Surface
 from stages.geometry.occluders import Occluders
 from stages.geometry.rays import RayCaster
@@ -112,3 +114,18 @@ def test_a_run_that_ends_before_the_albedo_has_no_error(tmp_path):
     (measured,) = main(options)
     assert "raycast" in measured.stages and measured.error is None
     assert "Error" not in (tmp_path / "scale.md").read_text(encoding="utf-8")
+
+
+def test_a_shading_that_is_too_bright_in_the_dark_is_said_to_be(tmp_path):
+    """In any unit: twice as bright everywhere, and by a tenth more in the dark half."""
+    photos, rng = PhotoSet(tmp_path, 1), np.random.default_rng(0)
+    albedo = rng.uniform(0.2, 0.8, (60, 80, 3)).astype(np.float16)
+    shading = np.where(np.arange(80) < 40, 0.2, 0.8)[None, :, None] * np.ones((60, 1, 3))
+    (tmp_path / "truth").mkdir()
+    np.save(tmp_path / "truth" / "0000.npy", albedo)
+    write_png_srgb8(photos.photos / "0000.png", albedo * shading)
+    found = 2 * shading * np.where(shading < 0.5, 1.1, 1)
+    write_exr(tmp_path / "shading" / "0000.exr", found.astype(np.float32))
+    parts = by_brightness(*errors_of(photos, tmp_path / "shading"))
+    dark, bright = parts[0].mean, parts[-1].mean
+    assert np.allclose(dark - bright, np.log(1.1), atol=0.01)
