@@ -201,15 +201,6 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
     )
     scale, gains = opened.scale, gains_of_all(job, scene.files, opened.scale, how.gains)
     scenes, seen = _scenes(job, opened, scene), (opened.views.stack, opened.images)
-    if how.bounces:
-        from stages.photometry.further_views.bounces_of_all import seen_vertices, shown_interreflection
-        from stages.photometry.further_views.lit_clusters import LightTask
-        looking = LightTask(scene.files, scene.blend, scene.rays, scene.stored.normals, None, None, gains, scale)
-        with job.progress("bounces", len(cameras)) as step:
-            shown = shown_interreflection(
-                scenes[0], counted(job.tasks.small(seen_vertices, range(len(cameras)), looking), step)
-            )
-        scenes = [replace(one, shown=shown) for one in scenes]
     with job.progress("steps", _steps(how, len(scenes))) as step:
         rays = scene.rays(opened.views.cameras, opened.views.masks, job.threads)
         found = find_illumination(
@@ -251,6 +242,9 @@ def _light_all(
     parts = Parts(job.scratch, scene.files.paths, scene.cameras, clusters)
     task = LightTask(scene.files, scene.blend, scene.rays, scene.stored.normals, parts, found, gains, scale)
     every = range(len(scene.cameras))
+    with job.progress("bounces", len(every)) as step:
+        seen = counted(job.tasks.small(seen_vertices, every, task), step)
+        task = replace(task, found=with_bounces_of_all(found, seen))
     with job.progress("clusters", len(clusters)) as step:
         counts = list(counted(job.tasks.large(light_cluster, clusters, task), step))
     folders = job.outputs["shading"], job.outputs["observations"]

@@ -94,17 +94,3 @@ def bounced_of_all(scene: LitScene, light: LightEstimate, seen: Iterable[SeenVer
     bounced = product(occlusion.form_factors, sent)
     bounced += of_backs.astype(np.float32) * product(occlusion.behind, shading.astype(np.float32))
     return LightEstimate(light.radiance, bounced[None])
-
-
-def shown_interreflection(scene: LitScene, seen: Iterable[SeenVertices]) -> np.ndarray:
-    """Compute the interreflection, (P, 3), from the radiance that all views show; backs as their fronts."""
-    vertices = len(scene.proxy.positions)
-    radiance, weight = np.zeros((vertices, 3)), np.zeros(vertices)
-    for one in seen:
-        radiance[one.vertices] += one.radiance
-        weight[one.vertices] += one.weight
-    shown = weight > 0
-    radiance /= np.where(shown, weight, 1)[:, None]
-    sent = radiance[nearest_of(shown, scene.proxy.positions)].astype(np.float32)
-    occlusion = scene.proxy.occlusion
-    return product(occlusion.form_factors, sent) + product(occlusion.behind, sent)

@@ -91,23 +91,7 @@ class Search:
         """Build uniform light without interreflection."""
         count, vertices = int(self.light_of_view.max(initial=0)) + 1, len(self.part.vertices.normals)
         light = np.ones((count, len(self.part.pixels.directions), 3))
-        if self.part.shown is not None:
-            return self._beside_shown(light)
         return LightEstimate(light, np.zeros((count, vertices, 3), np.float32))
-
-    def _beside_shown(self, light: np.ndarray) -> LightEstimate:
-        """Scale a light, (G, M, 3), so that the brightest albedo is the usual one beside what is shown."""
-        bounced = np.broadcast_to(self.part.shown, (len(light), *self.part.shown.shape))
-        where = self.part, self.starts, self.light_of_view
-        now = LightEstimate(light, bounced)
-        direct, indirect = now.direct(*where), now.interreflected(*where)
-        how, low, high = self.settings, 1e-4, 1e4
-        usual = how.brightest or how.reflectance.usual
-        for _ in range(40):
-            scale = np.sqrt(low * high)
-            albedo = np.quantile(self.image / np.maximum(scale * direct + indirect, NO_LIGHT), how.search.brightest_quantile)
-            low, high = (scale, high) if albedo > usual else (low, scale)
-        return LightEstimate(scale * light, bounced)
 
     def pairs(self, now: LightEstimate | None, scale: float) -> Pairs:
         """Pair pixels by their albedo under a light, weighted by reliability.
@@ -153,7 +137,7 @@ class Search:
         scale is arbitrary and is kept.
         """
         now = LightEstimate(light, before.bounced)
-        if self.part.shown is not None or not self.settings.bounces:
+        if not self.settings.bounces:
             return now
         scene, where = self.part, (self.part, self.starts, self.light_of_view)
         of_pixels = now.direct(*where)  # the rounds change interreflection; of direct light, only its scale

@@ -95,7 +95,7 @@ def _from_infinitely_far(photos: Observations, scene: LitScene, step: Step) -> E
     asked = photos.settings
     photos = replace(photos, settings=asked.to_begin_with())
     now = Explanation(photos, scene, photos.light(scene, step))
-    if scene.shown is not None or not asked.reflectance_is_found:
+    if not asked.reflectance_is_found:
         return now
     now = _with_reflectance(now, step)
     return replace(now, light=now.photos.light(scene, _unnoticed, near=now.light))

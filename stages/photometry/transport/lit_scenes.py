@@ -36,9 +36,6 @@ class LitScene:
         Sphere of the light, world; None: at infinity.
     probes : VisibilityProbes or None
         Of the vertices, for visibility in further directions.
-    shown : ndarray, shape (P, 3), float32, or None
-        Shading of the vertices by interreflection, in the unit of the images, where photos of all surface tell
-        it; None: it follows from albedo and light.
     """
 
     pixels: DirectionalTransport
@@ -46,7 +43,6 @@ class LitScene:
     proxy: Proxy
     sphere: Sphere | None = None
     probes: VisibilityProbes | None = None
-    shown: np.ndarray | None = None
 
     @classmethod
     def of(
