@@ -16,7 +16,7 @@ from stages.synthetic.lights import ClearSky, direction_at, radiance_beside_sun
 
 SKY = ClearSky(sun_azimuth_deg=-35.0, sun_elevation_deg=42.0)
 DIRECTIONS = 192  # of the sky, all around
-BOUNCES = 6  # what is left is less than a thousandth of what lights the deepest niche
+BOUNCES = 6  # leave out .25 % of the skylight at most at 99.9 % of the vertices; two leave out 10 % at 1 %
 LIFT = 0.002  # of a ray's origin along the normal, model units: a quarter of an edge
 AT_ONCE = 200_000  # rays: 30 MB
 FREE, DARK = -1, -2  # instead of the vertex that a ray meets: nothing; not its front
@@ -44,7 +44,6 @@ class Daylight:
     ) -> Daylight:
         """Light the vertices: points (V, 3) relative to the occluders' origin, normals and albedo (V, 3)."""
         direct, lit = np.zeros((2, *points.shape), np.float32)
-        bounced = np.zeros((BOUNCES, *points.shape), np.float32)
         own = cls(occluders, direct)
         lit += own.sunlight(points, normals)
         directions = even_directions(DIRECTIONS).astype(np.float32)
@@ -57,12 +56,13 @@ class Daylight:
             direct += weight * np.where(vertex == FREE, cosine, 0)[:, None] * shines
             met.append(vertex)
         shown = direct + lit
-        for number in range(BOUNCES):
+        for _ in range(BOUNCES):
+            reflected, bounced = albedo * shown, np.zeros_like(direct)
             for direction, vertex in zip(directions, met, strict=True):
                 cosine = np.where(vertex >= 0, np.maximum(normals @ direction, 0), 0)
-                bounced[number] += weight * cosine[:, None] * (albedo * shown)[np.maximum(vertex, 0)]
-            shown = direct + lit + bounced[number]
-        return cls(occluders, direct + bounced[-1])
+                bounced += weight * cosine[:, None] * reflected[np.maximum(vertex, 0)]
+            shown = direct + lit + bounced
+        return cls(occluders, direct + bounced)
 
     def sunlight(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Compute the sun's irradiance over π, (n, 3), at points relative to the occluders' origin."""

@@ -12,22 +12,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from benchmarks.scale.albedo_error import SHARED
 from benchmarks.scale.photo_set import PhotoSet
+from stages.evaluation.octave_bands import smooth_inside
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_photo
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-NOISE = 4.0  # deviation of the average that takes the noise of photos and quantisation out, px
+NOISE_PX = 4.0  # σ of the Gaussian that takes the noise of photos and quantisation out
 PARTS = 10  # of the pixels, from dark to bright
 
 
 @dataclass(frozen=True)
 class Part:
-    """Pixels that are about as bright: shading up to `brightest`; mean and deviation of the error, (3,)."""
+    """Error of the shading of pixels that are about as bright.
+
+    Attributes
+    ----------
+    brightest : float
+        True shading, green, of the brightest of them.
+    mean, deviation : ndarray, shape (3,)
+        Of the logarithms of found over true shading, by channel.
+    """
 
     brightest: float
     mean: np.ndarray
@@ -42,7 +50,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--workspace", type=Path, default=ROOT / "workspaces" / "scale")
     given = parser.parse_args(argv)
     photos = PhotoSet(given.workspace / f"{given.views}-{given.size}", given.views)
-    true, error = errors_of(photos, photos.folder / "workspace" / "output" / "shading")
+    shading = photos.folder / "workspace" / "output" / "shading"
+    if not shading.is_dir():
+        parser.error(f"{shading} is not there; run python -m benchmarks.scale --views {given.views} first")
+    true, error = errors_of(photos, shading)
     for part in by_brightness(true, error):
         mean, deviation = (" ".join(f"{one:7.4f}" for one in own) for own in (part.mean, part.deviation))
         print(f"shading up to {part.brightest:.3f}: mean of logarithms {mean}, deviation {deviation}")
@@ -50,7 +61,21 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def errors_of(photos: PhotoSet, shading: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Compute green true shading, (n,), and log ratios of found to true, (n, 3), of median 0, averaged."""
+    """Compare the shading of the first views with the truth, both averaged over noise.
+
+    Parameters
+    ----------
+    photos : PhotoSet
+    shading : Path
+        Folder of EXRs, of any unit.
+
+    Returns
+    -------
+    true : ndarray, shape (n,)
+        True shading, green.
+    error : ndarray, shape (n, 3)
+        Logarithms of found over true shading, less their median.
+    """
     true, errors = [], []
     for file in sorted(shading.glob("*.exr"))[:SHARED]:
         albedo = photos.true_albedo(file.stem).astype(np.float32)
@@ -58,8 +83,8 @@ def errors_of(photos: PhotoSet, shading: Path) -> tuple[np.ndarray, np.ndarray]:
         known = (albedo > 0).all(axis=2) & (photo > 0).all(axis=2) & (found > 0).all(axis=2)
         shown = np.where(known[..., None], photo / np.where(albedo > 0, albedo, 1), 1)
         ratio = np.log(np.where(known[..., None], found, 1) / shown)
-        errors.append(_averaged(ratio, known)[known])
-        true.append(_averaged(shown[..., 1:2], known)[known][:, 0])
+        errors.append(smooth_inside(ratio, known, NOISE_PX)[known])
+        true.append(smooth_inside(shown[..., 1:2], known, NOISE_PX)[known][:, 0])
     error = np.concatenate(errors)
     return np.concatenate(true), error - np.median(error, axis=0)
 
@@ -68,14 +93,6 @@ def by_brightness(true: np.ndarray, error: np.ndarray) -> list[Part]:
     """Divide pixels, (n,) and (n, 3), into equally many from dark to bright."""
     parts = np.array_split(np.argsort(true, kind="stable"), PARTS)
     return [Part(float(true[own[-1]]), error[own].mean(axis=0), error[own].std(axis=0)) for own in parts]
-
-
-def _averaged(values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Average values, (h, w, c), of the known pixels around."""
-    weight = cv2.GaussianBlur(known.astype(np.float32), (0, 0), NOISE)
-    kept = np.where(known[..., None], values, 0).astype(np.float32)
-    around = cv2.GaussianBlur(kept, (0, 0), NOISE).reshape(values.shape)
-    return around / np.maximum(weight, 1e-6)[..., None]
 
 
 if __name__ == "__main__":
