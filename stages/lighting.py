@@ -29,13 +29,16 @@ if TYPE_CHECKING:
     from stages.formats.artefacts.view_files import Each
     from stages.geometry.short_edges import ShortEdged
     from stages.photometry.clusters.typical_views import ViewGraph
+    from stages.photometry.further_views.seen_vertices import SurfaceViews
     from stages.photometry.lighting.illumination import Illumination
     from stages.photometry.lighting.known_light import KnownLight
     from stages.photometry.lighting.opened_views import Opened, ViewFiles
     from stages.photometry.sun.pixel_rays import PixelRays
     from stages.photometry.sun.settings import SunSettings
     from stages.photometry.transport.lit_scenes import LitScene
+    from stages.photometry.transport.shown_radiance import ShownRadiance
     from stages.photometry.transport.sky_visibility import VisibilityProbes
+    from stages.photometry.transport.transfer_vectors import Proxy
     from stages.scene.cameras import Camera
 
 
@@ -190,6 +193,7 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
 
     from stages.photometry.clusters.surface_clusters import Cluster
     from stages.photometry.clusters.typical_views import typical_views
+    from stages.photometry.further_views.seen_vertices import SurfaceViews
     from stages.photometry.lighting import lighting_record as record
     from stages.photometry.lighting.estimate_illumination import find_illumination
     from stages.photometry.lighting.opened_views import gains_of_all
@@ -199,8 +203,12 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
     opened = scene.files.open(
         Cluster.whole(some, scene.graph.pixels[list(some)].sum()), None, job.executor.map
     )
-    scale, gains = opened.scale, gains_of_all(job, scene.files, opened.scale, how.gains)
+    gains = gains_of_all(job, scene.files, opened.scale, how.gains)
+    every = SurfaceViews(scene.files, scene.blend, scene.stored.normals, gains, opened.scale)
     scenes, seen = _scenes(job, opened, scene), (opened.views.stack, opened.images)
+    if how.bounces:
+        shown = _radiance_shown(job, every, scenes[0].proxy)
+        scenes = [replace(one, shown=shown) for one in scenes]
     with job.progress("steps", _steps(how, len(scenes))) as step:
         rays = scene.rays(opened.views.cameras, opened.views.masks, job.threads)
         found = find_illumination(
@@ -211,27 +219,31 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
     job.note(light_found_on=[cameras[view].name for view in some])
     found = found.without_pixels()
     del opened, scenes, seen, rays
-    clipped, untrusted, usable, shadowed = _light_all(job, scene, found, gains, scale)
+    clipped, untrusted, usable, shadowed = _light_all(job, scene, found, every)
     record.warn_of_clipping(job, clipped, int(scene.graph.pixels.sum()))
     record.note_light(job, scene.stored, found, untrusted, shadowed)
     record.report_light(job, scene.stored, found)
     views = record.AllViews(cameras, np.zeros(len(cameras), np.int64), gains, usable > 0)
-    record.write_light_of(job, scene.stored, found, views, scale)
+    record.write_light_of(job, scene.stored, found, views, every.scale)
     return True
 
 
+def _radiance_shown(job: Job[LightingSettings], views: SurfaceViews, proxy: Proxy) -> ShownRadiance:
+    """Average the radiance of the vertices that the photos of all views show."""
+    from stages.photometry.further_views.seen_vertices import seen_vertices, shown_by_all
+
+    every = range(len(views.gains))
+    with job.progress("bounces", len(every)) as step:
+        return shown_by_all(proxy, counted(job.tasks.small(seen_vertices, every, views), step))
+
+
 def _light_all(
-    job: Job[LightingSettings],
-    scene: Scene,
-    found: Illumination,
-    gains: np.ndarray,
-    scale: float,
+    job: Job[LightingSettings], scene: Scene, found: Illumination, views: SurfaceViews
 ) -> tuple[int, int, int, int]:
     """Light the pixels of all views, in clusters; count the clipped, untrusted, usable and shadowed ones."""
     from stages.photometry.clusters.cluster_views import divided_surface
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.clusters.surface_clusters import tell_too_large
-    from stages.photometry.further_views.bounces_of_all import seen_vertices, with_bounces_of_all
     from stages.photometry.further_views.lit_clusters import LightTask, light_cluster
     from stages.photometry.lighting.lighting_record import write_view
 
@@ -240,16 +252,12 @@ def _light_all(
     )
     tell_too_large(job, clusters, job.settings.clusters)
     parts = Parts(job.scratch, scene.files.paths, scene.cameras, clusters)
-    task = LightTask(scene.files, scene.blend, scene.rays, scene.stored.normals, parts, found, gains, scale)
-    every = range(len(scene.cameras))
-    with job.progress("bounces", len(every)) as step:
-        seen = counted(job.tasks.small(seen_vertices, every, task), step)
-        task = replace(task, found=with_bounces_of_all(found, seen))
+    task = LightTask(views, scene.rays, parts, found)
     with job.progress("clusters", len(clusters)) as step:
         counts = list(counted(job.tasks.large(light_cluster, clusters, task), step))
     folders = job.outputs["shading"], job.outputs["observations"]
     with job.progress("views", len(scene.cameras)) as step:
-        for _ in job.tasks.small(write_view, every, parts, *folders):
+        for _ in job.tasks.small(write_view, range(len(scene.cameras)), parts, *folders):
             step()
     clipped, untrusted, usable, shadowed = (sum(column) for column in zip(*counts, strict=True))
     return clipped, untrusted, usable, shadowed
@@ -334,7 +342,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 LIGHTING = Stage(
     name="lighting",
-    version=22,
+    version=23,
     about="The light of all views, its distance, view gains and specular reflection.",
     settings=LightingSettings,
     takes=(

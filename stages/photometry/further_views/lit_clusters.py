@@ -11,10 +11,10 @@ import scipy.sparse as sp
 from stages.photometry.albedo_data import AlbedoData
 from stages.photometry.clusters.parts import Parts
 from stages.photometry.clusters.surface_clusters import Cluster
+from stages.photometry.further_views.seen_vertices import SurfaceViews
 from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.lighting.illumination import Explanation, Illumination
 from stages.photometry.lighting.observations import Observations
-from stages.photometry.lighting.opened_views import ViewFiles
 from stages.photometry.lighting.trusted_pixels import Viewing, unlit
 from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.specular.specular_reflection import SpecularReflection
@@ -34,39 +34,28 @@ class LightTask:
 
     Attributes
     ----------
-    files : ViewFiles
-    blend : callable
-        Interpolates the proxy's vertices at the masked pixels of cameras: (N, P); takes a map over views.
+    views : SurfaceViews
     rays : callable
         Makes their rays, of masked pixels of cameras and with a number of threads.
-    vertex_normals : ndarray, shape (P, 3)
     parts : Parts
         Where shading and data of the pixels are kept, until they are put together view by view.
     found : Illumination
         Of some views, without their pixels.
-    gains : ndarray, shape (n, 3)
-        Of all views.
-    scale : float
-        By which images are divided.
     """
 
-    files: ViewFiles
-    blend: Callable[..., sp.csr_array]
+    views: SurfaceViews
     rays: Callable[[Sequence[Camera], Sequence[np.ndarray], int], PixelRays]
-    vertex_normals: np.ndarray
     parts: Parts
     found: Illumination
-    gains: np.ndarray
-    scale: float
 
 
 def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int, int, int, int]:
     """Light a cluster, and keep its pixels; count clipped, untrusted, usable, shadowed ones. Picklable."""
     use_threads(threads)
-    opened = task.files.open(cluster, task.scale, on_threads)
-    blend, _ = without_opposed(
-        opened.normals, task.blend(opened.views.cameras, opened.views.masks, on_threads), task.vertex_normals
-    )
+    every = task.views
+    opened = every.files.open(cluster, every.scale, on_threads)
+    blend = every.blend(opened.views.cameras, opened.views.masks, on_threads)
+    blend, _ = without_opposed(opened.normals, blend, every.vertex_normals)
     image, scene = np.stack(opened.images, axis=1), task.found.explained.scene
     suns = scene.suns, scene.sphere
     traced = task.rays(opened.views.cameras, opened.views.masks, threads).see(*suns, opened.normals)
@@ -78,7 +67,7 @@ def light_cluster(cluster: Cluster, task: LightTask, threads: int) -> tuple[int,
         opened.normals,
         blend,
         traced,
-        task.gains[opened.views.numbers],
+        every.gains[opened.views.numbers],
     )
     task.parts.keep(cluster, opened.views, {"shading": shading, **data.by_pixel()})
     own, usable = opened.views.own, opened.viewing.trusted

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,6 +27,7 @@ from stages.photometry.light_search.vertex_albedo import (
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.pixel_transfer import WHITEST
+from stages.photometry.transport.shown_radiance import ShownRadiance
 from stages.solvers.kernels.sparse_rows import product
 
 
@@ -51,6 +52,8 @@ class Search:
         Of the paired pixels.
     settings : LightSearchSettings
     rng : numpy.random.Generator
+    shown : ShownRadiance or None
+        Of the vertices, where photos in one light show it.
     """
 
     part: LitScene
@@ -62,6 +65,7 @@ class Search:
     sample: Sample
     settings: LightSearchSettings
     rng: np.random.Generator
+    shown: ShownRadiance | None = None
 
     @classmethod
     def of(
@@ -85,13 +89,26 @@ class Search:
         own_image = image[drawn.pixels].astype(np.float64)
         shares = part.pixels.shares(among)
         sample = Sample(own_image, shares, light_of_view[drawn.views], part.pixels.cells)
-        return cls(part, starts, image[chosen], light_of_view, drawn, among, sample, settings, rng)
+        shown = None if further else scene.shown
+        return cls(part, starts, image[chosen], light_of_view, drawn, among, sample, settings, rng, shown)
 
     def even_light(self) -> LightEstimate:
-        """Build uniform light without interreflection."""
+        """Build uniform light: beside the interreflection that photos show, else without any."""
         count, vertices = int(self.light_of_view.max(initial=0)) + 1, len(self.part.vertices.normals)
         light = np.ones((count, len(self.part.pixels.directions), 3))
-        return LightEstimate(light, np.zeros((count, vertices, 3), np.float32))
+        if self.shown is None:
+            return LightEstimate(light, np.zeros((count, vertices, 3), np.float32))
+        asked = self.settings.brightest or self.settings.reflectance.usual
+        return self._scaled(LightEstimate(light, self.shown.interreflection(self.part.proxy)[None]), asked)
+
+    def _scaled(self, now: LightEstimate, brightest: float) -> LightEstimate:
+        """Scale one light beside its interreflection, by the reflectance of the brightest material."""
+        where = self.part, self.starts, self.light_of_view
+        direct = product(self.part.to_vertices, now.direct(*where))
+        indirect = product(self.part.to_vertices, now.interreflected(*where))
+        so_bright = (self._seen / brightest - indirect) / np.maximum(direct, NO_LIGHT)
+        scale = brightest_albedo(so_bright, direct, self.settings.search.brightest_quantile)
+        return replace(now, radiance=scale * now.radiance)
 
     def pairs(self, now: LightEstimate | None, scale: float) -> Pairs:
         """Pair pixels by their albedo under a light, weighted by reliability.
@@ -129,14 +146,18 @@ class Search:
         return now or self.even_light()
 
     def settled(self, light: np.ndarray, before: LightEstimate) -> LightEstimate:
-        """Scale a light, (G, M, 3), by the reflectance `brightest`, and compute its interreflection.
+        """Scale a light, (G, M, 3), by the reflectance `brightest`, and add its interreflection.
 
-        `brightest` of None keeps the scale, where light and images are in one unit.
-
-        Albedo and interreflection are computed alternately, starting from those before. Without bounces the
-        scale is arbitrary and is kept.
+        `brightest` of None keeps the scale: beside radiance that photos show, light is found in their unit.
+        Where lights differ, albedo and interreflection are computed alternately, starting from those before.
+        Without bounces the scale is arbitrary and is kept.
         """
-        now = LightEstimate(light, before.bounced)
+        now, asked = LightEstimate(light, before.bounced), self.settings.brightest
+        if self.shown is not None:
+            now = self._scaled(now, asked) if asked else now
+            proxy, vertices = self.part.proxy, self.part.vertices
+            bounced = self.shown.interreflection_under(proxy, vertices, now.radiance[0], now.bounced[0])
+            return replace(now, bounced=bounced[None])
         if not self.settings.bounces:
             return now
         scene, where = self.part, (self.part, self.starts, self.light_of_view)
@@ -153,6 +174,12 @@ class Search:
             )
             now = LightEstimate(scale * light, bounces)
         return now
+
+    def brightest(self, now: LightEstimate) -> float:
+        """Compute the reflectance of the brightest material under a light in the unit of the images."""
+        shading = now.shading(self.part, self.starts, self.light_of_view)
+        seen = vertex_albedo(self.part, self._seen, shading)
+        return min(brightest_albedo(*seen, self.settings.search.brightest_quantile), WHITEST)
 
     @cached_property
     def _seen(self) -> np.ndarray:

@@ -6,10 +6,10 @@ import numpy as np
 
 from stages.photometry.transport.interreflection import bounced
 from stages.photometry.transport.lit_scenes import LitScene
+from stages.photometry.transport.shown_radiance import NO_LIGHT
 from stages.solvers.kernels.sparse_rows import product
 
 FEW = 16  # of so many values one is sorted first, for the quantile: speed
-NO_LIGHT = 1e-6  # of the scaled image's unit: surface with less light does not constrain its albedo
 
 
 def vertex_albedo(scene: LitScene, seen: np.ndarray, shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,6 @@ from stages.photometry.lighting.illumination import (
     Illumination,
     LightAndShading,
     ObservationsWithGains,
-    brightest_of,
     reflectance_under,
 )
 from stages.photometry.lighting.observations import Observations
@@ -71,6 +70,7 @@ def find_illumination(
     """
     use_threads(threads)
     photos = ObservationsWithGains.of(views, images, viewing, settings, known_gains, exposures)
+    scenes = photos.lit.with_radiance_shown(scenes)
     far = _from_infinitely_far(photos.lit, scenes[0], step)
     now = _at_best_distance(far, scenes, step).without_specular()
     if now.reflectance is not None and now.light is not far.light:
@@ -79,9 +79,9 @@ def find_illumination(
     if rays is not None and now.photos.share_a_light:
         now = _with_suns(now, rays, step)
         now = _with_cast_shadows(now, rays, step)
-    now = _mixed_with_own_lights(now, photos.as_seen, step)
+    now = _mixed_with_own_lights(_with_brightest(now), photos.as_seen, step)
     light = LightAndShading.of_mean_one(now.light.radiance, now.shading() * photos.of_pixel)
-    return Illumination.of(now, photos, light, brightest_of(settings, now.reflectance))
+    return Illumination.of(now, photos, light, now.photos.settings.brightest or 0.0)
 
 
 def explained_best(left: Sequence[float], how: LightDistanceSettings) -> int:
@@ -91,13 +91,15 @@ def explained_best(left: Sequence[float], how: LightDistanceSettings) -> int:
 
 
 def _from_infinitely_far(photos: Observations, scene: LitScene, step: Step) -> Explanation:
-    """Estimate light from infinity, and the reflectance of the brightest material."""
-    asked = photos.settings
-    photos = replace(photos, settings=asked.to_begin_with())
-    now = Explanation(photos, scene, photos.light(scene, step))
-    if not asked.reflectance_is_found:
-        return now
-    now = _with_reflectance(now, step)
+    """Estimate light from infinity.
+
+    Where lights differ, photos do not show the interreflection of each, and what the brightest material
+    reflects is estimated first.
+    """
+    if photos.share_a_light or not photos.settings.reflectance_is_found:
+        return Explanation(photos, scene, photos.light(scene, step))
+    photos = photos.reflecting(photos.settings.reflectance.usual)
+    now = _with_reflectance(Explanation(photos, scene, photos.light(scene, step)), step)
     return replace(now, light=now.photos.light(scene, _unnoticed, near=now.light))
 
 
@@ -221,6 +223,13 @@ def _as_shadowed(now: Explanation, by_mesh: LitScene, how: ShadowSettings) -> tu
     by_photo, hidden = cast_shadows(by_mesh, now.light, shading, *seen, photos.settings.pairs, how)
     scene = with_visibility(by_mesh, by_photo)
     return replace(now, scene=scene, shadowed=np.any(hidden, axis=1)), hidden
+
+
+def _with_brightest(now: Explanation) -> Explanation:
+    """Compute what the brightest material reflects under a shared light, beside interreflection shown."""
+    if not now.photos.settings.reflectance_is_found:
+        return now
+    return replace(now, photos=now.photos.reflecting(now.photos.search(now.scene).brightest(now.light)))
 
 
 def _mixed_with_own_lights(now: Explanation, as_seen: Observations, step: Step) -> Explanation:

@@ -241,9 +241,9 @@ class Illumination:
             observed=nothing,
             diffuse=nothing,
         )
-        scene = replace(explained.scene.at(none), probes=None)  # no further directions are looked at
+        scene = replace(explained.scene.at(none), probes=None, shown=None)  # the light has them
         removed = explained.removed_under and (
-            replace(explained.removed_under[0].at(none), probes=None),
+            replace(explained.removed_under[0].at(none), probes=None, shown=None),
             explained.removed_under[1],
         )
         return replace(

@@ -61,10 +61,17 @@ def note_light(
         spread_between_views=round(found.gains.spread, 4),
         brightening_between_views=round(found.brightening, 3),
         specular=[found.specular.as_json()] if found.specular else [],
-        **({} if found.reflectance is None else {"brightest": found.reflectance.as_json()}),
+        **({} if job.settings.brightest else _brightest(found)),
         untrusted_pixels=untrusted_pixels,
         shadowed_pixels=shadowed_pixels,
     )
+
+
+def _brightest(found: Illumination) -> dict[str, Any]:
+    """Tell what the brightest material reflects, where that was found, and how those tried disagree."""
+    if found.reflectance is not None:
+        return {"brightest": found.reflectance.as_json()}
+    return {"brightest": {"reflects": round(found.brightest, 3)}} if found.brightest else {}
 
 
 def _suns(found: Illumination) -> list[dict[str, Any]]:

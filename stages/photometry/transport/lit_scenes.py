@@ -16,6 +16,7 @@ from stages.photometry.transport.directional_transport import (
     sphere_of,
 )
 from stages.photometry.transport.pixel_transfer import nearest_shown, without_opposed
+from stages.photometry.transport.shown_radiance import ShownRadiance
 from stages.photometry.transport.sky_visibility import VisibilityProbes
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 
@@ -36,6 +37,8 @@ class LitScene:
         Sphere of the light, world; None: at infinity.
     probes : VisibilityProbes or None
         Of the vertices, for visibility in further directions.
+    shown : ShownRadiance or None
+        Of the vertices, where photos in one light show it: for interreflection.
     """
 
     pixels: DirectionalTransport
@@ -43,6 +46,7 @@ class LitScene:
     proxy: Proxy
     sphere: Sphere | None = None
     probes: VisibilityProbes | None = None
+    shown: ShownRadiance | None = None
 
     @classmethod
     def of(
