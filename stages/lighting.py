@@ -206,7 +206,7 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
     gains = gains_of_all(job, scene.files, opened.scale, how.gains)
     every = SurfaceViews(scene.files, scene.blend, scene.stored.normals, gains, opened.scale)
     scenes, seen = _scenes(job, opened, scene), (opened.views.stack, opened.images)
-    if how.bounces:
+    if how.bounces:  # these views do not show all surface, and so hardly tell what it reflects
         shown = _radiance_shown(job, every, scenes[0].proxy)
         scenes = [replace(one, shown=shown) for one in scenes]
     with job.progress("steps", _steps(how, len(scenes))) as step:

@@ -102,11 +102,10 @@ def _rough_light(
         own = normals_at(level, mesh.faces[faces], at, opened.normals)
         scenes += scenes_by_distance(stored, blend, own)[0]
     seen = opened.views.stack, opened.images, opened.viewing
-    photos = ObservationsWithGains.of(*seen, ROUGH, gains[some]).lit
+    photos = ObservationsWithGains.of(*seen, ROUGH, gains[some]).lit.reflecting(ROUGH.reflectance.usual)
     on_mesh = OnMesh(files, mesh.faces, len(mesh.vertices), opened.scale, gains, ROUGH.pairs)
     if photos.apart:
         return Rough(scenes[0], None, on_mesh)
-    scenes = photos.with_radiance_shown(scenes)
     with job.progress("light", len(scenes) * len(ROUGH.search.scales)) as step:
         lights = [photos.light(scene, step) for scene in scenes]
     best = int(np.argmin(photos.disagreements(scenes, lights)))
@@ -156,7 +155,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 SHADING_NORMALS = Stage(
     name="shading_normals",
-    version=4,
+    version=3,
     about="The mesh's normals without the noise that the photos contradict.",
     settings=ShadingNormalSettings,
     takes=(

@@ -330,9 +330,10 @@ def test_clusters_give_the_albedo_of_all_views_at_once(at_once, in_clusters):
     assert np.abs(maps(whole, "confidence") - maps(parts, "confidence")).mean() < 0.02
 
 
-def lit(workspace, pixels):
+def lit(workspace, pixels, **settings):
     """The relief's light, estimated and applied with at most so many pixels at once."""
-    given = SCENE | {"lighting": {**SCENE["lighting"], "pixels": pixels, "clusters": {"pixels": pixels}}}
+    how = {**SCENE["lighting"], "pixels": pixels, "clusters": {"pixels": pixels}, **settings}
+    given = SCENE | {"lighting": how}
     done = results_of(stages.experiment({}), {}, given, workspace, "lighting", 2, Terminal())
     return dict(done.paths), done.facts["lighting"]
 
@@ -394,6 +395,15 @@ def test_a_light_found_on_some_views_is_near_that_of_all(workspace, at_once):
     scale = (whole * parts).sum(axis=0) / (parts**2).sum(axis=0)
     photo = np.sqrt(np.mean((whole - whole.mean(axis=0)) ** 2))
     assert np.sqrt(np.mean((whole - scale * parts) ** 2)) < 0.5 * photo  # few pixels determine it roughly
+
+
+def test_beside_what_the_photos_of_all_show_light_has_their_unit(workspace):
+    """No reflectance is tried: what the brightest material reflects follows from the light."""
+    paths, facts = lit(workspace, 8000, bounces=4)
+    assert 2 <= len(facts["light_found_on"]) < 6
+    assert facts["brightest"].keys() == {"reflects"}
+    true_brightest = np.quantile(maps({**paths, "albedo": paths["truth"] / "albedo"}, "albedo"), 0.98)
+    assert 0.7 * true_brightest < facts["brightest"]["reflects"] < 1.4 * true_brightest
 
 
 @given(st.integers(2, 12), st.integers(0, 5))

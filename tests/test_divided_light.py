@@ -27,16 +27,7 @@ from stages.photometry.transport.sky_visibility import VisibilityProbes
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
 from tests.by_sky import decompose_by_sky
 from tests.sphere_scene import sphere_scene
-from tests.test_sky_light import (
-    DIRECTIONS,
-    FEW,
-    HOW,
-    error,
-    in_shadow_of,
-    normals_of,
-    photo_of,
-    viewing,
-)
+from tests.test_sky_light import DIRECTIONS, FEW, HOW, error, normals_of, photo_of, viewing
 
 COUNT = 64
 FINER = RefinementSettings()
@@ -243,23 +234,3 @@ def test_a_sun_between_the_directions_is_not_taken_for_a_lamp():
     )
     assert coarse.scene == 1, "no test if the cells do not mislead"
     assert fine.scene == 0
-
-
-def test_a_sun_out_of_a_cell_ten_thousand_times_as_small_is_found_as_well():
-    """Of the same flux: a descent over radiance would end before it had moved the sun's."""
-    sphere = sphere_scene(view_count=3)
-    views, normals = sphere.stacked(), normals_of(sphere)
-    sun = int(np.argmax(even_directions(DIRECTIONS) @ [0.4, 0.5, 0.77]))
-    sky = in_shadow_of(sun, normals @ [0.8, -0.6, 0.0] > 0.2, normals)
-    radiance = np.full((DIRECTIONS, 3), 0.3)
-    radiance[sun] += DIRECTIONS / 8
-    shading = sky.pixels.shading(radiance)
-    image = photo_of(np.stack(sphere.true_channels(), axis=1), shading)
-    how = FEW.model_copy(update={"evenness": 0.0, "neutrality": 0.0})
-    errors, one_light = [], np.zeros(views.view_count, int)
-    for size in (1.0, 1e-4):
-        cells = np.where(np.arange(DIRECTIONS) == sun, size, 1) / DIRECTIONS
-        scene = replace(sky, pixels=replace(sky.pixels, cells=cells))
-        light = estimate_light(scene, views, image, np.ones(len(image), bool), one_light, how)
-        errors.append(error(light.shading(scene, views.starts, one_light), shading))
-    assert errors[1] < 1.2 * errors[0] < 0.02, errors

@@ -68,22 +68,12 @@ def light_from_pairs(
     ``Σ_pq w_pq φ(u_pq) + neutrality + evenness`` with ``u = (m² + chroma_weight² v) / scale²``, m and v the
     channels' mean and variance of ``log ρ_p − log ρ_q``, ``ρ = I / (T e + bounced)`` and ``φ(u) = u/(1 + u)``
     (Geman and McClure), which bounds the loss of pairs of different albedo. Neither an albedo nor its
-    smoothness enters, so no λ trades it off against the data. Shading is at least 0 since light is. The
-    descent is over the flux from each direction (`unit_of`).
+    smoothness enters, so no λ trades it off against the data. Shading is at least 0 since light is.
     """
     objective = PairObjective(sample, bounced, pairs, scale, settings, len(start))
     how = settings.search
     tolerance = how.slope_tolerance / len(start)  # the mean loss depends on each of G lights by 1/G
-    return descend_above_zero(objective, start, how.max_steps, tolerance, objective.unit)
-
-
-def unit_of(cells: np.ndarray) -> np.ndarray:
-    """Compute the radiance, (M, 1), at which directions of these cells, (M,), send the same flux.
-
-    A sun is thousands of times as bright as the sky, out of a cell as much smaller: beside the sky, a descent
-    over radiance is badly conditioned, and ends far from the lowest, for the slope by the sun's is small.
-    """
-    return (cells.max() / cells)[:, None]
+    return descend_above_zero(objective, start, how.max_steps, tolerance)
 
 
 def disagreement(
@@ -149,7 +139,7 @@ class _Losses:
 
 
 class PairObjective:
-    """Value and gradient of the objective of `light_from_pairs`; `unit` of the light is to descend over."""
+    """Value and gradient of the objective of `light_from_pairs`."""
 
     def __init__(
         self,
@@ -162,7 +152,6 @@ class PairObjective:
     ) -> None:
         self._sample, self._bounced, self._pairs = sample, bounced, pairs
         self._scale, self._settings = scale, settings
-        self.unit = unit_of(sample.cells)
         self._losses = _Losses(sample.image, settings.pairs)
         order = np.argsort(sample.light_of, kind="stable")
         ends = np.searchsorted(sample.light_of[order], np.arange(lights + 1))

@@ -50,5 +50,4 @@ def light_in_gloss(
         weight = how.residual_weight
         return loss + weight * left, slope + weight * strength * own
 
-    tolerance = settings.search.slope_tolerance
-    return descend_above_zero(objective, start, how.max_steps, tolerance, pairs.unit)
+    return descend_above_zero(objective, start, how.max_steps, settings.search.slope_tolerance)

@@ -53,7 +53,7 @@ class Search:
     settings : LightSearchSettings
     rng : numpy.random.Generator
     shown : ShownRadiance or None
-        Of the vertices, where photos in one light show it.
+        Of the vertices; None where they have lights of their own, or no more is known than these pixels.
     """
 
     part: LitScene

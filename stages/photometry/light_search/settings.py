@@ -114,8 +114,8 @@ class SearchSettings(Settings):
     max_steps: int = setting(200, "Steps of L-BFGS-B per scale, at most.", ge=1)
     slope_tolerance: float = setting(
         1e-5,
-        "A descent ends where no partial derivative by a flux, in cells of radiance 1, is larger (per "
-        "light): beyond, light explains differences of albedo.",
+        "A descent ends where no partial derivative by a radiance is larger (per light): beyond, light "
+        "explains differences of albedo.",
         gt=0,
     )
     further_light_share: float = setting(
@@ -155,12 +155,12 @@ class RefinementSettings(Settings):
 
 
 class ReflectanceSettings(Settings):
-    """Settings of the search for what the brightest material reflects, where lights differ or are known."""
+    """Settings of the search for the reflectance of the brightest material."""
 
     usual: float = setting(
         0.6,
         "Typical reflectance of the brightest material of a scene (stone .3 to .6, plaster and paper .8): "
-        "initial value of the search, and of the light beside interreflection that photos show.",
+        "initial value of the search, and of light beside interreflection that photos of all views show.",
         gt=0,
         lt=1,
     )
@@ -226,15 +226,15 @@ class LightSearchSettings(Settings):
     )
     bounces: int = setting(
         4,
-        "Number of interreflections between surfaces; 0: none. Where all views share a light, photos show "
-        "the sum of all, whatever this is beyond 0.",
+        "Number of interreflections between surfaces; 0: none. Where light is found on some views, photos of "
+        "all show the sum of all, whatever this is beyond 0.",
         ge=0,
         le=100,
     )
     brightest: float | None = setting(
         None,
-        "Reflectance of the brightest material; it sets the scale of light against interreflection. none: "
-        "estimated as that under which equal albedos in concavities and outside agree best.",
+        "Reflectance of the brightest material; it sets the scale of interreflection. none: estimated as "
+        "that under which equal albedos in concavities and outside agree best.",
         ge=0.01,
         le=0.95,
     )
@@ -250,7 +250,7 @@ class LightSearchSettings(Settings):
     )
     reflectance: ReflectanceSettings = group(
         ReflectanceSettings,
-        "The search for the reflectance of the brightest material, where lights differ or are known.",
+        "The search for the reflectance of the brightest material, where it is not given.",
     )
     specular_light: SpecularLightSettings = group(
         SpecularLightSettings,

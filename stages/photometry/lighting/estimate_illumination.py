@@ -70,7 +70,6 @@ def find_illumination(
     """
     use_threads(threads)
     photos = ObservationsWithGains.of(views, images, viewing, settings, known_gains, exposures)
-    scenes = photos.lit.with_radiance_shown(scenes)
     far = _from_infinitely_far(photos.lit, scenes[0], step)
     now = _at_best_distance(far, scenes, step).without_specular()
     if now.reflectance is not None and now.light is not far.light:
@@ -91,12 +90,11 @@ def explained_best(left: Sequence[float], how: LightDistanceSettings) -> int:
 
 
 def _from_infinitely_far(photos: Observations, scene: LitScene, step: Step) -> Explanation:
-    """Estimate light from infinity.
+    """Estimate light from infinity, and first what the brightest material reflects.
 
-    Where lights differ, photos do not show the interreflection of each, and what the brightest material
-    reflects is estimated first.
+    Beside interreflection that photos of all surface show, that follows from the light instead.
     """
-    if photos.share_a_light or not photos.settings.reflectance_is_found:
+    if scene.shown is not None or not photos.settings.reflectance_is_found:
         return Explanation(photos, scene, photos.light(scene, step))
     photos = photos.reflecting(photos.settings.reflectance.usual)
     now = _with_reflectance(Explanation(photos, scene, photos.light(scene, step)), step)
@@ -226,7 +224,7 @@ def _as_shadowed(now: Explanation, by_mesh: LitScene, how: ShadowSettings) -> tu
 
 
 def _with_brightest(now: Explanation) -> Explanation:
-    """Compute what the brightest material reflects under a shared light, beside interreflection shown."""
+    """Compute what the brightest material reflects, where that was neither given nor found first."""
     if not now.photos.settings.reflectance_is_found:
         return now
     return replace(now, photos=now.photos.reflecting(now.photos.search(now.scene).brightest(now.light)))

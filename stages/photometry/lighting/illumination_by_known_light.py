@@ -46,7 +46,6 @@ def illumination_by(
         views, images, viewing, settings.model_copy(update={"lights": "shared"}), exposures=exposures
     )
     lit = _with_scale_of(known, photos.lit)
-    (scene,) = lit.with_radiance_shown([scene])
     search = lit.search(scene)
     turn_deg = turn_of(search, known, settings.known_light, step)
     turned = Explanation(lit, scene, light_at(search, known, turn_deg))

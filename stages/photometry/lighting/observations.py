@@ -30,7 +30,6 @@ from stages.photometry.specular.specular_reflection import (
 from stages.photometry.specular.view_differences import Differences, InMirror, MirrorStrength
 from stages.photometry.stack import StackedViews
 from stages.photometry.transport.lit_scenes import LitScene
-from stages.photometry.transport.shown_radiance import ShownRadiance
 
 NEVER = 10.0  # power of `DarkOutlierSettings.ratio` that nothing in a photo reaches
 
@@ -116,19 +115,6 @@ class Observations:
     def reflecting(self, brightest: float) -> Observations:
         """Set the reflectance of the brightest material."""
         return replace(self, settings=self.settings.reflecting(brightest))
-
-    def with_radiance_shown(self, scenes: Sequence[LitScene]) -> list[LitScene]:
-        """Add the radiance that these photos show, for interreflection, if more of them did not tell it.
-
-        Not where there is to be none, nor where views have lights of their own: a photo shows what some
-        surface sends in its own light alone.
-        """
-        if not (self.settings.bounces and self.share_a_light and scenes[0].shown is None):
-            return list(scenes)
-        trusted, blend = self.viewing.trusted.astype(np.float32), scenes[0].pixels.blend
-        seen = blend.T @ (trusted[:, None] * self.diffuse), blend.T @ trusted
-        shown = ShownRadiance.of(scenes[0].proxy, *seen)
-        return [replace(scene, shown=shown) for scene in scenes]
 
     def search(self, scene: LitScene) -> Search:
         """Draw the pixels that the light is estimated from."""

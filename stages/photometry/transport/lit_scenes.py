@@ -38,7 +38,7 @@ class LitScene:
     probes : VisibilityProbes or None
         Of the vertices, for visibility in further directions.
     shown : ShownRadiance or None
-        Of the vertices, where photos in one light show it: for interreflection.
+        Of the vertices, for interreflection, where photos of more views than these in the same light show it.
     """
 
     pixels: DirectionalTransport

@@ -13,26 +13,24 @@ def descend_above_zero(
     start: np.ndarray,
     steps: int,
     settled: float,
-    unit: np.ndarray | float = 1.0,
 ) -> np.ndarray:
     """Minimise over values of at least 0, from a start of any shape, by at most `steps` steps of L-BFGS-B.
 
-    The objective returns its value and its gradient, of the start's shape. The values are descended over in
-    units, broadcast to that shape, in which they should matter alike: the descent ends when no component of
-    the projected gradient in these exceeds `settled`.
+    The objective returns its value and its gradient, of the start's shape. The descent ends when no component
+    of the projected gradient exceeds `settled`.
     """
 
     def flat(values: np.ndarray) -> tuple[float, np.ndarray]:
-        value, slope = objective(unit * values.reshape(start.shape))
-        return value, (unit * slope).ravel()
+        value, slope = objective(values.reshape(start.shape))
+        return value, slope.ravel()
 
     bounds = [(0.0, None)] * start.size
     found = minimize(
         flat,
-        (start / unit).ravel(),
+        start.ravel(),
         jac=True,
         method="L-BFGS-B",
         bounds=bounds,
         options={"maxiter": steps, "gtol": settled},
     )
-    return unit * found.x.reshape(start.shape)
+    return found.x.reshape(start.shape)
