@@ -148,9 +148,9 @@ class Search:
     def settled(self, light: np.ndarray, before: LightEstimate) -> LightEstimate:
         """Scale a light, (G, M, 3), by the reflectance `brightest`, and add its interreflection.
 
-        `brightest` of None keeps the scale: beside radiance that photos show, light is found in their unit.
-        Where lights differ, albedo and interreflection are computed alternately, starting from those before.
-        Without bounces the scale is arbitrary and is kept.
+        `brightest` of None keeps the scale: of a light that is known, or found beside radiance that photos
+        show, in the unit of the images. Without that radiance, albedo and interreflection are computed
+        alternately, starting from those before. Without bounces the scale is arbitrary and is kept.
         """
         now, asked = LightEstimate(light, before.bounced), self.settings.brightest
         if self.shown is not None:
