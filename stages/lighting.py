@@ -209,7 +209,7 @@ def _from_some(job: Job[LightingSettings], scene: Scene) -> bool:
     if how.bounces:  # these views do not show all surface, and so hardly tell what it reflects
         shown = _radiance_shown(job, every, scenes[0].proxy)
         scenes = [replace(one, shown=shown) for one in scenes]
-    with job.progress("steps", _steps(how, len(scenes))) as step:
+    with job.progress("steps", _steps(how.to_begin_with(), len(scenes))) as step:  # no reflectance is tried
         rays = scene.rays(opened.views.cameras, opened.views.masks, job.threads)
         found = find_illumination(
             *seen, scenes, opened.viewing, how, job.threads, step, gains[list(some)], None, rays

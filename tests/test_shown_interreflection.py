@@ -85,7 +85,7 @@ def test_black_surface_bounces_nothing(open_bowl):
 
 
 def beside_a_wall(brightest: float, tint: np.ndarray) -> tuple[LitScene, np.ndarray, np.ndarray]:
-    """A painted sphere under an even sky, every other band of it lit by a wall, too; its photo and albedo.
+    """A painted sphere under a bright sky, every other band of it lit by a wall, too; its photo and albedo.
 
     The bands see half of what the wall shows, which is seen alone and has a tint.
     """

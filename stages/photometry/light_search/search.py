@@ -52,8 +52,6 @@ class Search:
         Of the paired pixels.
     settings : LightSearchSettings
     rng : numpy.random.Generator
-    shown : ShownRadiance or None
-        Of the vertices; None where they have lights of their own, or no more is known than these pixels.
     """
 
     part: LitScene
@@ -65,7 +63,6 @@ class Search:
     sample: Sample
     settings: LightSearchSettings
     rng: np.random.Generator
-    shown: ShownRadiance | None = None
 
     @classmethod
     def of(
@@ -89,8 +86,12 @@ class Search:
         own_image = image[drawn.pixels].astype(np.float64)
         shares = part.pixels.shares(among)
         sample = Sample(own_image, shares, light_of_view[drawn.views], part.pixels.cells)
-        shown = None if further else scene.shown
-        return cls(part, starts, image[chosen], light_of_view, drawn, among, sample, settings, rng, shown)
+        return cls(part, starts, image[chosen], light_of_view, drawn, among, sample, settings, rng)
+
+    @property
+    def shown(self) -> ShownRadiance | None:
+        """Radiance of the vertices, where photos of one light for all views show it."""
+        return None if self.light_of_view.any() else self.part.shown
 
     def even_light(self) -> LightEstimate:
         """Build uniform light: beside the interreflection that photos show, else without any."""
@@ -98,8 +99,8 @@ class Search:
         light = np.ones((count, len(self.part.pixels.directions), 3))
         if self.shown is None:
             return LightEstimate(light, np.zeros((count, vertices, 3), np.float32))
-        asked = self.settings.brightest or self.settings.reflectance.usual
-        return self._scaled(LightEstimate(light, self.shown.interreflection(self.part.proxy)[None]), asked)
+        beside = LightEstimate(light, self.shown.interreflection(self.part.proxy)[None])
+        return self._scaled(beside, self.settings.initial_brightest)
 
     def _scaled(self, now: LightEstimate, brightest: float) -> LightEstimate:
         """Scale one light beside its interreflection, by the reflectance of the brightest material."""

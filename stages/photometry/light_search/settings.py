@@ -271,9 +271,14 @@ class LightSearchSettings(Settings):
         """Set the reflectance of the brightest material."""
         return self.model_copy(update={"brightest": brightest})
 
+    @property
+    def initial_brightest(self) -> float:
+        """Reflectance that a search begins with: `brightest`, else the usual one."""
+        return self.brightest or self.reflectance.usual
+
     def to_begin_with(self: Own) -> Own:
         """Set the usual reflectance as the initial value, unless one is given."""
-        return self if self.brightest is not None else self.reflecting(self.reflectance.usual)
+        return self.reflecting(self.initial_brightest)
 
     def to_compare_reflectances(self: Own) -> Own:
         """Reduce the search to fewer pixels and the finest scale."""

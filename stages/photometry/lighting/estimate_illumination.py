@@ -96,7 +96,7 @@ def _from_infinitely_far(photos: Observations, scene: LitScene, step: Step) -> E
     """
     if scene.shown is not None or not photos.settings.reflectance_is_found:
         return Explanation(photos, scene, photos.light(scene, step))
-    photos = photos.reflecting(photos.settings.reflectance.usual)
+    photos = photos.reflecting(photos.settings.initial_brightest)
     now = _with_reflectance(Explanation(photos, scene, photos.light(scene, step)), step)
     return replace(now, light=now.photos.light(scene, _unnoticed, near=now.light))
 

@@ -256,11 +256,6 @@ class Illumination:
         )
 
 
-def brightest_of(settings: LightingSettings, reflectance: Reflectance | None) -> float:
-    """Return the reflectance of the brightest material, given or estimated; 0 where it is neither."""
-    return settings.brightest or (reflectance.value if reflectance else 0.0)
-
-
 def reflectance_under(
     explained: Explanation,
     light: Callable[[float, LightEstimate], LightEstimate],
@@ -272,8 +267,8 @@ def reflectance_under(
     def left(lights: Sequence[LightEstimate]) -> list[float]:
         return photos.disagreements([scene] * len(lights), lights)
 
-    how = photos.settings.reflectance
-    return reflectance_of(light, left, explained.light, step, photos.settings.brightest or how.usual, how)
+    how = photos.settings
+    return reflectance_of(light, left, explained.light, step, how.initial_brightest, how.reflectance)
 
 
 def _albedo_data(

@@ -14,7 +14,6 @@ from stages.photometry.lighting.illumination import (
     Illumination,
     LightAndShading,
     ObservationsWithGains,
-    brightest_of,
     reflectance_under,
 )
 from stages.photometry.lighting.known_light import KnownLight, light_at, turn_of
@@ -55,7 +54,8 @@ def illumination_by(
     now = _in_finer_directions(now, known, turn_deg, now.photos is not lit)
     step()
     now = replace(now, disagreements=now.photos.disagreements([now.scene], [now.light]))
-    brightest = brightest_of(settings, now.reflectance) if known.scale is None else 0.0
+    asked = settings.brightest or (now.reflectance.value if now.reflectance else 0.0)
+    brightest = asked if known.scale is None else 0.0
     return Illumination.of(now, photos, _in_unit_of(known, now, photos.of_pixel), brightest, turn_deg)
 
 
