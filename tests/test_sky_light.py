@@ -22,11 +22,13 @@ from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights, graph_o
 from stages.photometry.joint.settings import USUAL, FastSettings, Stopping
 from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.light_from_pairs import (
+    PairLoss,
     PairObjective,
     Sample,
     weighted_by_reliability,
 )
 from stages.photometry.light_search.pair_sampling import COLOUR, Pairs, alike_pairs, sample_of
+from stages.photometry.light_search.sampled_shading import SampledShading
 from stages.photometry.light_search.search import Search, disagreements, estimate_light
 from stages.photometry.lighting.estimate_illumination import explained_best, find_illumination
 from stages.photometry.lighting.observations import Observations
@@ -46,6 +48,7 @@ from stages.photometry.stack import StackedViews, stack_views
 from stages.photometry.transport.directional_transport import even_directions
 from stages.photometry.transport.lit_scenes import LitScene
 from stages.photometry.transport.transfer_vectors import Occlusion, Proxy
+from stages.solvers.kernels.threading_layer import use_threads
 from tests.by_sky import BySky, decompose_by_sky
 from tests.sphere_scene import SphereScene, sphere_scene
 
@@ -382,7 +385,7 @@ def test_the_slope_of_what_is_minimised_is_right():
         np.ones(60, np.int32),
     )
     how = FEW.model_copy(update={"neutrality": 0.3, "evenness": 0.2})
-    objective = PairObjective(sample, 0.1 * rng.random((30, 3)), pairs, 0.4, how, 2)
+    objective = PairObjective(sample, 0.1 * rng.random((30, 3)), pairs, 0.4, how)
     light = 0.5 + rng.random((2, 8, 3))
     slope = objective(light)[1]
     for direction in rng.normal(size=(5, 2, 8, 3)):
@@ -391,10 +394,44 @@ def test_the_slope_of_what_is_minimised_is_right():
         assert change == pytest.approx(2 * (step * slope).sum(), rel=0.02, abs=1e-5)
 
 
+def test_the_loss_of_pairs_is_that_of_their_mean_difference_and_its_variance():
+    rng, how, scale = np.random.default_rng(5), FEW.pairs, 0.4
+    image, shading = 0.02 + rng.random((50, 3)), 0.3 + rng.random((50, 3))
+    first, second = rng.integers(0, 50, (2, 700)).astype(np.int32)
+    pairs = Pairs(first, second, rng.random(700) / 350, np.ones(700, np.int32))
+    trust = (image / (image + 2 * how.noise)) ** 2
+    share = trust[first] * trust[second]
+    share /= share.sum(axis=1, keepdims=True)
+    logs = np.log(image) - np.log(shading + how.darkest)
+    apart = logs[first] - logs[second]
+    mean = (share * apart).sum(axis=1, keepdims=True)
+    variance = (share * (apart - mean) ** 2).sum(axis=1)
+    u = (mean[:, 0] ** 2 + how.chroma_weight**2 * variance) / scale**2
+    loss = PairLoss(image, pairs, scale, how)
+    assert loss.mean(shading) == pytest.approx((pairs.weight * u / (1 + u)).sum(), rel=1e-5)
+    assert loss.mean_and_slope(shading)[0] == pytest.approx(loss.mean(shading), rel=1e-12)
+
+
+def test_sampled_shading_is_a_product_of_matrices_and_so_is_its_slope():
+    rng = np.random.default_rng(4)
+    shares, of_light = rng.random((1300, 13)).astype(np.float32), rng.integers(0, 2, 1300)
+    light, bounced, by_shading = rng.random((2, 13, 3)), rng.random((1300, 3)), rng.normal(size=(1300, 3))
+    sampled = SampledShading(shares, of_light)
+    found = []
+    for threads in (1, 2):
+        use_threads(threads)
+        found.append((sampled.beside(bounced, light), sampled.slope_by_light(by_shading, 2)))
+    shading = bounced + np.einsum("pd,pdc->pc", shares, light[of_light])
+    slopes = [shares[of_light == own].T @ by_shading[of_light == own] for own in (0, 1)]
+    assert np.allclose(found[1][0], shading, rtol=1e-5)
+    assert np.allclose(found[1][1], slopes, atol=1e-4)
+    assert all(np.array_equal(one, other) for one, other in zip(*found, strict=True))
+
+
 def test_an_even_neutral_light_costs_nothing_beside_the_pairs():
     sample = Sample(np.ones((2, 3)), np.ones((2, 8), np.float32), np.zeros(2, int), np.full(8, 1 / 8))
     pairs = Pairs(np.array([0], np.int32), np.array([1], np.int32), np.array([1.0]), np.array([1], np.int32))
-    objective = PairObjective(sample, np.zeros((2, 3)), pairs, 0.4, FEW, 1)
+    objective = PairObjective(sample, np.zeros((2, 3)), pairs, 0.4, FEW)
     value, slope = objective(np.ones((1, 8, 1)) * np.array([1.0, 2.0, 0.5]))
     assert value == pytest.approx(0, abs=1e-12)
     assert np.allclose(slope, 0, atol=1e-9)

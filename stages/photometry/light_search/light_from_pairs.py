@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.light_search.pair_loss_kernel import pair_losses
+from stages.photometry.light_search.pair_loss_kernel import shares_of_channels, sum_losses, sum_slopes
 from stages.photometry.light_search.pair_sampling import COLOUR, Pairs
+from stages.photometry.light_search.sampled_shading import SampledShading
 from stages.photometry.light_search.settings import LightSearchSettings, PairSettings
 from stages.photometry.transport.light_priors import colour_contrast, contrast
 from stages.solvers.least_squares.non_negative import descend_above_zero
+
+PARTS = 4  # of the pairs, each summed by a thread of its own; their number changes rounding only
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +73,7 @@ def light_from_pairs(
     (Geman and McClure), which bounds the loss of pairs of different albedo. Neither an albedo nor its
     smoothness enters, so no λ trades it off against the data. Shading is at least 0 since light is.
     """
-    objective = PairObjective(sample, bounced, pairs, scale, settings, len(start))
+    objective = PairObjective(sample, bounced, pairs, scale, settings)
     how = settings.search
     tolerance = how.slope_tolerance / len(start)  # the mean loss depends on each of G lights by 1/G
     return descend_above_zero(objective, start, how.max_steps, tolerance)
@@ -80,7 +83,7 @@ def disagreement(
     image: np.ndarray, shading: np.ndarray, pairs: Pairs, scale: float, how: PairSettings
 ) -> float:
     """Compute the mean loss, 0 to 1, of pairs of pixels, (n, 3), under a shading; see `light_from_pairs`."""
-    return _Losses(image, how).of(shading, pairs, scale)[0]
+    return PairLoss(image, pairs, scale, how).mean(shading)
 
 
 def weighted_by_reliability(
@@ -120,22 +123,39 @@ def reliability(image: np.ndarray, how: PairSettings) -> np.ndarray:
     return (bright / (bright + 2 * how.noise)) ** 2
 
 
-class _Losses:
-    """Loss of pairs of pixels under a shading, and its gradient."""
+class PairLoss:
+    """Loss of pairs of pixels under a shading, ``Σ w φ(u)`` of `light_from_pairs`, and its gradient.
 
-    def __init__(self, image: np.ndarray, how: PairSettings) -> None:
-        image, self._how = image.astype(np.float64), how
+    Parameters
+    ----------
+    image : ndarray, shape (n, 3)
+        Scaled.
+    pairs : Pairs
+    scale : float
+    how : PairSettings
+    """
+
+    def __init__(self, image: np.ndarray, pairs: Pairs, scale: float, how: PairSettings) -> None:
+        image, self._darkest = image.astype(np.float64), how.darkest
         self._logs = np.log(np.maximum(image, how.darkest))
-        self._trust = reliability(image, how)
+        shares = np.empty((len(pairs.first), 3), np.float32)
+        shares_of_channels(reliability(image, how), pairs.first, pairs.second, shares)
+        self._of_pairs = (pairs.first, pairs.second, shares, pairs.weight), scale, how.chroma_weight
 
-    def of(self, shading: np.ndarray, pairs: Pairs, scale: float) -> tuple[float, np.ndarray]:
-        """Compute the mean loss, and its gradient by the shading, (n, 3), float32."""
-        shading = np.maximum(shading.astype(np.float64), 0) + self._how.darkest
-        by_log = np.zeros_like(self._logs)
-        logs = self._logs - np.log(shading)
-        ends = pairs.first, pairs.second, pairs.weight
-        loss = pair_losses(logs, self._trust, *ends, scale, self._how.chroma_weight, by_log)
-        return loss, (-by_log / shading).astype(np.float32)
+    def mean(self, shading: np.ndarray) -> float:
+        """Compute the mean loss under a shading, (n, 3)."""
+        totals = np.empty(PARTS)
+        sum_losses(self._logs - np.log(self._lit(shading)), *self._of_pairs, totals)
+        return float(totals.sum())
+
+    def mean_and_slope(self, shading: np.ndarray) -> tuple[float, np.ndarray]:
+        """Compute the mean loss, and its gradient by the shading, (n, 3)."""
+        lit, totals, slopes = self._lit(shading), np.empty(PARTS), np.zeros((PARTS, *self._logs.shape))
+        sum_slopes(self._logs - np.log(lit), *self._of_pairs, totals, slopes)
+        return float(totals.sum()), -slopes.sum(axis=0) / lit
+
+    def _lit(self, shading: np.ndarray) -> np.ndarray:
+        return np.maximum(shading.astype(np.float64), 0) + self._darkest
 
 
 class PairObjective:
@@ -148,16 +168,10 @@ class PairObjective:
         pairs: Pairs,
         scale: float,
         settings: LightSearchSettings,
-        lights: int,
     ) -> None:
-        self._sample, self._bounced, self._pairs = sample, bounced, pairs
-        self._scale, self._settings = scale, settings
-        self._losses = _Losses(sample.image, settings.pairs)
-        order = np.argsort(sample.light_of, kind="stable")
-        ends = np.searchsorted(sample.light_of[order], np.arange(lights + 1))
-        self._rows = [order[a:b] for a, b in zip(ends, ends[1:], strict=False)]
-        whole = len(self._rows) == 1
-        self._shares = [sample.shares] if whole else [sample.shares[rows] for rows in self._rows]
+        self._sample, self._bounced, self._settings = sample, bounced, settings
+        self._loss = PairLoss(sample.image, pairs, scale, settings.pairs)
+        self._direct = SampledShading(sample.shares, sample.light_of)
 
     def __call__(self, light: np.ndarray) -> tuple[float, np.ndarray]:
         loss, slope = self.disagreement(light)
@@ -169,9 +183,6 @@ class PairObjective:
 
     def disagreement(self, light: np.ndarray) -> tuple[float, np.ndarray]:
         """Compute the loss of the pairs, and its gradient by the light."""
-        shading = self._bounced.copy()
-        for rows, shares, own in zip(self._rows, self._shares, light, strict=True):
-            shading[rows] += shares @ own.astype(np.float32)
-        loss, by_shading = self._losses.of(shading, self._pairs, self._scale)
-        slopes = [shares.T @ by_shading[rows] for rows, shares in zip(self._rows, self._shares, strict=True)]
-        return loss, np.stack(slopes).astype(np.float64)
+        shading = self._direct.beside(self._bounced, light)
+        loss, by_shading = self._loss.mean_and_slope(shading)
+        return loss, self._direct.slope_by_light(by_shading, len(light))

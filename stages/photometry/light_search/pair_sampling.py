@@ -164,13 +164,20 @@ def alike_pairs(
 def _colour_of(albedo: np.ndarray, cell: float) -> np.ndarray:
     """Number the cell of each pixel's chromaticity, (n,)."""
     cells = np.floor(chroma_of(albedo) / cell).astype(np.int64)
-    return np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
+    return _numbered(cells)
 
 
 def _square_of(views: np.ndarray, positions: np.ndarray, side: int, rng: np.random.Generator) -> np.ndarray:
     """Number the square of its view that contains each pixel, (n,); the squares' origin is random."""
     squares = np.column_stack([views, (positions + rng.integers(0, side, 2)) // side])
-    return np.unique(squares, axis=0, return_inverse=True)[1].reshape(-1)
+    return _numbered(squares)
+
+
+def _numbered(rows: np.ndarray) -> np.ndarray:
+    """Number equal rows of integers, (n, k), in their order, (n,): as `np.unique` by rows, but fast."""
+    least = rows.min(axis=0)
+    keys = np.ravel_multi_index((rows - least).T, rows.max(axis=0) - least + 1)
+    return np.unique(keys, return_inverse=True)[1]
 
 
 def _partners(group: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -133,7 +133,7 @@ class Search:
         """Build the objective at the finest scale, with the interreflection of the current light."""
         bounce, finest = self.bounce(now), self.settings.finest_scale
         pairs = self.pairs(now, finest)
-        return PairObjective(self.sample, bounce, pairs, finest, self.settings, len(now.radiance))
+        return PairObjective(self.sample, bounce, pairs, finest, self.settings)
 
     def light(self, step: Callable[[], None], near: LightEstimate | None = None) -> LightEstimate:
         """Estimate the light; arguments as of `estimate_light`."""

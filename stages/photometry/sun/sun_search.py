@@ -10,8 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from stages.photometry.light_search.light_estimate import LightEstimate
-from stages.photometry.light_search.light_from_pairs import disagreement
-from stages.photometry.light_search.pair_sampling import Pairs
+from stages.photometry.light_search.light_from_pairs import PairLoss
 from stages.photometry.light_search.search import Search
 from stages.photometry.sun.pixel_rays import WHOLE, PixelRays
 from stages.photometry.sun.settings import SunSettings
@@ -179,7 +178,7 @@ class _Trial:
 
     search: Search
     rays: PixelRays
-    pairs: Pairs
+    loss: PairLoss
     group: BrightGroup
     rest: np.ndarray  # shading without the group, (n, 3)
     unhidden: np.ndarray  # where nothing but the mesh may hide it, (n,)
@@ -195,13 +194,13 @@ class _Trial:
         hidden: np.ndarray | None = None,
     ) -> _Trial:
         light, sample = found.radiance[0].astype(np.float32), search.sample
-        pairs = search.pairs(found, search.settings.finest_scale)
+        finest, how = search.settings.finest_scale, search.settings.pairs
+        loss = PairLoss(sample.image, search.pairs(found, finest), finest, how)
         rest = sample.shares @ np.where(group.chosen[:, None], 0, light) + search.bounce(found)
         every = np.ones(len(rest), bool)
         unhidden = (every if hidden is None else ~hidden[search.drawn.pixels]).astype(np.float32)
         own = unhidden[:, None] * (sample.shares[:, group.chosen] @ light[group.chosen])
-        trial = cls(search, rays, pairs, group, rest, unhidden, 0.0)
-        return replace(trial, before=trial._disagreement(rest + own))
+        return cls(search, rays, loss, group, rest, unhidden, before=loss.mean(rest + own))
 
     def best(self, steps_deg: Sequence[float], brightness: Sequence[float]) -> Sun:
         """Search from coarse to fine for the direction of least disagreement, at first in brightness, too.
@@ -214,7 +213,7 @@ class _Trial:
             fluxes = [factor * best.flux for factor in brightness]
             for direction, seen in zip(directions, self._received(directions).T, strict=True):
                 for flux in fluxes:
-                    left = self._disagreement(self.rest + seen[:, None] * flux)
+                    left = self.loss.mean(self.rest + seen[:, None] * flux)
                     best = max(best, Sun(direction, flux, 1 - left / self.before), key=lambda sun: sun.gain)
             brightness = (1.0,)
         return best
@@ -226,10 +225,6 @@ class _Trial:
         seen = self.rays.see(directions, self.search.part.sphere, where.normals, pixels, 1)
         received = 4 * arriving(where.normals, where.offsets, directions) * (seen / np.float32(WHOLE))
         return received * self.unhidden[:, None]
-
-    def _disagreement(self, shading: np.ndarray) -> float:
-        how = self.search.settings
-        return disagreement(self.search.sample.image, shading, self.pairs, how.finest_scale, how.pairs)
 
 
 def directions_around(middle: np.ndarray, radius_deg: float, step_deg: float) -> np.ndarray:
