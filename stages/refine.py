@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from stages.scene.cameras import Camera
 
 BYTES_PER_PIXEL = 28  # of views, held
-BYTES_PER_PIXEL_OF_VIEW = 260  # of the one that is compared
+BYTES_PER_PIXEL_OF_VIEW = 260  # of one that is compared: as many at once as threads
 BYTES_PER_VERTEX = 1200
 DIVIDED = 1.6  # vertices over those of a mesh that is made here
 OVERLAP = 2  # views, at least, that see a place of a coarse one
@@ -84,8 +84,11 @@ def estimated_memory(settings: RefineSettings, inputs: Mapping[str, Path], threa
     cameras = cameras_of(read_model(inputs["workspace"] / "sparse"))
     pixels = [camera.width * camera.height for camera in cameras]
     scale = settings.scales[-1] ** 2
-    held = BYTES_PER_PIXEL * min(sum(pixels) // scale, settings.most_pixels)
-    compared = BYTES_PER_PIXEL_OF_VIEW * max(pixels, default=0) // scale
+    sizes = [one // scale for one in pixels]
+    at_once = settings.photos_at_once(sizes, threads)
+    together = at_once * (settings.neighbours + 1) * max(sizes, default=0)
+    held = BYTES_PER_PIXEL * min(sum(sizes), max(settings.most_pixels, together))
+    compared = BYTES_PER_PIXEL_OF_VIEW * at_once * max(sizes, default=0)
     given = inputs["mesh"].stat().st_size // BYTES_OF_VERTEX_IN_FILE
     divided = int(max(DIVIDED * given, sum(pixels) / settings.edge_px**2 / OVERLAP))
     vertices = max(given, min(divided, settings.most_vertices))
@@ -93,13 +96,15 @@ def estimated_memory(settings: RefineSettings, inputs: Mapping[str, Path], threa
 
 
 def within(settings: RefineSettings, memory: int) -> RefineSettings:
-    """Allow half of the memory, bytes, for the vertices, and a third of it for pixels of views."""
+    """Allow half of the memory, bytes, for vertices, a third for pixels of views, the rest for comparing."""
     room = max(memory - BYTES_OF_LIBRARIES, 0)
     vertices = max(room // 2 // BYTES_PER_VERTEX, LEAST_VERTICES)
     pixels = max(room // 3 // BYTES_PER_PIXEL, 1)
+    compared = max(room // 6 // BYTES_PER_PIXEL_OF_VIEW, 1)
     update = {
         "most_vertices": min(settings.most_vertices, vertices),
         "most_pixels": min(settings.most_pixels, pixels),
+        "most_compared_pixels": min(settings.most_compared_pixels, compared),
     }
     return settings.model_copy(update=update)
 
@@ -114,7 +119,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 REFINE = Stage(
     name="refine",
-    version=6,
+    version=7,
     about="The mesh moved until the photos of neighbouring views agree on it.",
     settings=RefineSettings,
     takes=("mesh", "linear", "workspace", "kept"),

@@ -20,7 +20,7 @@ from stages.geometry.rays import RayCaster, as_unit, face_normals, vertex_normal
 from stages.refine import REFINE
 from stages.scene.cameras import Camera, back_project
 from stages.stereo.refinement.compared_photos import Photo, _projection, _rays, _seen_by_other, radiance
-from stages.stereo.refinement.displacement import HeightModel, NormalEquations, Roughness
+from stages.stereo.refinement.displacement import HeightModel, NormalEquations, PixelEquations, Roughness
 from stages.stereo.refinement.folds import without_folds
 from stages.stereo.refinement.refined_surface import refine, widest_relief
 from stages.stereo.refinement.settings import RefineSettings, RoughnessSettings
@@ -85,7 +85,7 @@ def photographs(surface: Surface, views: list[Camera], noise: float = 0.0, even:
     return photos
 
 
-def refined(given: Surface, views: list[Camera], photos, settings=SETTINGS, kept=None):
+def refined(given: Surface, views: list[Camera], photos, settings=SETTINGS, kept=None, threads=1):
     """The last round's result."""
 
     def read(camera: Camera) -> np.ndarray:
@@ -95,7 +95,8 @@ def refined(given: Surface, views: list[Camera], photos, settings=SETTINGS, kept
         return radiance(blocks.mean(axis=(1, 3)), mask, settings.errors)
 
     sources = sources_of_views(given, views, settings.neighbours, settings.pairs, 1)
-    return list(refine(given, widest_relief(given, views, settings), views, sources, read, settings, 1))[-1]
+    widest = widest_relief(given, views, settings)
+    return list(refine(given, widest, views, sources, read, settings, threads))[-1]
 
 
 def angles_deg(surface: Surface, truth: Surface) -> np.ndarray:
@@ -119,8 +120,9 @@ def test_rings_are_the_umbrella_operator():
     values, weights = rng.normal(size=count + 1), rng.uniform(size=count + 1)
     np.testing.assert_allclose(rings.curvature(values), umbrella @ values, atol=1e-12)
     np.testing.assert_allclose(rings.transposed_curvature(values), umbrella.T @ values, atol=1e-12)
-    squared = np.diag(umbrella.T @ np.diag(weights) @ umbrella)
-    np.testing.assert_allclose(rings.squared_curvature_diagonal(weights), squared, atol=1e-12)
+    squared = umbrella.T @ np.diag(weights) @ umbrella
+    np.testing.assert_allclose(rings.squared_curvature(weights, values), squared @ values, atol=1e-12)
+    np.testing.assert_allclose(rings.squared_curvature_diagonal(weights), np.diag(squared), atol=1e-12)
 
 
 def test_ordering_by_neighbours_keeps_the_surface_and_brings_neighbours_together():
@@ -222,7 +224,8 @@ def test_normal_equations_are_those_of_their_pixels():
     shares, curvature, slope = rng.uniform(size=(200, 3)), rng.uniform(size=200), rng.normal(size=200)
     equations = NormalEquations.none(rings)
     corners = surface.faces[faces]
-    equations.add(corners, shares, rings.edges_of_faces[faces], curvature, slope, np.ones(200))
+    edges = rings.edges_of_faces[faces]
+    equations.add(PixelEquations(corners, edges, shares, curvature, slope, np.ones(200)))
     rise = sp.coo_array((shares.ravel(), (np.arange(200).repeat(3), corners.ravel())), (200, 25)).tocsr()
     values = rng.normal(size=25)
     product = rings.product(equations.diagonal, equations.of_edges, values)
@@ -309,6 +312,15 @@ def test_what_is_read_again_is_the_same():
         for pixels in (10**9, 1)
     )
     np.testing.assert_array_equal(held, again)
+
+
+def test_photos_compared_at_once_give_the_same_surface():
+    views, truth, given = cameras(), grid(60, relief), grid(60, flat)
+    photos = photographs(truth, views)
+    how = SETTINGS.model_copy(update={"neighbours": 2, "rounds": 1})
+    alone, together = (refined(given, views, photos, how, threads=threads) for threads in (1, 2))
+    np.testing.assert_array_equal(alone.surface.vertices, together.surface.vertices)
+    assert alone.noise == together.noise
 
 
 def seen_by_other(one: Photo, other: Photo, spread: float = 0.0):
@@ -464,6 +476,16 @@ def test_less_memory_lets_it_divide_less_and_hold_fewer_views():
     assert tight.most_pixels < SETTINGS.most_pixels
     assert REFINE.within(SETTINGS, 10**12) == SETTINGS
     assert REFINE.within(SETTINGS, 1).most_vertices == 1000
+
+
+def test_as_many_photos_are_compared_at_once_as_there_are_threads_views_and_memory_for():
+    sizes = [2_000_000] * 10
+    assert SETTINGS.photos_at_once(sizes, 4) == 4
+    assert SETTINGS.photos_at_once(sizes, 64) == 10
+    tight = REFINE.within(SETTINGS, 4 * 10**9)
+    assert 1 <= tight.photos_at_once(sizes, 64) < 4
+    assert REFINE.within(SETTINGS, 1).photos_at_once(sizes, 64) == 1
+    assert SETTINGS.photos_at_once([], 2) == 1
 
 
 def test_memory_is_estimated_from_its_mesh(tmp_path):

@@ -412,6 +412,24 @@ def test_the_loss_of_pairs_is_that_of_their_mean_difference_and_its_variance():
     assert loss.mean_and_slope(shading)[0] == pytest.approx(loss.mean(shading), rel=1e-12)
 
 
+def test_the_slope_of_the_loss_is_right_where_photos_are_black_and_the_same_on_any_threads():
+    rng = np.random.default_rng(6)
+    image = np.where(rng.random((50, 1)) < 0.5, FEW.pairs.darkest, 0.3) * (0.5 + rng.random((50, 3)))
+    first, second = rng.integers(0, 50, (2, 300)).astype(np.int32)
+    pairs = Pairs(first, second, np.full(300, 1 / 300), np.ones(300, np.int32))
+    loss, shading = PairLoss(image, pairs, 0.4, FEW.pairs), 0.3 + rng.random((50, 3))
+    found = []
+    for threads in (1, 2):
+        use_threads(threads)
+        found.append(loss.mean_and_slope(shading))
+    for direction in rng.normal(size=(5, 50, 3)):
+        step = 1e-5 * direction
+        change = loss.mean(shading + step) - loss.mean(shading - step)
+        assert change == pytest.approx(2 * (step * found[0][1]).sum(), rel=1e-5)
+    assert found[0][0] == found[1][0]
+    assert np.array_equal(found[0][1], found[1][1])
+
+
 def test_sampled_shading_is_a_product_of_matrices_and_so_is_its_slope():
     rng = np.random.default_rng(4)
     shares, of_light = rng.random((1300, 13)).astype(np.float32), rng.integers(0, 2, 1300)

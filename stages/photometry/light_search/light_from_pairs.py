@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.photometry.light_search.pair_loss_kernel import shares_of_channels, sum_losses, sum_slopes
+from stages.photometry.light_search.pair_loss_kernel import share_among_channels, sum_losses, sum_slopes
 from stages.photometry.light_search.pair_sampling import COLOUR, Pairs
 from stages.photometry.light_search.sampled_shading import SampledShading
 from stages.photometry.light_search.settings import LightSearchSettings, PairSettings
 from stages.photometry.transport.light_priors import colour_contrast, contrast
 from stages.solvers.least_squares.non_negative import descend_above_zero
 
-PARTS = 4  # of the pairs, each summed by a thread of its own; their number changes rounding only
+PARTS = 4  # of the pairs: more would have more gradients to add up than threads save
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,19 +139,20 @@ class PairLoss:
         image, self._darkest = image.astype(np.float64), how.darkest
         self._logs = np.log(np.maximum(image, how.darkest))
         shares = np.empty((len(pairs.first), 3), np.float32)
-        shares_of_channels(reliability(image, how), pairs.first, pairs.second, shares)
-        self._of_pairs = (pairs.first, pairs.second, shares, pairs.weight), scale, how.chroma_weight
+        share_among_channels(reliability(image, how), pairs.first, pairs.second, shares)
+        self._pairs = pairs.first, pairs.second, shares, pairs.weight
+        self._scales = scale, how.chroma_weight
 
     def mean(self, shading: np.ndarray) -> float:
         """Compute the mean loss under a shading, (n, 3)."""
         totals = np.empty(PARTS)
-        sum_losses(self._logs - np.log(self._lit(shading)), *self._of_pairs, totals)
+        sum_losses(self._logs - np.log(self._lit(shading)), self._pairs, *self._scales, totals)
         return float(totals.sum())
 
     def mean_and_slope(self, shading: np.ndarray) -> tuple[float, np.ndarray]:
         """Compute the mean loss, and its gradient by the shading, (n, 3)."""
         lit, totals, slopes = self._lit(shading), np.empty(PARTS), np.zeros((PARTS, *self._logs.shape))
-        sum_slopes(self._logs - np.log(lit), *self._of_pairs, totals, slopes)
+        sum_slopes(self._logs - np.log(lit), self._pairs, *self._scales, totals, slopes)
         return float(totals.sum()), -slopes.sum(axis=0) / lit
 
     def _lit(self, shading: np.ndarray) -> np.ndarray:

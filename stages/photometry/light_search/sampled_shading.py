@@ -6,9 +6,10 @@ import numba
 import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401
+from stages.solvers.kernels.equal_parts import part_of
 from stages.solvers.kernels.simd import COUNT, lane_sum, load, spread, store
 
-BLOCKS = 16  # of pixels, each with a sum of slopes of its own: as many on any number of threads
+PARTS = 16  # of the pixels
 
 
 class SampledShading:
@@ -34,14 +35,14 @@ class SampledShading:
 
     def slope_by_light(self, by_shading: np.ndarray, lights: int) -> np.ndarray:
         """Convert a slope by the shading, (n, 3), to that by G lights, (G, M, 3), float64."""
-        sums = np.zeros((BLOCKS, lights, 3, self._shares.shape[1]), np.float32)
+        sums = np.zeros((PARTS, lights, 3, self._shares.shape[1]), np.float32)
         add_slopes(self._shares, self._light_of, by_shading.astype(np.float32), sums)
         return sums.sum(axis=0, dtype=np.float64)[..., : self._directions].transpose(0, 2, 1)
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
     """Append zeros to rows, (…, M), so that lanes divide them."""
-    width = -(-values.shape[-1] // int(COUNT)) * int(COUNT)
+    width = -(-values.shape[-1] // COUNT) * COUNT
     wide = np.zeros((*values.shape[:-1], width), np.float32)
     wide[..., : values.shape[-1]] = values
     return wide
@@ -50,8 +51,8 @@ def _padded(values: np.ndarray) -> np.ndarray:
 @numba.njit(parallel=True, cache=True, nogil=True)
 def add_shading(shares, light_of, lights, shading):
     """Add ``Σ_d share_d e_d`` to the shading of every pixel, in three channels."""
-    for block in numba.prange(BLOCKS):
-        for p in range(*_pixels_of(block, len(shares))):
+    for part in numba.prange(PARTS):
+        for p in range(*part_of(part, PARTS, len(shares))):
             row, light = shares[p], lights[light_of[p]]
             red = green = blue = spread(np.float32(0))
             for d in range(0, len(row), COUNT):
@@ -66,10 +67,10 @@ def add_shading(shares, light_of, lights, shading):
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def add_slopes(shares, light_of, by_shading, sums):
-    """Add ``Σ_p share_pd slope_p`` of every block of pixels to its sums, (16, G, 3, M)."""
-    for block in numba.prange(BLOCKS):
-        for p in range(*_pixels_of(block, len(shares))):
-            row, slope = shares[p], sums[block, light_of[p]]
+    """Add ``Σ_p share_pd slope_p`` of each of P parts of the pixels to its sums, (P, G, 3, M padded)."""
+    for part in numba.prange(PARTS):
+        for p in range(*part_of(part, PARTS, len(shares))):
+            row, slope = shares[p], sums[part, light_of[p]]
             of_red, of_green, of_blue = by_shading[p]
             red, green, blue = spread(of_red), spread(of_green), spread(of_blue)
             for d in range(0, len(row), COUNT):
@@ -77,8 +78,3 @@ def add_slopes(shares, light_of, by_shading, sums):
                 store(slope[0], d, load(slope[0], d) + share * red)
                 store(slope[1], d, load(slope[1], d) + share * green)
                 store(slope[2], d, load(slope[2], d) + share * blue)
-
-
-@numba.njit(inline="always")
-def _pixels_of(block, count):
-    return block * count // BLOCKS, (block + 1) * count // BLOCKS

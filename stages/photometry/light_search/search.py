@@ -10,9 +10,9 @@ import numpy as np
 
 from stages.photometry.light_search.light_estimate import LightEstimate
 from stages.photometry.light_search.light_from_pairs import (
+    PairLoss,
     PairObjective,
     Sample,
-    disagreement,
     light_from_pairs,
     weighted_by_reliability,
 )
@@ -128,6 +128,10 @@ class Search:
             rows = self.sample.light_of == own
             out[rows] = product(self.part.pixels.blend[self.among[rows]], bounce)
         return out
+
+    def loss(self, pairs: Pairs, scale: float) -> PairLoss:
+        """Build the loss of pairs of the sample, to compare several lights by."""
+        return PairLoss(self.sample.image, pairs, scale, self.settings.pairs)
 
     def objective(self, now: LightEstimate) -> PairObjective:
         """Build the objective at the finest scale, with the interreflection of the current light."""
@@ -258,7 +262,5 @@ def disagreements(
     ]
     draws = [drawn.pairs(own / np.maximum(shading, NO_LIGHT), rng) for shading in shadings]
     scale = settings.finest_scale
-    return [
-        float(np.mean([disagreement(own, shading, pairs, scale, how) for pairs in draws]))
-        for shading in shadings
-    ]
+    losses = [PairLoss(own, pairs, scale, how) for pairs in draws]
+    return [float(np.mean([loss.mean(shading) for loss in losses])) for shading in shadings]

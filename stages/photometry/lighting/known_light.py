@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from stages.photometry.light_search.light_estimate import LightEstimate
-from stages.photometry.light_search.light_from_pairs import disagreement
-from stages.photometry.light_search.pair_sampling import Pairs
+from stages.photometry.light_search.light_from_pairs import PairLoss
 from stages.photometry.light_search.search import Search
 from stages.photometry.lighting.settings import KnownLightSettings
 from stages.photometry.transport.environment import turned_light
@@ -102,37 +101,36 @@ def turn_of(search: Search, known: KnownLight, how: KnownLightSettings, step: Ca
         return known.turn_deg
     known, directions = known.reduced(how.picture_rows), search.part.pixels.directions
     finest, turns = search.settings.finest_scale, np.arange(0, 360, how.turn_step_deg)
-    pairs, left = [search.pairs(None, finest)], []
+    losses, left = [search.loss(search.pairs(None, finest), finest)], []
     for turn in turns:
-        left.append(_loss(search, known.radiance(directions, float(turn)), None, pairs))
+        left.append(_mean_loss(search, known.radiance(directions, float(turn)), None, losses))
         step()
     finalists, lights = turns[_lowest(np.array(left), how.finalists)], []
     for turn in finalists:
         lights.append(light_at(search, known, turn))
         step()
-    pairs = [search.pairs(light, finest) for light in lights]
+    losses = [search.loss(search.pairs(light, finest), finest) for light in lights]
     bounces = [search.bounce(light) for light in lights]
     left = [
-        _loss(search, light.radiance[0], indirect, pairs)
+        _mean_loss(search, light.radiance[0], indirect, losses)
         for light, indirect in zip(lights, bounces, strict=True)
     ]
     best = int(np.argmin(left))
     middle, light, indirect = finalists[best], lights[best].radiance[0], bounces[best]
     factor = light.sum(axis=0) / np.maximum(known.radiance(directions, middle).sum(axis=0), NO_LIGHT)
     near = middle + np.arange(1 - how.turn_step_deg, how.turn_step_deg, how.fine_turn_step_deg)
-    left = [_loss(search, factor * known.radiance(directions, turn), indirect, pairs) for turn in near]
+    left = [_mean_loss(search, factor * known.radiance(directions, turn), indirect, losses) for turn in near]
     return float(near[np.argmin(left)] % 360)
 
 
-def _loss(search: Search, light: np.ndarray, indirect: np.ndarray | None, pairs: list[Pairs]) -> float:
+def _mean_loss(
+    search: Search, light: np.ndarray, indirect: np.ndarray | None, losses: list[PairLoss]
+) -> float:
     """Compute the loss of pairs under light (M, 3), averaged over several draws of them."""
-    sample, settings = search.sample, search.settings
-    shading = sample.shares @ light.astype(np.float32)
+    shading = search.sample.shares @ light.astype(np.float32)
     if indirect is not None:
         shading = shading + indirect
-    compared = (settings.finest_scale, settings.pairs)
-    own = [disagreement(sample.image, shading, drawn, *compared) for drawn in pairs]
-    return float(np.mean(own))
+    return float(np.mean([loss.mean(shading) for loss in losses]))
 
 
 def _lowest(left: np.ndarray, count: int) -> np.ndarray:

@@ -194,8 +194,8 @@ class _Trial:
         hidden: np.ndarray | None = None,
     ) -> _Trial:
         light, sample = found.radiance[0].astype(np.float32), search.sample
-        finest, how = search.settings.finest_scale, search.settings.pairs
-        loss = PairLoss(sample.image, search.pairs(found, finest), finest, how)
+        finest = search.settings.finest_scale
+        loss = search.loss(search.pairs(found, finest), finest)
         rest = sample.shares @ np.where(group.chosen[:, None], 0, light) + search.bounce(found)
         every = np.ones(len(rest), bool)
         unhidden = (every if hidden is None else ~hidden[search.drawn.pixels]).astype(np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -10,6 +11,30 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from stages.stereo.refinement.settings import RefineSettings, RoughnessSettings
 from stages.stereo.refinement.vertex_rings import VertexRings
+
+
+@dataclass(frozen=True, eq=False)
+class PixelEquations:
+    """What pixels of a photo say of the heights at the corners of their faces.
+
+    Attributes
+    ----------
+    faces, edges : ndarray, shape (n, 3), int32
+        Corners and edges of each pixel's face.
+    shares : ndarray, shape (n, 3), float64
+        By how much the surface at the pixel rises, model units, with each corner's height in footprints.
+    curvature, slope : ndarray, shape (n,), float64
+        As `PixelTerms`.
+    noise : ndarray, shape (n,), float64
+        A standard normal sample.
+    """
+
+    faces: np.ndarray
+    edges: np.ndarray
+    shares: np.ndarray
+    curvature: np.ndarray
+    slope: np.ndarray
+    noise: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,30 +64,10 @@ class NormalEquations:
         vertices = len(rings.first) - 1
         return cls(np.zeros(vertices), np.zeros(rings.edge_count), np.zeros(vertices), np.zeros(vertices))
 
-    def add(
-        self,
-        faces: np.ndarray,
-        shares: np.ndarray,
-        edges_of_faces: np.ndarray,
-        curvature: np.ndarray,
-        slope: np.ndarray,
-        noise: np.ndarray,
-    ) -> None:
-        """Add pixels, each to the corners of its face.
-
-        Parameters
-        ----------
-        faces, edges_of_faces : ndarray, shape (n, 3), int32
-            Of each pixel's face.
-        shares : ndarray, shape (n, 3), float64
-            By how much the surface at the pixel rises, model units, with each corner's height in footprints.
-        curvature, slope : ndarray, shape (n,), float64
-            As `PixelTerms`.
-        noise : ndarray, shape (n,), float64
-            A standard normal sample.
-        """
+    def add(self, pixels: PixelEquations) -> None:
+        """Add pixels, each to the corners of its face."""
         _add_pixels(
-            *(faces, shares, edges_of_faces, curvature, slope, noise),
+            *(pixels.faces, pixels.shares, pixels.edges, pixels.curvature, pixels.slope, pixels.noise),
             *(self.diagonal, self.of_edges, self.slope, self.sample),
         )
 
@@ -154,8 +159,7 @@ class HeightModel:
         2010).
         """
         bent, held = rng.standard_normal((2, len(self.equations.diagonal)))
-        rough = self.roughness
-        spread = self.rings.transposed_curvature(np.sqrt(rough.stiffness * rough.weights) * bent)
+        spread = self.rings.transposed_curvature(np.sqrt(self._stiffnesses) * bent)
         return self._solved(self.equations.sample + spread + np.sqrt(self._hold) * held)
 
     @property
@@ -163,16 +167,19 @@ class HeightModel:
         """Inverse variance of each height by itself, (V,): never none, or what no photo shows would drift."""
         return self.roughness.hold + self.settings.hold
 
+    @cached_property
+    def _stiffnesses(self) -> np.ndarray:
+        return self.roughness.stiffness * self.roughness.weights
+
     def _bent(self, values: np.ndarray) -> np.ndarray:
         """Apply the roughness' matrix, ``stiffness Lᵀ W L``."""
-        weighted = self.roughness.weights * self.rings.curvature(values)
-        return self.roughness.stiffness * self.rings.transposed_curvature(weighted)
+        return self.rings.squared_curvature(self._stiffnesses, values)
 
     def _solved(self, right: np.ndarray) -> np.ndarray:
         """Solve the system for a right side, (V,), as far as the settings' steps reach."""
-        rings, equations, rough, settings = self.rings, self.equations, self.roughness, self.settings
+        rings, equations, settings = self.rings, self.equations, self.settings
         diagonal = equations.diagonal + self._hold
-        inverse = 1 / (diagonal + rough.stiffness * rings.squared_curvature_diagonal(rough.weights))
+        inverse = 1 / (diagonal + rings.squared_curvature_diagonal(self._stiffnesses))
 
         def applied(values: np.ndarray) -> np.ndarray:
             return rings.product(diagonal, equations.of_edges, values) + self._bent(values)

@@ -9,19 +9,16 @@ from functools import lru_cache
 import numpy as np
 
 from stages.formats.meshes.triangle_meshes import Surface, joined
-from stages.geometry.rays import RayCaster, as_unit, face_normals, vertex_normals
+from stages.geometry.rays import as_unit, face_normals, vertex_normals
 from stages.geometry.short_edges import with_short_edges
 from stages.scene.cameras import Camera, smallest_footprints
-from stages.stereo.refinement.compared_photos import Photo, compare
-from stages.stereo.refinement.displacement import HeightModel, NormalEquations, Roughness
+from stages.stereo.refinement.compared_views import Comparison, ViewsOfSurface
+from stages.stereo.refinement.displacement import HeightModel, Roughness
 from stages.stereo.refinement.folds import without_folds
 from stages.stereo.refinement.settings import RefineSettings
 from stages.stereo.refinement.slivers import without_slivers
 from stages.stereo.refinement.vertex_order import ordered_by_neighbours
 from stages.stereo.refinement.vertex_rings import VertexRings
-
-MEDIAN_SQUARE = 0.455  # of a standard normal variable
-MISFITS_OF_VIEW = 20_000  # residuals of a view, about, that the noise is measured from
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +95,9 @@ def refine(
         held = max(settings.most_pixels // max(c.width * c.height for c in scaled), settings.neighbours + 1)
         radiance_of = lru_cache(held)(radiance_at)
         for number in range(settings.rounds):
-            views = _Views.of(scaled, radiance_of, now, held, settings.occlusion, threads)
-            equations, measured = _equations(views, sources, rings, directions, noise, number, settings)
+            views = ViewsOfSurface.of(scaled, radiance_of, now, held, settings.occlusion, threads)
+            comparison = Comparison(views, sources, rings, directions, noise, number, settings)
+            equations, measured = comparison.summed(threads)
             noise = max(noise * measured, settings.errors.least)
             model = HeightModel(rings, equations, roughness, settings)
             found, known = model.most_probable(heights), equations.diagonal > settings.hold
@@ -108,81 +106,10 @@ def refine(
                 left_open = model.sample(np.random.default_rng([number, len(cameras)]))
                 roughness = roughness.measured(rings, heights, left_open, known, settings.roughness)
             now = Surface(whole.vertices + heights[:, None] * directions, whole.faces)
-            del views, equations, model  # the rays' tree, before that of the next round is made
+            del views, comparison, equations, model  # the rays' tree, before that of the next round is made
             moved = float(np.sqrt(np.mean(heights[known] ** 2))) if known.any() else 0.0
             refined = Surface(now.vertices[number_in_whole], surface.faces)
             yield Round(refined, noise, moved, roughness.stiffness * edge**2, float(known.mean()))
-
-
-@dataclass(frozen=True, eq=False)
-class _Views:
-    """Views of a surface: photos by number, some of them held; and unit normals of its faces, (F, 3)."""
-
-    cameras: list[Camera]
-    photo: Callable[[int], Photo]
-    surface: Surface
-    normals: np.ndarray
-
-    @classmethod
-    def of(
-        cls,
-        cameras: list[Camera],
-        radiance_of: Callable[[Camera], np.ndarray],
-        surface: Surface,
-        held: int,
-        occlusion: float,
-        threads: int,
-    ) -> _Views:
-        """Prepare the rays onto a surface; photos are read and cast when they are asked for."""
-        caster = RayCaster(surface)
-
-        def photo(view: int) -> Photo:
-            camera = cameras[view]
-            return Photo.unmixed(camera, radiance_of(camera), caster.hits(camera, threads), occlusion)
-
-        normals = as_unit(face_normals(surface.vertices, surface.faces))
-        return cls(cameras, lru_cache(held)(photo), surface, normals)
-
-    def normals_in(self, photo: Photo) -> np.ndarray:
-        """Find the normals of the faces that a photo's rays meet, towards its camera, (h, w, 3)."""
-        hits = photo.hits
-        normals = self.normals[np.where(hits.mask, hits.triangles, 0)]
-        normals[hits.behind] *= -1
-        return normals
-
-
-def _equations(
-    views: _Views,
-    sources: Sequence[Sequence[int]],
-    rings: VertexRings,
-    directions: np.ndarray,
-    noise: float,
-    seed: int,
-    settings: RefineSettings,
-) -> tuple[NormalEquations, float]:
-    """Sum up the normal equations of all photos, and measure residuals' variance over the assumed one."""
-    equations, misfits = NormalEquations.none(rings), []
-    for number in range(len(views.cameras)):
-        photo, others = views.photo(number), [views.photo(other) for other in sources[number]]
-        hits, normals = photo.hits, views.normals_in(photo)
-        terms = compare(photo, normals, others, noise, settings)
-        compared = terms.curvature > 0
-        if not compared.any():
-            continue
-        triangles, (u, v) = hits.triangles[compared], hits.barycentric[compared].T.astype(np.float64)
-        corners = views.surface.faces[triangles]
-        rise = np.einsum("nck,nk->nc", directions[corners], normals[compared])
-        rng = np.random.default_rng([seed, number])
-        equations.add(
-            corners,
-            np.stack([1 - u - v, u, v], axis=1) * rise,
-            rings.edges_of_faces[triangles],
-            *(terms.curvature[compared], terms.slope[compared], rng.standard_normal(len(corners))),
-        )
-        every = max(len(terms.misfits) // MISFITS_OF_VIEW, 1)
-        misfits.append(terms.misfits[::every])
-    measured = float(np.median(np.concatenate(misfits))) / MEDIAN_SQUARE if misfits else 1.0
-    return equations, measured
 
 
 def remeshed(surface: Surface, cameras: Sequence[Camera], settings: RefineSettings) -> Surface:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
@@ -218,6 +219,14 @@ class RefineSettings(Settings):
         changes_result=False,
         ge=1,
     )
+    most_compared_pixels: int = setting(
+        20_000_000,
+        "Pixels of the photos that are compared with others at once, each on a thread of its own; one at "
+        "least.",
+        unit="px",
+        changes_result=False,
+        ge=1,
+    )
     solver_steps: int = setting(
         60, "Steps of conjugate gradients in a round; more rounds are worth more than more steps.", ge=1
     )
@@ -236,3 +245,8 @@ class RefineSettings(Settings):
         if list(scales) != sorted(set(scales), reverse=True):
             raise ValueError("scales that descend, as in [4, 2, 1]")
         return scales
+
+    def photos_at_once(self, sizes_px: Sequence[int], threads: int) -> int:
+        """Count the photos, of these numbers of pixels, that are compared at once on so many threads."""
+        largest = max(sizes_px, default=1)
+        return max(1, min(threads, len(sizes_px), self.most_compared_pixels // largest))

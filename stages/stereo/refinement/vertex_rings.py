@@ -69,6 +69,12 @@ class VertexRings:
         """Multiply values, (V,), by the symmetric matrix of this diagonal, (V,), and of edges, (E,)."""
         return _product(self.first, self.neighbours, self.edges, diagonal, of_edges, values)
 
+    def squared_curvature(self, weights: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Apply ``Lᵀ W L`` to values, (V,), W of these weights, (V,)."""
+        weighted, shared = np.empty_like(values), np.empty_like(values)
+        _weigh_curvature(self.first, self.neighbours, weights, values, weighted, shared)
+        return _transposed_curvature(self.first, self.neighbours, weighted, shared)
+
     def squared_curvature_diagonal(self, weights: np.ndarray) -> np.ndarray:
         """Compute the diagonal of ``Lᵀ W L``, W of these weights, (V,)."""
         return _squared_curvature_diagonal(self.first, self.neighbours, weights)
@@ -84,6 +90,19 @@ def _averaged(first, neighbours, values):
             total += values[neighbours[k]]
         found[v] = total / (end - begin) if end > begin else values[v]
     return found
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _weigh_curvature(first, neighbours, weights, values, weighted, shared):
+    """Compute ``W L x``, and each vertex's share of it over its neighbours."""
+    for v in numba.prange(len(values)):
+        begin, end = first[v], first[v + 1]
+        total = 0.0
+        for k in range(begin, end):
+            total += values[neighbours[k]]
+        count = max(end - begin, 1)
+        weighted[v] = weights[v] * (values[v] - total / count) if end > begin else 0.0
+        shared[v] = weighted[v] / count
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
