@@ -176,19 +176,26 @@ class HeightModel:
         return self.rings.squared_curvature(self._stiffnesses, values)
 
     def _solved(self, right: np.ndarray) -> np.ndarray:
-        """Solve the system for a right side, (V,), as far as the settings' steps reach."""
-        rings, equations, settings = self.rings, self.equations, self.settings
-        diagonal = equations.diagonal + self._hold
-        inverse = 1 / (diagonal + rings.squared_curvature_diagonal(self._stiffnesses))
+        """Solve the system for a right side, (V,), as far as the settings' steps reach.
+
+        In single precision: the steps wait for memory, and heights are wanted to a thousandth of a pixel.
+        """
+        rings, settings, single = self.rings, self.settings, np.float32
+        diagonal = self.equations.diagonal + self._hold
+        inverse = (1 / (diagonal + rings.squared_curvature_diagonal(self._stiffnesses))).astype(single)
+        diagonal, stiffnesses = diagonal.astype(single), self._stiffnesses.astype(single)
+        of_neighbours = self.equations.of_edges.astype(single)[rings.edges]
 
         def applied(values: np.ndarray) -> np.ndarray:
-            return rings.product(diagonal, equations.of_edges, values) + self._bent(values)
+            product = rings.product(diagonal, of_neighbours, values)
+            product += rings.squared_curvature(stiffnesses, values)
+            return product
 
-        shape = (len(right), len(right))
-        system = LinearOperator(shape, matvec=applied, dtype=np.float64)
-        jacobi = LinearOperator(shape, matvec=lambda values: inverse * values, dtype=np.float64)
+        shape, right = (len(right), len(right)), right.astype(single)
+        system = LinearOperator(shape, matvec=applied, dtype=single)
+        jacobi = LinearOperator(shape, matvec=lambda values: inverse * values, dtype=single)
         found, _ = cg(system, right, rtol=settings.solver_tolerance, maxiter=settings.solver_steps, M=jacobi)
-        return found
+        return found.astype(np.float64)
 
 
 @numba.njit(cache=True, nogil=True)

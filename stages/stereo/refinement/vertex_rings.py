@@ -65,9 +65,9 @@ class VertexRings:
         """Count the neighbours of every vertex, (V,); 1 where there are none, which no one gathers."""
         return np.maximum(np.diff(self.first), 1)
 
-    def product(self, diagonal: np.ndarray, of_edges: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Multiply values, (V,), by the symmetric matrix of this diagonal, (V,), and of edges, (E,)."""
-        return _product(self.first, self.neighbours, self.edges, diagonal, of_edges, values)
+    def product(self, diagonal: np.ndarray, of_neighbours: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Multiply values, (V,), by a symmetric matrix: its diagonal, (V,), and of neighbours, (2 E,)."""
+        return _product(self.first, self.neighbours, diagonal, of_neighbours, values)
 
     def squared_curvature(self, weights: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Apply ``Lᵀ W L`` to values, (V,), W of these weights, (V,)."""
@@ -117,12 +117,12 @@ def _transposed_curvature(first, neighbours, values, shared):
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _product(first, neighbours, edges, diagonal, of_edges, values):
+def _product(first, neighbours, diagonal, of_neighbours, values):
     found = np.empty_like(values)
     for v in numba.prange(len(values)):
         total = diagonal[v] * values[v]
         for k in range(first[v], first[v + 1]):
-            total += of_edges[edges[k]] * values[neighbours[k]]
+            total += of_neighbours[k] * values[neighbours[k]]
         found[v] = total
     return found
 
