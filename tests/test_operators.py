@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stages.solvers.kernels.sparse_rows import product
+from stages.solvers.kernels.unit_vectors import as_unit
 from stages.solvers.least_squares.conjugate_gradient import conjugate_gradient
 from stages.solvers.least_squares.correspondence_operator import correspondence_matrix
 from stages.solvers.least_squares.difference_operators import difference_matrices, first_pixels, neighbours
@@ -248,3 +249,14 @@ def test_products_on_all_threads_have_the_bits_of_scipys(seed):
         dense = rng.standard_normal((30, width)).astype(np.float32)
         assert np.array_equal(product(sparse, dense), sparse @ dense)
         assert np.array_equal(product(sparse, dense, slice(7, 19)), sparse[7:19] @ dense)
+
+
+@pytest.mark.parametrize("precision", [np.float32, np.float64])
+def test_unit_vectors_have_the_bits_of_numpy_and_zeros_stay_zero(precision):
+    rng = np.random.default_rng(7)
+    vectors = (rng.normal(size=(500, 3)) * 10.0 ** rng.uniform(-6, 6, (500, 1))).astype(precision)
+    vectors[0], vectors[1] = 0, np.nan
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    expected = vectors / np.where(length > 0, length, 1)
+    np.testing.assert_array_equal(as_unit(vectors), expected)
+    assert as_unit(vectors).dtype == precision

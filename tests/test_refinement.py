@@ -16,9 +16,10 @@ from pipeline.config import check_settings
 from stages import additions
 from stages.formats.artefacts.camera_file import write_cameras
 from stages.formats.meshes.triangle_meshes import Surface, from_open3d, read_mesh
-from stages.geometry.rays import RayCaster, as_unit, face_normals, vertex_normals
+from stages.geometry.rays import RayCaster, face_normals, vertex_normals
 from stages.refine import REFINE
 from stages.scene.cameras import Camera, back_project
+from stages.solvers.kernels.unit_vectors import as_unit
 from stages.stereo.refinement.compared_photos import Photo, _projection, _rays, _seen_by_other, radiance
 from stages.stereo.refinement.displacement import HeightModel, NormalEquations, PixelEquations, Roughness
 from stages.stereo.refinement.folds import without_folds

@@ -12,7 +12,7 @@ LEAST_TRUST = 1e-9  # of all channels of a pair together; pairs that are nearly 
 
 @numba.njit(cache=True, parallel=True, nogil=True)
 def share_among_channels(trust, first, second, shares):
-    """Compute how much each channel counts in the difference of a pair, (m, 3): the parts of at most 1."""
+    """Compute each channel's share in a pair's difference, (m, 3); they sum to 1, or less if it is black."""
     for k in numba.prange(first.size):
         one, other = trust[first[k]], trust[second[k]]
         red, green, blue = one[0] * other[0], one[1] * other[1], one[2] * other[2]

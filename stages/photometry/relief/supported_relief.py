@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.photometry.relief.settings import ReliefSettings
-from stages.photometry.relief.vertex_smoothing import VertexSmoothing, as_unit
+from stages.photometry.relief.vertex_smoothing import VertexSmoothing
+from stages.solvers.kernels.unit_vectors import as_unit
 
 CORNERS = 8  # of a cube
 

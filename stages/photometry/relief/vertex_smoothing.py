@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from stages.formats.meshes.triangle_meshes import Surface
+from stages.solvers.kernels.unit_vectors import as_unit
 
 RING = 6 / 7  # mean squared distance, in edges, of a vertex and its six neighbours
 
@@ -73,12 +74,6 @@ class VertexSmoothing:
         for _ in range(count):
             values = once(values)
         return values
-
-
-def as_unit(vectors: np.ndarray) -> np.ndarray:
-    """Scale vectors, (n, 3), to length 1; zeros stay zero."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(length > 0, length, 1)
 
 
 def radii_of(steps: Sequence[int], edge: float) -> list[float]:

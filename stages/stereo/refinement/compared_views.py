@@ -9,10 +9,11 @@ from functools import lru_cache, partial
 import numpy as np
 
 from stages.formats.meshes.triangle_meshes import Surface
-from stages.geometry.rays import RayCaster, as_unit, face_normals
+from stages.geometry.rays import RayCaster, face_normals
 from stages.scene.cameras import Camera
 from stages.solvers.kernels.pixelwise import on_threads
 from stages.solvers.kernels.threading_layer import loops_may_run_at_once, use_threads
+from stages.solvers.kernels.unit_vectors import as_unit
 from stages.stereo.refinement.compared_photos import Photo, PixelTerms, compare
 from stages.stereo.refinement.displacement import NormalEquations, PixelEquations
 from stages.stereo.refinement.settings import RefineSettings

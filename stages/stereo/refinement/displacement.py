@@ -149,7 +149,8 @@ class HeightModel:
     def most_probable(self, heights: np.ndarray) -> np.ndarray:
         """Find the most probable heights near those at hand, (V,), by conjugate gradients (Jacobi)."""
         settings = self.settings
-        move = self._solved(-(self.equations.slope + self._bent(heights) + self._hold * heights))
+        bent = self.rings.squared_curvature(self._stiffnesses, heights)
+        move = self._solved(-(self.equations.slope + bent + self._hold * heights))
         return heights + np.clip(move, -settings.largest_move, settings.largest_move)
 
     def sample(self, rng: np.random.Generator) -> np.ndarray:
@@ -169,11 +170,8 @@ class HeightModel:
 
     @cached_property
     def _stiffnesses(self) -> np.ndarray:
+        """Stiffness at each vertex, (V,): W of the roughness' matrix ``Lᵀ W L``."""
         return self.roughness.stiffness * self.roughness.weights
-
-    def _bent(self, values: np.ndarray) -> np.ndarray:
-        """Apply the roughness' matrix, ``stiffness Lᵀ W L``."""
-        return self.rings.squared_curvature(self._stiffnesses, values)
 
     def _solved(self, right: np.ndarray) -> np.ndarray:
         """Solve the system for a right side, (V,), as far as the settings' steps reach.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from stages.formats.meshes.triangle_meshes import Surface
-from stages.geometry.rays import as_unit, face_normals
+from stages.geometry.rays import face_normals
+from stages.solvers.kernels.unit_vectors import as_unit
 from stages.stereo.refinement.settings import FoldSettings
 
 

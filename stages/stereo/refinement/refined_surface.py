@@ -9,9 +9,10 @@ from functools import lru_cache
 import numpy as np
 
 from stages.formats.meshes.triangle_meshes import Surface, joined
-from stages.geometry.rays import as_unit, face_normals, vertex_normals
+from stages.geometry.rays import face_normals, vertex_normals
 from stages.geometry.short_edges import with_short_edges
 from stages.scene.cameras import Camera, smallest_footprints
+from stages.solvers.kernels.unit_vectors import as_unit
 from stages.stereo.refinement.compared_views import Comparison, ViewsOfSurface
 from stages.stereo.refinement.displacement import HeightModel, Roughness
 from stages.stereo.refinement.folds import without_folds
