@@ -23,7 +23,7 @@ from stages.solvers.primal_dual.anchor import DATA_NOTCH, EDGE_NOTCH
 from stages.solvers.primal_dual.duality_gap import UNIT
 
 CHUNK = np.uint64(32)  # slices whose pulls stay in the nearest cache
-FORESIGHT = np.uint64(16)  # rows of half-edges to prefetch: neighbours in other views are far in memory
+FORESIGHT = np.uint64(64)  # rows of half-edges to prefetch: neighbours in other views are far in memory
 WHOLE = np.float32(1)  # weight of the iterate without an anchor
 TWICE = np.float32(2) * UNIT  # range of 16 bits
 
