@@ -110,7 +110,7 @@ def gather_channels(typingctx, array, pixels, place):
 
 @intrinsic
 def prefetch_pixels(typingctx, array, pixels, place):
-    """Prefetch the eight pixels ``pixels[place:place + 8]`` into the second cache: the first is small."""
+    """Prefetch the eight pixels ``pixels[place:place + 8]`` into the L2 cache; L1 is too small."""
 
     def emit(context, builder, signature, arguments):
         origin = context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -118,11 +118,11 @@ def prefetch_pixels(typingctx, array, pixels, place):
         byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
         prefetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
-        to_read, second, data = number(0), number(2), number(1)
+        to_read, l2_cache, data = number(0), number(2), number(1)
         for lane in range(COUNT):
             pixel = builder.load(builder.gep(first, [_WIDTH(lane)]))
             at = builder.gep(origin, [builder.shl(builder.zext(pixel, _WIDTH), _WIDTH(2))])
-            builder.call(prefetch, [builder.bitcast(at, byte), to_read, second, data])
+            builder.call(prefetch, [builder.bitcast(at, byte), to_read, l2_cache, data])
         return context.get_dummy_value()
 
     return types.void(array, pixels, place), emit
