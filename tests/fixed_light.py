@@ -13,7 +13,7 @@ from stages.solvers.primal_dual.half_edges import HalfEdges
 from stages.solvers.primal_dual.problem import Problem, Steps
 from stages.solvers.primal_dual.sliced_graph import sliced_graph, slices_of
 
-STEPS = replace(steps_of(FastSettings()), scale=0.1)
+STEPS = replace(steps_of(FastSettings(), known_light=False), scale=0.1)
 
 
 def fixed_light(graph: HalfEdges, image: np.ndarray, shading: np.ndarray, steps: Steps = STEPS) -> PrimalDual:

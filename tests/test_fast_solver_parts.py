@@ -162,7 +162,7 @@ def random_shading(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarr
 
 
 # Duals of 16 bits then resolve 1e-6, and the second half of the iterations is not drawn back.
-DEFAULT = steps_of(FastSettings())
+DEFAULT = steps_of(FastSettings(), known_light=False)
 FINE = replace(STEPS, scale=0.01, epoch=3000)
 
 

@@ -72,7 +72,7 @@ def constant(descent: PrimalDual) -> PrimalDual:
     """Start the same problem from a constant albedo, the mean of the image."""
     problem = descent.problem
     albedo = np.broadcast_to(problem.image.mean(axis=(0, 2), keepdims=True), problem.image.shape).copy()
-    return PrimalDual(problem, albedo, descent.light, steps_of(FastSettings()))
+    return PrimalDual(problem, albedo, descent.light, steps_of(FastSettings(), known_light=False))
 
 
 def rows(problem: RaceProblem, found: dict[str, FastDescent]) -> Iterator[str]:

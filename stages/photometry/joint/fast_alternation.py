@@ -125,11 +125,14 @@ def from_coarse_to_fine(
     del finest  # frees each level once it is arranged
     give_back_free_memory()
     groups = [level.group for level in levels if level.group is not None]  # the finest has none
-    iterations = how.coarse_iterations_in(known_light=light is not None)
+    course = how.course(known_light=light is not None)
     use_threads(threads_for(levels[0].pixels, threads))
     descent = start(levels.pop(0), how) if light is None else under(light, levels.pop(0), how)
     while levels:
-        descent.iterate(iterations * 2 ** (len(levels) - 1))
+        share = course.coarse_iterations * 2 ** (len(levels) - 1) // len(course.coarse_scales)
+        for scale in course.coarse_scales:
+            descent.set_scale(how.steps.scale * scale)
+            descent.iterate(share)
         coarse = descent.coarse_state().in_file(folder)
         del descent  # before the finer level takes its place
         use_threads(threads_for(levels[0].pixels, threads))
@@ -149,7 +152,7 @@ def start(level: Level, how: FastSettings) -> PrimalDual:
     albedo = level.image / level.share[:, None]
     light = np.zeros((level.starts.size - 1, 3, level.basis.shape[1]))
     light[:, :, 0] = 1 / UNIFORM
-    return PrimalDual(problem, problem.slices.spread(albedo), light, steps_of(how))
+    return PrimalDual(problem, problem.slices.spread(albedo), light, steps_of(how, known_light=False))
 
 
 def under(light: np.ndarray, level: Level, how: FastSettings) -> PrimalDual:
@@ -161,7 +164,8 @@ def under(light: np.ndarray, level: Level, how: FastSettings) -> PrimalDual:
     lit = shading > how.start_shading * max(float(shading.mean()), 1e-12)
     albedo = np.where(lit, level.image / np.where(lit, shading, 1), 0).astype(np.float32)
     problem = problem_of(level)
-    return PrimalDual(problem, problem.slices.spread(albedo), light, steps_of(how), free_light=False)
+    steps = steps_of(how, known_light=True)
+    return PrimalDual(problem, problem.slices.spread(albedo), light, steps, free_light=False)
 
 
 def threads_for(pixels: int, threads: int) -> int:
@@ -176,17 +180,19 @@ def descend(descent: PrimalDual, solver: FastSolver, step: Callable[[], None]) -
     memory is freed at the end.
     """
     stopping, how = solver.stopping, solver.how
+    course = how.course(known_light=not descent.free_light)
     rounds = [_evaluated(descent, how)]
     best, kept = rounds[0], (descent.albedo.copy(), descent.light)
     outcome = None
-    for _ in range(stopping.max_rounds):
-        descent.iterate(how.round_iterations)
+    for number in range(stopping.max_rounds):
+        descent.set_scale(how.steps.scale * course.scale_in(number))
+        descent.iterate(course.round_iterations)
         rounds.append(_evaluated(descent, how))
         step()
         if sum(rounds[-1].energy) <= sum(best.energy):
             np.copyto(kept[0], descent.albedo)
             best, kept = rounds[-1], (kept[0], descent.light)
-        outcome = verdict(rounds, stopping, how)
+        outcome = verdict(rounds[len(course.first_scales) :], stopping, how, course.min_rounds)
         if outcome is not None:
             break
     if outcome is Outcome.CONVERGED:  # the gap that met the stopping rule
@@ -199,15 +205,15 @@ def descend(descent: PrimalDual, solver: FastSolver, step: Callable[[], None]) -
     return Settled(albedo, light, tuple(rounds), outcome or Outcome.LIMIT_REACHED)
 
 
-def steps_of(how: FastSettings) -> Steps:
+def steps_of(how: FastSettings, known_light: bool) -> Steps:
     """Convert the settings of an iteration to the solver's."""
-    steps = how.steps
+    steps, course = how.steps, how.course(known_light)
     return Steps(
         scale=steps.scale,
         data_step_ratio=steps.data_step_ratio,
         relaxation=steps.relaxation,
         reflection=steps.reflection,
-        epoch=steps.epoch,
+        epoch=course.epoch,
         rank_tolerance=steps.rank_tolerance,
     )
 

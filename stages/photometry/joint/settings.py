@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field
 
 from pipeline import Settings, group, setting
 
 KindOfLight = Literal["paper", "harmonics", "directions"]
+Value = TypeVar("Value")
 Width = Annotated[float, Field(ge=1, le=100)]
+Scale = Annotated[float, Field(gt=0, le=1000)]
 
 
 @dataclass(frozen=True)
@@ -42,8 +44,49 @@ USUAL: Mapping[KindOfLight, Stopping] = MappingProxyType(  # defaults by kind of
     }
 )
 _PAPER, _HARMONICS, _DIRECTIONS = USUAL["paper"], USUAL["harmonics"], USUAL["directions"]
-COARSE_ITERATIONS = 120  # default where the light is found as well, by the coarse levels above all
-COARSE_ITERATIONS_IN_KNOWN_LIGHT = 30
+
+
+@dataclass(frozen=True)
+class Course:
+    """Course of a descent: its iterations, and how the scale of their steps (r) falls.
+
+    Attributes
+    ----------
+    coarse_iterations : int
+        On the second finest level; doubled on every coarser one.
+    coarse_scales : tuple of float
+        r on coarse levels, in units of the last; an equal share of the iterations each.
+    first_scales : tuple of float
+        r in the first rounds on the finest level, in units of the last.
+    round_iterations : int
+        On the finest level, between two evaluations of energy and gap.
+    epoch : int
+        Iterations of one kind.
+    min_rounds : int
+        Rounds of the last r, before the stopping rule is evaluated.
+    """
+
+    coarse_iterations: int
+    coarse_scales: tuple[float, ...]
+    first_scales: tuple[float, ...]
+    round_iterations: int
+    epoch: int
+    min_rounds: int
+
+    def scale_in(self, number: int) -> float:
+        """Find r of a round on the finest level, counted from 0, in units of the last."""
+        return (*self.first_scales, 1.0)[min(number, len(self.first_scales))]
+
+
+# Defaults. Where the light is found as well, coarse levels find it above all. Under a known light r falls:
+# large steps move patches of paint that coarse levels mixed with what is around them, small ones the rest.
+IN_UNKNOWN_LIGHT = Course(120, (1.0,), (), round_iterations=80, epoch=40, min_rounds=4)
+IN_KNOWN_LIGHT = Course(60, (80.0, 20.0, 5.0), (8.0, 2.0), round_iterations=60, epoch=30, min_rounds=2)
+
+
+def _listed(scales: tuple[float, ...]) -> str:
+    """Write a tuple as one does in settings."""
+    return str([float(f"{scale:g}") for scale in scales])
 
 
 class StepSettings(Settings):
@@ -55,6 +98,21 @@ class StepSettings(Settings):
         unit="of the scaled images",
         gt=0,
         le=10,
+    )
+    coarse_scales: tuple[Scale, ...] | None = setting(
+        None,
+        "r on coarse levels, an equal share of their iterations each. Large steps move whole patches of "
+        f"paint, small ones settle the rest. none: {_listed(IN_UNKNOWN_LIGHT.coarse_scales)}, or "
+        f"{_listed(IN_KNOWN_LIGHT.coarse_scales)} under `light: directions`.",
+        unit="of `scale`",
+        min_length=1,
+    )
+    first_scales: tuple[Scale, ...] | None = setting(
+        None,
+        "r in the first rounds on the finest level, one value for each. none: "
+        f"{_listed(IN_UNKNOWN_LIGHT.first_scales)}, or {_listed(IN_KNOWN_LIGHT.first_scales)} under "
+        "`light: directions`.",
+        unit="of `scale`",
     )
     data_step_ratio: float = setting(
         2.0,
@@ -77,10 +135,11 @@ class StepSettings(Settings):
         ge=1,
         le=2,
     )
-    epoch: int = setting(
-        40,
+    epoch: int | None = setting(
+        None,
         "Iterations of one kind, Halpern or plain, before as many of the other. Between them the gauge is "
-        "restored, and the light's normal equations are recomputed.",
+        f"restored, and the light's normal equations are recomputed. none: {IN_UNKNOWN_LIGHT.epoch}, or "
+        f"{IN_KNOWN_LIGHT.epoch} under `light: directions`.",
         unit="iterations",
         ge=1,
     )
@@ -120,11 +179,13 @@ class FastSettings(Settings):
         unit="rounds",
         ge=1,
     )
-    min_rounds: int = setting(
-        4,
-        "Rounds before the stopping rule is evaluated: two doublings.",
+    min_rounds: int | None = setting(
+        None,
+        "Rounds of the same r before the stopping rule is evaluated, to which the rounds before are none: "
+        f"two doublings. none: {IN_UNKNOWN_LIGHT.min_rounds}, or {IN_KNOWN_LIGHT.min_rounds} under "
+        "`light: directions`, where energies are not extrapolated as far.",
         unit="rounds",
-        ge=4,
+        ge=2,
     )
     negligible_gain: float = setting(
         0.25,
@@ -140,18 +201,20 @@ class FastSettings(Settings):
         gt=0,
         le=1,
     )
-    round_iterations: int = setting(
-        80,
+    round_iterations: int | None = setting(
+        None,
         "Iterations of a round, after which energy and gap are evaluated. A whole number of pairs of epochs "
-        "lets every round end at the same point of the cycle.",
+        "lets every round end at the same point of the cycle. none: "
+        f"{IN_UNKNOWN_LIGHT.round_iterations}, or {IN_KNOWN_LIGHT.round_iterations} under "
+        "`light: directions`.",
         unit="iterations",
         ge=1,
     )
     coarse_iterations: int | None = setting(
         None,
         "Iterations on the second finest level; doubled on every coarser one, which has a quarter of the "
-        f"pixels. none: {COARSE_ITERATIONS}, or under `light: directions`, where coarse levels have no light "
-        f"to find, {COARSE_ITERATIONS_IN_KNOWN_LIGHT}.",
+        f"pixels. none: {IN_UNKNOWN_LIGHT.coarse_iterations}, or under `light: directions`, where coarse "
+        f"levels have no light to find, {IN_KNOWN_LIGHT.coarse_iterations}.",
         unit="iterations",
         ge=0,
     )
@@ -179,10 +242,17 @@ class FastSettings(Settings):
     )
     steps: StepSettings = group(StepSettings, "The step sizes of an iteration.")
 
-    def coarse_iterations_in(self, known_light: bool) -> int:
-        """Resolve the iterations on the second finest level: the setting, or its default."""
-        usual = COARSE_ITERATIONS_IN_KNOWN_LIGHT if known_light else COARSE_ITERATIONS
-        return usual if self.coarse_iterations is None else self.coarse_iterations
+    def course(self, known_light: bool) -> Course:
+        """Resolve the course of a descent: the settings, or the defaults for a known or an unknown light."""
+        usual, steps = IN_KNOWN_LIGHT if known_light else IN_UNKNOWN_LIGHT, self.steps
+        return Course(
+            _given(self.coarse_iterations, usual.coarse_iterations),
+            _given(steps.coarse_scales, usual.coarse_scales),
+            _given(steps.first_scales, usual.first_scales),
+            _given(self.round_iterations, usual.round_iterations),
+            _given(steps.epoch, usual.epoch),
+            _given(self.min_rounds, usual.min_rounds),
+        )
 
     def stopping(self, light: KindOfLight) -> Stopping:
         """Resolve the stopping criteria: the settings, or the defaults for the kind of light."""
@@ -192,6 +262,10 @@ class FastSettings(Settings):
             gap=usual.gap if self.gap is None else self.gap,
             max_rounds=usual.max_rounds if self.max_rounds is None else self.max_rounds,
         )
+
+
+def _given(value: Value | None, usual: Value) -> Value:
+    return usual if value is None else value
 
 
 class HarmonicsSettings(Settings):

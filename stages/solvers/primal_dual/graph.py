@@ -78,7 +78,7 @@ class PrimalDual:
         free_light: bool = True,
         duals: tuple[np.ndarray, np.ndarray] | None = None,
     ):
-        self.problem, self._steps, self._free, self.iterations = problem, steps, free_light, 0
+        self.problem, self._steps, self.free_light, self.iterations = problem, steps, free_light, 0
         self.albedo, self.light = albedo, light.astype(np.float64)
         self._ahead = np.zeros((COUNT * problem.slices.count, 4), np.float32)  # one load per neighbour
         interleave(self.albedo.ravel(), self._ahead.ravel())
@@ -141,18 +141,22 @@ class PrimalDual:
             data_dual=self._data_dual,
             multiplier=self._multiplier,
             steps=self._steps,
-            free_light=self._free,
+            free_light=self.free_light,
         )
 
     def replace_basis(self, basis: np.ndarray) -> None:
         """Replace the basis, (N, K) or (N, K, 3), as after an update of the interreflection."""
         self.problem = replace(self.problem, basis=self.problem.slices.spread_basis(basis))
 
+    def set_scale(self, scale: float) -> None:
+        """Set r, the scale of the primal steps, for what follows; the state does not depend on it."""
+        self._steps = replace(self._steps, scale=scale)
+
     def iterate(self, count: int) -> None:
         """Perform `count` iterations, in epochs."""
         goal, epoch = self.iterations + count, self._steps.epoch
         while self.iterations < goal:
-            if self._free:
+            if self.free_light:
                 self._restore_gauge()
                 self._update_mobility()
             length = min(epoch - self.iterations % epoch, goal - self.iterations)
@@ -161,7 +165,7 @@ class PrimalDual:
             else:
                 self._iterate_relaxed(length)
             self.iterations += length
-        if self._free:
+        if self.free_light:
             self._restore_gauge()
 
     def bounds(self, widths: tuple[float, ...]) -> Bounds:
@@ -223,7 +227,7 @@ class PrimalDual:
             pulls,
         )
         self._ahead, self._ahead_next = self._ahead_next, self._ahead
-        if self._free:
+        if self.free_light:
             self._move_light(blocks.by_view(slopes), anchor.light, relaxation, counted)
             pulled = problem.by_gauge(blocks.by_view(pulls))
             self._multiplier = np.maximum(pulled, 0) / np.maximum(problem.wanted, NOTHING)
