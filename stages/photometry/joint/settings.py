@@ -81,7 +81,7 @@ class Course:
 # Defaults. Where the light is found as well, coarse levels find it above all. Under a known light r falls:
 # large steps move patches of paint that coarse levels mixed with what is around them, small ones the rest.
 IN_UNKNOWN_LIGHT = Course(120, (1.0,), (), round_iterations=80, epoch=40, min_rounds=4)
-IN_KNOWN_LIGHT = Course(60, (80.0, 20.0, 5.0), (8.0, 2.0), round_iterations=60, epoch=30, min_rounds=2)
+IN_KNOWN_LIGHT = Course(60, (80.0, 20.0, 5.0), (8.0,), round_iterations=60, epoch=30, min_rounds=3)
 
 
 def _listed(scales: tuple[float, ...]) -> str:
@@ -181,9 +181,9 @@ class FastSettings(Settings):
     )
     min_rounds: int | None = setting(
         None,
-        "Rounds of the same r before the stopping rule is evaluated, to which the rounds before are none: "
-        f"two doublings. none: {IN_UNKNOWN_LIGHT.min_rounds}, or {IN_KNOWN_LIGHT.min_rounds} under "
-        "`light: directions`, where energies are not extrapolated as far.",
+        "Rounds of the last r before the stopping rule is evaluated; those of another do not count. none: "
+        f"{IN_UNKNOWN_LIGHT.min_rounds}, two doublings, or {IN_KNOWN_LIGHT.min_rounds} under "
+        "`light: directions`.",
         unit="rounds",
         ge=2,
     )
