@@ -1,49 +1,73 @@
-"""The course of a descent under a known light: steps large at first, small at last."""
+"""The course of a descent under a known light: steps are large at first, and lead to the same albedo."""
+
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from stages.photometry.albedo.smooth_albedo import albedo_under_light
-from stages.photometry.joint.fast_alternation import FastDescent, FastSolver
-from stages.photometry.joint.problem_assembly import EdgeWeights
-from stages.photometry.joint.settings import USUAL, FastSettings, StepSettings
-from stages.photometry.paper.alternation import Outcome
+from stages.photometry.joint.fast_alternation import FastSolver, from_coarse_to_fine
+from stages.photometry.joint.problem_assembly import EdgeWeights, finest_level
+from stages.photometry.joint.settings import FastSettings, StepSettings, Stopping
 from stages.photometry.paper.energy import EnergyWeights
-from stages.photometry.stack import stack_views
+from stages.photometry.stack import StackedViews, stack_views
 
-DARK, BRIGHT = 0.2, 1.2
-
-
-def of_a_marker(steps: StepSettings) -> tuple[FastDescent, np.ndarray]:
-    """Solve a bright marker on a dark wall: strong smoothness, except at its border; with its pixels."""
-    wall = np.ones((90, 90), bool)
-    views = stack_views([wall], [np.broadcast_to([0.0, 0.0, 1.0], (90, 90, 3))], {})
-    row, column = views.positions().T
-    marker = (np.abs(row - 37) < 5) & (np.abs(column - 53) < 5)
-    albedo = np.where(marker, BRIGHT, DARK)[:, None] * np.ones(3)
-    image = albedo * np.random.default_rng(0).uniform(0.9, 1.1, (len(albedo), 1))
-    border = np.concatenate([marker[one] != marker[other] for one, other in views.neighbours()])
-    edges = EdgeWeights(np.where(border, 0.15, 10.0).astype(np.float32), np.empty(0, np.float32))
-    everywhere = np.ones(len(albedo), bool)
-    how = FastSolver(EnergyWeights(10, 0.1), USUAL["directions"], FastSettings(steps=steps))
-    given = views, image, np.ones_like(albedo), everywhere, edges, how, 1, lambda: None
-    return albedo_under_light(*given), marker
+SIDE, PAINTS = 96, 30
+WEIGHTS = EnergyWeights(10, 0.1)
+FAR = Stopping(tolerance=1e-4, gap=0.02, max_rounds=100)
 
 
-def test_a_bright_marker_that_coarse_levels_mixed_with_the_wall_comes_back_soon():
-    """With small steps throughout the energy settles, too, but late: what is strongly tied moves slowly."""
-    soon, marker = of_a_marker(StepSettings())
-    late, _ = of_a_marker(StepSettings(coarse_scales=(1,), first_scales=()))
-    assert soon.outcome is late.outcome is Outcome.CONVERGED
-    assert np.abs(soon.albedo[marker] - BRIGHT).max() < 0.03
-    assert np.abs(soon.albedo[~marker] - DARK).max() < 0.03
-    assert late.rounds[-1].iterations > 2 * soon.rounds[-1].iterations
+def painted_wall() -> tuple[StackedViews, np.ndarray, EdgeWeights]:
+    """Paint rectangles of any brightness over each other; smoothness is strong but at their borders."""
+    rng = np.random.default_rng(0)
+    paint = np.zeros((SIDE, SIDE), int)
+    for number in range(1, PAINTS):
+        (top, left), (high, wide) = rng.integers(0, SIDE, 2), rng.integers(5, 40, 2)
+        paint[top : top + high, left : left + wide] = number
+    views = stack_views([paint >= 0], [np.broadcast_to([0.0, 0, 1], (SIDE, SIDE, 3))], {})
+    albedo = rng.lognormal(-1, 1, PAINTS)[paint.ravel()][:, None] * np.ones(3)
+    border = np.concatenate([paint.flat[one] != paint.flat[other] for one, other in views.neighbours()])
+    return (
+        views,
+        albedo,
+        EdgeWeights(np.where(border, 0.15, 10.0).astype(np.float32), np.empty(0, np.float32)),
+    )
 
 
-def test_steps_fall_to_the_last_and_stay():
-    course = FastSettings(steps=StepSettings(first_scales=(9, 3))).course(known_light=True)
-    assert [course.scale_in(number) for number in range(5)] == [9, 3, 1, 1, 1]
+def solved(steps: StepSettings) -> np.ndarray:
+    """Estimate the albedo of the wall under even light and noise."""
+    views, albedo, edges = painted_wall()
+    image = albedo * np.random.default_rng(1).uniform(0.9, 1.1, (len(albedo), 1))
+    how = FastSolver(WEIGHTS, FAR, FastSettings(steps=steps))
+    given = views, image, np.ones_like(image), np.ones(len(image), bool), edges, how, 1, lambda: None
+    return albedo_under_light(*given).albedo
 
 
-def test_where_the_light_is_found_as_well_the_scale_stays():
-    course = FastSettings().course(known_light=False)
-    assert course.coarse_scales == (1,) and course.scale_in(0) == 1
+@pytest.mark.parametrize("scales", [(1,), (80, 1), (300,)])
+def test_steps_on_coarse_levels_do_not_change_the_albedo(scales):
+    usual, other = solved(StepSettings()), solved(StepSettings(coarse_scales=scales))
+    assert np.sqrt(np.mean((usual - other) ** 2)) < 0.005 * usual.mean()
+
+
+@pytest.mark.parametrize("scales", [(80, 20), (0.5,), None])
+def test_on_the_finest_level_the_scale_is_that_of_the_settings(scales):
+    """Whatever it was on the coarse ones."""
+    views, albedo, edges = painted_wall()
+    lit = replace(views, basis=np.ones((len(albedo), 1, 3), np.float32))
+    level = finest_level(lit, list(albedo.T), WEIGHTS, edges)
+    steps = StepSettings(scale=0.07, coarse_scales=scales)
+    descent = from_coarse_to_fine(level, FastSettings(steps=steps), 1, np.ones((1, 3, 1)))
+    assert descent.steps.scale == 0.07
+
+
+def test_what_is_not_given_depends_on_whether_the_light_is_known():
+    usual = FastSettings()
+    assert usual.course(known_light=False).coarse_scales == (1,)
+    assert usual.course(known_light=True).coarse_scales[0] > 1
+    given = FastSettings(
+        coarse_iterations=7, round_iterations=50, steps=StepSettings(epoch=5, coarse_scales=(3,))
+    )
+    for known_light in (False, True):
+        course = given.course(known_light)
+        assert (course.coarse_iterations, course.round_iterations, course.epoch) == (7, 50, 5)
+        assert course.coarse_scales == (3,)

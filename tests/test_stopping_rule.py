@@ -9,12 +9,11 @@ from stages.photometry.paper.alternation import Outcome
 
 LIMIT = 3.0  # what the energies below fall to
 HOW = FastSettings()
-FEWEST = HOW.course(known_light=False).min_rounds
 
 
 def ended(rounds: list[Round], tolerance: float) -> Outcome | None:
     """The verdict with a gap of 0.1 allowed."""
-    return verdict(rounds, Stopping(tolerance, gap=0.1, max_rounds=100), HOW, FEWEST)
+    return verdict(rounds, Stopping(tolerance, gap=0.1, max_rounds=100), HOW)
 
 
 def descent(order: float, count: int, gap: float = 0.0) -> list[Round]:
@@ -50,7 +49,7 @@ def test_a_crawl_from_near_the_goal_is_not_taken_for_it(error):
     """As after coarser levels: from one round to the next it gains less than the tolerance, for long."""
     rounds = [Round(60 * k, (LIMIT * (1 + error(k)),), 0.0) for k in range(400)]
     assert (rounds[0].energy[0] - rounds[1].energy[0]) / LIMIT < 1e-3
-    for count in range(FEWEST + 1, 400):
+    for count in range(HOW.min_rounds + 1, 400):
         assert ended(rounds[:count], 1e-3) is None or error(count - 1) <= 2e-3
 
 
@@ -70,7 +69,7 @@ def test_energies_that_swing_count_by_the_least_so_far_and_are_not_settled_above
 
 
 def test_a_few_rounds_say_nothing_yet():
-    still = [Round(60 * k, (1.0,), 0.0) for k in range(FEWEST + 1)]
-    assert ended(still[:FEWEST], 1e-3) is None
+    still = [Round(60 * k, (1.0,), 0.0) for k in range(HOW.min_rounds + 1)]
+    assert ended(still[: HOW.min_rounds], 1e-3) is None
     assert ended(still, 1e-3) is Outcome.CONVERGED
     assert left_to_gain([Round(0, (0.0,), 0.0)]) == 0.0  # a black image

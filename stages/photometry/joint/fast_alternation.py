@@ -143,6 +143,7 @@ def from_coarse_to_fine(
         del coarse  # frees memory for the next step
         descent.fill_in(groups.pop(0))
         give_back_free_memory()
+    descent.set_scale(how.steps.scale)
     return descent
 
 
@@ -180,19 +181,18 @@ def descend(descent: PrimalDual, solver: FastSolver, step: Callable[[], None]) -
     memory is freed at the end.
     """
     stopping, how = solver.stopping, solver.how
-    course = how.course(known_light=not descent.free_light)
+    round_iterations = how.course(known_light=not descent.free_light).round_iterations
     rounds = [_evaluated(descent, how)]
     best, kept = rounds[0], (descent.albedo.copy(), descent.light)
     outcome = None
-    for number in range(stopping.max_rounds):
-        descent.set_scale(how.steps.scale * course.scale_in(number))
-        descent.iterate(course.round_iterations)
+    for _ in range(stopping.max_rounds):
+        descent.iterate(round_iterations)
         rounds.append(_evaluated(descent, how))
         step()
         if sum(rounds[-1].energy) <= sum(best.energy):
             np.copyto(kept[0], descent.albedo)
             best, kept = rounds[-1], (kept[0], descent.light)
-        outcome = verdict(rounds[len(course.first_scales) :], stopping, how, course.min_rounds)
+        outcome = verdict(rounds, stopping, how)
         if outcome is not None:
             break
     if outcome is Outcome.CONVERGED:  # the gap that met the stopping rule
@@ -207,13 +207,13 @@ def descend(descent: PrimalDual, solver: FastSolver, step: Callable[[], None]) -
 
 def steps_of(how: FastSettings, known_light: bool) -> Steps:
     """Convert the settings of an iteration to the solver's."""
-    steps, course = how.steps, how.course(known_light)
+    steps = how.steps
     return Steps(
         scale=steps.scale,
         data_step_ratio=steps.data_step_ratio,
         relaxation=steps.relaxation,
         reflection=steps.reflection,
-        epoch=course.epoch,
+        epoch=how.course(known_light).epoch,
         rank_tolerance=steps.rank_tolerance,
     )
 

@@ -48,40 +48,30 @@ _PAPER, _HARMONICS, _DIRECTIONS = USUAL["paper"], USUAL["harmonics"], USUAL["dir
 
 @dataclass(frozen=True)
 class Course:
-    """Course of a descent: its iterations, and how the scale of their steps (r) falls.
+    """Iterations of a descent from coarse to fine.
 
     Attributes
     ----------
     coarse_iterations : int
         On the second finest level; doubled on every coarser one.
     coarse_scales : tuple of float
-        r on coarse levels, in units of the last; an equal share of the iterations each.
-    first_scales : tuple of float
-        r in the first rounds on the finest level, in units of the last.
+        Scale of the steps (r) on coarse levels over that on the finest; each has as many of the iterations.
     round_iterations : int
         On the finest level, between two evaluations of energy and gap.
     epoch : int
         Iterations of one kind.
-    min_rounds : int
-        Rounds of the last r, before the stopping rule is evaluated.
     """
 
     coarse_iterations: int
     coarse_scales: tuple[float, ...]
-    first_scales: tuple[float, ...]
     round_iterations: int
     epoch: int
-    min_rounds: int
-
-    def scale_in(self, number: int) -> float:
-        """Find r of a round on the finest level, counted from 0, in units of the last."""
-        return (*self.first_scales, 1.0)[min(number, len(self.first_scales))]
 
 
-# Defaults. Where the light is found as well, coarse levels find it above all. Under a known light r falls:
-# large steps move patches of paint that coarse levels mixed with what is around them, small ones the rest.
-IN_UNKNOWN_LIGHT = Course(120, (1.0,), (), round_iterations=80, epoch=40, min_rounds=4)
-IN_KNOWN_LIGHT = Course(60, (80.0, 20.0, 5.0), (8.0,), round_iterations=60, epoch=30, min_rounds=3)
+# Defaults. Where the light is found as well, coarse levels find it above all. Under a known light they find
+# how bright whole patches of paint are: these move slowly as one, so that r is large at first.
+IN_UNKNOWN_LIGHT = Course(120, (1.0,), round_iterations=80, epoch=40)
+IN_KNOWN_LIGHT = Course(120, (80.0, 20.0, 4.0, 1.0), round_iterations=60, epoch=30)
 
 
 def _listed(scales: tuple[float, ...]) -> str:
@@ -101,18 +91,11 @@ class StepSettings(Settings):
     )
     coarse_scales: tuple[Scale, ...] | None = setting(
         None,
-        "r on coarse levels, an equal share of their iterations each. Large steps move whole patches of "
+        "r on coarse levels, an equal share of their iterations each: large steps move whole patches of "
         f"paint, small ones settle the rest. none: {_listed(IN_UNKNOWN_LIGHT.coarse_scales)}, or "
         f"{_listed(IN_KNOWN_LIGHT.coarse_scales)} under `light: directions`.",
         unit="of `scale`",
         min_length=1,
-    )
-    first_scales: tuple[Scale, ...] | None = setting(
-        None,
-        "r in the first rounds on the finest level, one value for each. none: "
-        f"{_listed(IN_UNKNOWN_LIGHT.first_scales)}, or {_listed(IN_KNOWN_LIGHT.first_scales)} under "
-        "`light: directions`.",
-        unit="of `scale`",
     )
     data_step_ratio: float = setting(
         2.0,
@@ -179,13 +162,11 @@ class FastSettings(Settings):
         unit="rounds",
         ge=1,
     )
-    min_rounds: int | None = setting(
-        None,
-        "Rounds of the last r before the stopping rule is evaluated; those of another do not count. none: "
-        f"{IN_UNKNOWN_LIGHT.min_rounds}, two doublings, or {IN_KNOWN_LIGHT.min_rounds} under "
-        "`light: directions`.",
+    min_rounds: int = setting(
+        4,
+        "Rounds before the stopping rule is evaluated: two doublings.",
         unit="rounds",
-        ge=2,
+        ge=4,
     )
     negligible_gain: float = setting(
         0.25,
@@ -213,8 +194,8 @@ class FastSettings(Settings):
     coarse_iterations: int | None = setting(
         None,
         "Iterations on the second finest level; doubled on every coarser one, which has a quarter of the "
-        f"pixels. none: {IN_UNKNOWN_LIGHT.coarse_iterations}, or under `light: directions`, where coarse "
-        f"levels have no light to find, {IN_KNOWN_LIGHT.coarse_iterations}.",
+        f"pixels. none: {IN_UNKNOWN_LIGHT.coarse_iterations}, or {IN_KNOWN_LIGHT.coarse_iterations} under "
+        "`light: directions`.",
         unit="iterations",
         ge=0,
     )
@@ -248,10 +229,8 @@ class FastSettings(Settings):
         return Course(
             _given(self.coarse_iterations, usual.coarse_iterations),
             _given(steps.coarse_scales, usual.coarse_scales),
-            _given(steps.first_scales, usual.first_scales),
             _given(self.round_iterations, usual.round_iterations),
             _given(steps.epoch, usual.epoch),
-            _given(self.min_rounds, usual.min_rounds),
         )
 
     def stopping(self, light: KindOfLight) -> Stopping:

@@ -30,23 +30,19 @@ class Round:
     gap: float
 
 
-def verdict(
-    rounds: Sequence[Round], stopping: Stopping, how: FastSettings, min_rounds: int
-) -> Outcome | None:
+def verdict(rounds: Sequence[Round], stopping: Stopping, how: FastSettings) -> Outcome | None:
     """Decide the outcome of the descent; None while it is to continue.
 
     Parameters
     ----------
     rounds : sequence of Round
-        The first is the state before; all with steps of the same scale, else the energies follow that.
+        The first is the initial state.
     stopping : Stopping
         The tolerance is compared with `left_to_gain`.
     how : FastSettings
-        Criteria of a stall.
-    min_rounds : int
-        Least number of rounds.
+        Least number of rounds, and criteria of a stall.
     """
-    if len(rounds) <= min_rounds:
+    if len(rounds) <= how.min_rounds:
         return None
     left = left_to_gain(rounds)
     if left <= stopping.tolerance and rounds[-1].gap <= stopping.gap:

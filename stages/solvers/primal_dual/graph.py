@@ -78,7 +78,7 @@ class PrimalDual:
         free_light: bool = True,
         duals: tuple[np.ndarray, np.ndarray] | None = None,
     ):
-        self.problem, self._steps, self.free_light, self.iterations = problem, steps, free_light, 0
+        self.problem, self.steps, self.free_light, self.iterations = problem, steps, free_light, 0
         self.albedo, self.light = albedo, light.astype(np.float64)
         self._ahead = np.zeros((COUNT * problem.slices.count, 4), np.float32)  # one load per neighbour
         interleave(self.albedo.ravel(), self._ahead.ravel())
@@ -140,7 +140,7 @@ class PrimalDual:
             edge_dual=self.edge_dual,
             data_dual=self._data_dual,
             multiplier=self._multiplier,
-            steps=self._steps,
+            steps=self.steps,
             free_light=self.free_light,
         )
 
@@ -150,11 +150,11 @@ class PrimalDual:
 
     def set_scale(self, scale: float) -> None:
         """Set r, the scale of the primal steps, for what follows; the state does not depend on it."""
-        self._steps = replace(self._steps, scale=scale)
+        self.steps = replace(self.steps, scale=scale)
 
     def iterate(self, count: int) -> None:
         """Perform `count` iterations, in epochs."""
-        goal, epoch = self.iterations + count, self._steps.epoch
+        goal, epoch = self.iterations + count, self.steps.epoch
         while self.iterations < goal:
             if self.free_light:
                 self._restore_gauge()
@@ -202,14 +202,14 @@ class PrimalDual:
     def _iterate_halpern(self, count: int) -> None:
         anchor = Anchor.at(self.edge_dual, self._data_dual, self.albedo, self.light)
         for k in range(count):
-            self._iterate_once(anchor, self._steps.reflection, (k + 1) / (k + 2))
+            self._iterate_once(anchor, self.steps.reflection, (k + 1) / (k + 2))
 
     def _iterate_relaxed(self, count: int) -> None:
         for _ in range(count):
-            self._iterate_once(NOWHERE, self._steps.relaxation, 1.0)
+            self._iterate_once(NOWHERE, self.steps.relaxation, 1.0)
 
     def _iterate_once(self, anchor: Anchor, relaxation: float, counted: float) -> None:
-        problem, blocks, steps = self.problem, self.problem.slices.blocks, self._steps
+        problem, blocks, steps = self.problem, self.problem.slices.blocks, self.steps
         both = np.concatenate([self.light, self._light_ahead], axis=1)
         lights = np.ascontiguousarray(both.swapaxes(1, 2), np.float32)
         slopes, pulls = np.empty((blocks.view.size, 3, self.light.shape[2])), np.empty((blocks.view.size, 3))
@@ -239,8 +239,8 @@ class PrimalDual:
 
     def _update_mobility(self) -> None:
         gram = gram_matrices(self.problem.slices.blocks, self.problem.basis, self.albedo)
-        inverse = np.linalg.pinv(gram, rcond=self._steps.rank_tolerance, hermitian=True)
-        self._mobility = self._steps.scale / self._steps.data_step_ratio * inverse
+        inverse = np.linalg.pinv(gram, rcond=self.steps.rank_tolerance, hermitian=True)
+        self._mobility = self.steps.scale / self.steps.data_step_ratio * inverse
 
     def _restore_gauge(self) -> None:
         problem, blocks = self.problem, self.problem.slices.blocks
