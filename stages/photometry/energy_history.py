@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from stages.photometry.joint.fast_alternation import FastDescent
+from stages.photometry.joint.fast_alternation import FastDescent, Settled
 from stages.photometry.joint.stopping_rule import Round
 from stages.photometry.paper.alternation import AlternationRecord, Descent, Outcome
 from stages.photometry.paper.energy import EnergyTerms, EnergyWeights
@@ -60,7 +60,7 @@ def rounds_as_json(descent: FastDescent, weights: EnergyWeights) -> list[dict[st
     ]
 
 
-def rounds_under_light_as_json(descent: FastDescent, outcome: Outcome) -> list[dict[str, Any]]:
+def rounds_under_light_as_json(descent: Settled, outcome: Outcome) -> list[dict[str, Any]]:
     """Convert the history of an albedo under a fixed light: energies are Eq. 2 without a gauge.
 
     The outcome is that of all albedos under the light.

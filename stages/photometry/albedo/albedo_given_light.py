@@ -15,7 +15,7 @@ from stages.photometry.albedo.smooth_albedo import albedo_under_light
 from stages.photometry.albedo.soft_texture import soft_texture
 from stages.photometry.albedo_data import AlbedoData
 from stages.photometry.chromaticity import in_white_light
-from stages.photometry.joint.fast_alternation import FastDescent, FastSolver
+from stages.photometry.joint.fast_alternation import FastSolver, Settled
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights
 from stages.photometry.stack import StackedViews
 from stages.solvers.kernels.arrays_in_files import in_file
@@ -28,14 +28,14 @@ class SmoothAlbedos:
 
     Attributes
     ----------
-    alike : FastDescent
+    alike : Settled
         ρ of Eq. 2 under that light, for `albedo_tv`.
-    by_edge : FastDescent
+    by_edge : Settled
         ρ with weights per edge, to which detail is added.
     """
 
-    alike: FastDescent
-    by_edge: FastDescent
+    alike: Settled
+    by_edge: Settled
 
 
 def smooth_albedos_under_light(
@@ -75,7 +75,7 @@ def smooth_albedos_under_light(
     by_edge = _weights_of_edges(views, shading, data, edges, descent.weights.consistency, typical_light)
     by_edge = by_edge.in_file(folder)
 
-    def solved(weights: EdgeWeights) -> FastDescent:
+    def solved(weights: EdgeWeights) -> Settled:
         return albedo_under_light(
             views, data.diffuse, shading, data.trusted, weights, descent, threads, step, folder
         )

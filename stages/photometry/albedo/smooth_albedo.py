@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.process.free_memory import give_back_free_memory, large_blocks_apart
-from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, descend, from_coarse_to_fine
+from stages.photometry.joint.fast_alternation import FastSolver, Settled, descend, from_coarse_to_fine
 from stages.photometry.joint.problem_assembly import EdgeWeights, finest_level
+from stages.photometry.joint.pyramid import Level
 from stages.photometry.stack import StackedViews
 
 
@@ -25,7 +26,7 @@ def albedo_under_light(
     threads: int,
     step: Callable[[], None],
     folder: Path | None = None,
-) -> FastDescent:
+) -> Settled:
     """Minimise ``Σ_p |I − ρ S| + Σ λ_pq |ρ_p − ρ_q| + Σ μ_pq |ρ_p^i − ρ_q^j|`` over ρ.
 
     Parameters
@@ -56,16 +57,11 @@ def albedo_under_light(
     """
     light = np.ones((views.view_count, 3, 1))
 
-    def data() -> tuple[StackedViews, list[np.ndarray]]:
-        """Prepare the data term; twice, since it would take memory in vain while the solver runs."""
+    def level() -> Level:
+        """Prepare the data term and the graph; without a name, since the solver frees them."""
         basis = np.where(trusted[:, None], np.maximum(shading, 0), 0).astype(np.float32)[:, None, :]
         images = [np.where(trusted, channel, 0).astype(np.float32) for channel in image.T]
-        return replace(views, basis=basis), images
+        return finest_level(replace(views, basis=basis), images, solver.weights, edges)
 
     give_back_free_memory()  # what the weights of the edges were found from
-    settled = descend(  # a named level or descent would stay in memory
-        from_coarse_to_fine(finest_level(*data(), solver.weights, edges), solver.how, threads, light, folder),
-        solver,
-        step,
-    )
-    return replace(settled.evaluated(*data()), shading=shading)
+    return descend(from_coarse_to_fine(level(), solver.how, threads, light, folder), solver, step)
