@@ -31,13 +31,6 @@ _WIDE = {
 }
 _NARROW = {bits: ir.VectorType(ir.IntType(bits), COUNT) for bits in (8, 16)}
 _INT32 = ir.VectorType(ir.IntType(32), COUNT)
-_QUAD = ir.VectorType(ir.FloatType(), 4)
-_WIDTH = ir.IntType(64)
-
-# Transposition of eight pixels of four numbers to four rows of eight, and back: pairs are interleaved within
-# each half of a vector, twice.
-_LOW, _HIGH = (0, 8, 1, 9, 4, 12, 5, 13), (2, 10, 3, 11, 6, 14, 7, 15)
-_EVEN, _ODD = (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15)
 
 ROUNDING = 1.5 * 2**23  # added to a float32 below 2²², it leaves the nearest integer in the lowest bits
 
@@ -56,9 +49,6 @@ class _LanesModel(models.PrimitiveModel):
         super().__init__(manager, lanes, _WIDE[lanes.dtype])
 
 
-_THREE = types.UniTuple(Lanes(types.float32), 3)
-
-
 @intrinsic
 def load(typingctx, array, place):
     """Load eight numbers of a flat array from a place on: float32, float64, int8 or int16 (as float32)."""
@@ -66,7 +56,7 @@ def load(typingctx, array, place):
     lanes = Lanes(types.float32 if narrow else array.dtype)
 
     def emit(context, builder, signature, arguments):
-        at = _pointer(context, builder, signature, arguments)
+        at = pointer_to(context, builder, signature, arguments)
         held = _NARROW[array.dtype.bitwidth] if narrow else _WIDE[lanes.dtype]
         values = builder.load(builder.bitcast(at, held.as_pointer()), align=array.dtype.bitwidth // 8)
         return builder.sitofp(values, _WIDE[lanes.dtype]) if narrow else values
@@ -80,7 +70,7 @@ def store(typingctx, array, place, lanes):
     narrow = array.dtype == types.int16
 
     def emit(context, builder, signature, arguments):
-        at, values = _pointer(context, builder, signature, arguments), arguments[2]
+        at, values = pointer_to(context, builder, signature, arguments), arguments[2]
         if narrow:
             shifted = builder.fadd(values, ir.Constant(values.type, [ROUNDING] * COUNT))
             values = builder.trunc(builder.bitcast(shifted, _INT32), _NARROW[16])
@@ -88,80 +78,6 @@ def store(typingctx, array, place, lanes):
         return context.get_dummy_value()
 
     return types.void(array, place, lanes), emit
-
-
-@intrinsic
-def gather_channels(typingctx, array, pixels, place):
-    """Load three channels, a `Lanes` each, of the eight pixels ``pixels[place:place + 8]``.
-
-    The array holds four numbers per pixel, the fourth unused: one load fetches a pixel.
-    """
-
-    def emit(context, builder, signature, arguments):
-        origin = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        first = _pointer(context, builder, signature.replace(args=signature.args[1:]), arguments[1:])
-        pixels = [builder.load(builder.gep(first, [_WIDTH(lane)])) for lane in range(COUNT)]
-        starts = [builder.shl(builder.zext(pixel, _WIDTH), _WIDTH(2)) for pixel in pixels]
-        quads = [_load_quad(builder, builder.gep(origin, [start])) for start in starts]
-        return context.make_tuple(builder, signature.return_type, _channels(builder, quads))
-
-    return _THREE(array, pixels, place), emit
-
-
-@intrinsic
-def prefetch_pixels(typingctx, array, pixels, place):
-    """Prefetch the eight pixels ``pixels[place:place + 8]`` into the L2 cache; L1 is too small."""
-
-    def emit(context, builder, signature, arguments):
-        origin = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        first = _pointer(context, builder, signature.replace(args=signature.args[1:]), arguments[1:])
-        byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
-        prefetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
-        to_read, l2_cache, data = number(0), number(2), number(1)
-        for lane in range(COUNT):
-            pixel = builder.load(builder.gep(first, [_WIDTH(lane)]))
-            at = builder.gep(origin, [builder.shl(builder.zext(pixel, _WIDTH), _WIDTH(2))])
-            builder.call(prefetch, [builder.bitcast(at, byte), to_read, l2_cache, data])
-        return context.get_dummy_value()
-
-    return types.void(array, pixels, place), emit
-
-
-@intrinsic
-def load_channels(typingctx, array, place):
-    """Load three channels, a `Lanes` each, of eight consecutive pixels, four numbers each."""
-
-    def emit(context, builder, signature, arguments):
-        first = _pointer(context, builder, signature, arguments)
-        quads = [_load_quad(builder, builder.gep(first, [_WIDTH(4 * lane)])) for lane in range(COUNT)]
-        return context.make_tuple(builder, signature.return_type, _channels(builder, quads))
-
-    return _THREE(array, place), emit
-
-
-@intrinsic
-def store_channels(typingctx, array, place, red, green, blue):
-    """Write three channels of eight pixels, four numbers each; the fourth repeats blue."""
-
-    def emit(context, builder, signature, arguments):
-        first, (red, green, blue) = _pointer(context, builder, signature, arguments), arguments[2:]
-        near, far = _mixed(builder, red, green, _LOW), _mixed(builder, red, green, _HIGH)
-        near_blue, far_blue = _mixed(builder, blue, blue, _LOW), _mixed(builder, blue, blue, _HIGH)
-        pairs = [
-            _mixed(builder, near, near_blue, _EVEN),
-            _mixed(builder, near, near_blue, _ODD),
-            _mixed(builder, far, far_blue, _EVEN),
-            _mixed(builder, far, far_blue, _ODD),
-        ]
-        for lane in range(COUNT):
-            half = range(0, 4) if lane < 4 else range(4, 8)
-            quad = _mixed(builder, pairs[lane % 4], pairs[lane % 4], half)
-            at = builder.gep(first, [_WIDTH(4 * lane)])
-            builder.store(quad, builder.bitcast(at, _QUAD.as_pointer()), align=4)
-        return context.get_dummy_value()
-
-    return types.void(array, place, red, green, blue), emit
 
 
 @intrinsic
@@ -261,29 +177,13 @@ for _function, _instruction in (
     _arithmetic(_function, _instruction)
 
 
-def _pointer(context, builder, signature, arguments):
+def pointer_to(context, builder, signature, arguments):
     """Compute the address of ``array[place]``, `array` and `place` being the first two arguments."""
     array = context.make_array(signature.args[0])(context, builder, arguments[0])
     return builder.gep(array.data, [arguments[1]])
 
 
-def _load_quad(builder, at):
-    return builder.load(builder.bitcast(at, _QUAD.as_pointer()), align=4)
-
-
-def _channels(builder, quads):
-    """Transpose the first three numbers of eight pixels to three vectors of eight."""
-    wide = [_mixed(builder, quads[lane], quads[lane + 4], range(8)) for lane in range(4)]
-    near, far = _mixed(builder, wide[0], wide[1], _LOW), _mixed(builder, wide[2], wide[3], _LOW)
-    near_blue, far_blue = _mixed(builder, wide[0], wide[1], _HIGH), _mixed(builder, wide[2], wide[3], _HIGH)
-    return [
-        _mixed(builder, near, far, _EVEN),
-        _mixed(builder, near, far, _ODD),
-        _mixed(builder, near_blue, far_blue, _EVEN),
-    ]
-
-
-def _mixed(builder, left, right, order):
+def shuffled(builder, left, right, order):
     """Shuffle the lanes of two vectors; those of the right are numbered after those of the left."""
     lanes = ir.Constant(ir.VectorType(ir.IntType(32), len(order)), list(order))
     return builder.shuffle_vector(left, right, lanes)
@@ -291,7 +191,7 @@ def _mixed(builder, left, right, order):
 
 def _splat(builder, wide, number):
     first = builder.insert_element(ir.Constant(wide, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
-    return _mixed(builder, first, first, [0] * COUNT)
+    return shuffled(builder, first, first, [0] * COUNT)
 
 
 def _call(builder, name, values):

@@ -8,12 +8,11 @@ import numba
 import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401
+from stages.solvers.kernels.interleaved_pixels import gather_channels, load_channels
 from stages.solvers.kernels.simd import (
     clipped,
-    gather_channels,
     lane_sum,
     load,
-    load_channels,
     magnitude,
     spread,
     store,

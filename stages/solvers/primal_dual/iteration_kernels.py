@@ -6,17 +6,19 @@ import numba
 import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401
+from stages.solvers.kernels.interleaved_pixels import (
+    gather_channels,
+    load_channels,
+    prefetch_pixels,
+    store_channels,
+)
 from stages.solvers.kernels.simd import (
     clipped,
-    gather_channels,
     lane_sum,
     load,
-    load_channels,
     magnitude,
-    prefetch_pixels,
     spread,
     store,
-    store_channels,
 )
 from stages.solvers.kernels.sliced_ellpack import EIGHT, ONE, QUADS, SIXTEEN, SLICE, THREE, ZERO
 from stages.solvers.primal_dual.anchor import DATA_NOTCH, EDGE_NOTCH
