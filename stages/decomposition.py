@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline import Artefact, Job, Stage
 from stages.photometry.decomposition_record import ALBEDO, ENERGY, OF_TRANSFER, write_albedo, write_history
-from stages.photometry.decomposition_settings import IGNORED, DecompositionSettings, given_or
+from stages.photometry.decomposition_settings import IGNORED, DecompositionSettings
+from stages.photometry.joint.settings import given_or
 from stages.photometry.lighting.settings import LightingSettings
 from stages.photometry.solver_settings import weights_at
 from stages.scene.distributions import OPEN3D, PICTURES

@@ -61,7 +61,7 @@ def kernel_speed(problem: RaceProblem, threads: int, seconds: float) -> KernelSp
     return KernelSpeed(
         threads=threads,
         pixels=problem.pixels,
-        iteration_s=_iteration_s(descent, 2 * how.course(known_light=False).epoch, seconds / REPEATS),
+        iteration_s=_iteration_s(descent, 2 * how.schedule(known_light=False).epoch, seconds / REPEATS),
         iteration_bytes=compulsory_bytes(descent),
         copied_bytes_per_s=_copied_bytes_per_s(),
     )

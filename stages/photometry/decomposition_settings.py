@@ -11,7 +11,7 @@ from pipeline import Settings, UserError, group, setting
 from stages.photometry.albedo.settings import ClippedSettings, ConfidenceSettings, EdgeSettings
 from stages.photometry.clusters.settings import ClusterSettings
 from stages.photometry.detail.settings import DetailSettings
-from stages.photometry.joint.settings import FastSettings, HarmonicsSettings, KindOfLight, Stopping
+from stages.photometry.joint.settings import FastSettings, HarmonicsSettings, KindOfLight, Stopping, given_or
 from stages.photometry.paper.settings import PaperSettings
 from stages.photometry.transport.settings import LightPictureSettings, ReflectanceScaleSettings
 from stages.scene.upright_settings import UPRIGHT_WITHIN_DEG
@@ -220,8 +220,3 @@ def check_mode(settings: DecompositionSettings, transfer_degree: int) -> None:
             f"decomposition.degree is {settings.degree}, but the transfer vectors end at {transfer_degree}; "
             "raise transfer.degree or lower decomposition.degree."
         )
-
-
-def given_or(given: float | None, default: float) -> float:
-    """Return the given value, or the default for none."""
-    return default if given is None else given

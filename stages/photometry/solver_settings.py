@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from stages.photometry.albedo.settings import REFERENCE_SIDE_PX
-from stages.photometry.decomposition_settings import DecompositionSettings, given_or
+from stages.photometry.decomposition_settings import DecompositionSettings
+from stages.photometry.joint.settings import given_or
 
 if TYPE_CHECKING:
     from stages.photometry.paper.energy import EnergyWeights

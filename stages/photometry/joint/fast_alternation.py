@@ -125,12 +125,12 @@ def from_coarse_to_fine(
     del finest  # frees each level once it is arranged
     give_back_free_memory()
     groups = [level.group for level in levels if level.group is not None]  # the finest has none
-    course = how.course(known_light=light is not None)
+    schedule = how.schedule(known_light=light is not None)
     use_threads(threads_for(levels[0].pixels, threads))
     descent = start(levels.pop(0), how) if light is None else under(light, levels.pop(0), how)
     while levels:
-        share = course.coarse_iterations * 2 ** (len(levels) - 1) // len(course.coarse_scales)
-        for scale in course.coarse_scales:
+        share = schedule.coarse_iterations * 2 ** (len(levels) - 1) // len(schedule.coarse_scales)
+        for scale in schedule.coarse_scales:
             descent.set_scale(how.steps.scale * scale)
             descent.iterate(share)
         coarse = descent.coarse_state().in_file(folder)
@@ -181,7 +181,7 @@ def descend(descent: PrimalDual, solver: FastSolver, step: Callable[[], None]) -
     memory is freed at the end.
     """
     stopping, how = solver.stopping, solver.how
-    round_iterations = how.course(known_light=not descent.free_light).round_iterations
+    round_iterations = how.schedule(known_light=not descent.free_light).round_iterations
     rounds = [_evaluated(descent, how)]
     best, kept = rounds[0], (descent.albedo.copy(), descent.light)
     outcome = None
@@ -213,7 +213,7 @@ def steps_of(how: FastSettings, known_light: bool) -> Steps:
         data_step_ratio=steps.data_step_ratio,
         relaxation=steps.relaxation,
         reflection=steps.reflection,
-        epoch=how.course(known_light).epoch,
+        epoch=how.schedule(known_light).epoch,
         rank_tolerance=steps.rank_tolerance,
     )
 

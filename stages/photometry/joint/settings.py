@@ -47,8 +47,8 @@ _PAPER, _HARMONICS, _DIRECTIONS = USUAL["paper"], USUAL["harmonics"], USUAL["dir
 
 
 @dataclass(frozen=True)
-class Course:
-    """Iterations of a descent from coarse to fine.
+class Schedule:
+    """Schedule of iterations and step scales of a descent from coarse to fine.
 
     Attributes
     ----------
@@ -68,10 +68,17 @@ class Course:
     epoch: int
 
 
+COARSE_ITERATIONS = 120  # default, whether or not the light is known
+
 # Defaults. Where the light is found as well, coarse levels find it above all. Under a known light they find
 # how bright whole patches of paint are: these move slowly as one, so that r is large at first.
-IN_UNKNOWN_LIGHT = Course(120, (1.0,), round_iterations=80, epoch=40)
-IN_KNOWN_LIGHT = Course(120, (80.0, 20.0, 4.0, 1.0), round_iterations=60, epoch=30)
+IN_UNKNOWN_LIGHT = Schedule(COARSE_ITERATIONS, (1.0,), round_iterations=80, epoch=40)
+IN_KNOWN_LIGHT = Schedule(COARSE_ITERATIONS, (80.0, 20.0, 4.0, 1.0), round_iterations=60, epoch=30)
+
+
+def given_or(given: Value | None, default: Value) -> Value:
+    """Return the given value, or the default for none."""
+    return default if given is None else given
 
 
 def _listed(scales: tuple[float, ...]) -> str:
@@ -191,11 +198,10 @@ class FastSettings(Settings):
         unit="iterations",
         ge=1,
     )
-    coarse_iterations: int | None = setting(
-        None,
+    coarse_iterations: int = setting(
+        COARSE_ITERATIONS,
         "Iterations on the second finest level; doubled on every coarser one, which has a quarter of the "
-        f"pixels. none: {IN_UNKNOWN_LIGHT.coarse_iterations}, or {IN_KNOWN_LIGHT.coarse_iterations} under "
-        "`light: directions`.",
+        "pixels.",
         unit="iterations",
         ge=0,
     )
@@ -223,28 +229,24 @@ class FastSettings(Settings):
     )
     steps: StepSettings = group(StepSettings, "The step sizes of an iteration.")
 
-    def course(self, known_light: bool) -> Course:
-        """Resolve the course of a descent: the settings, or the defaults for a known or an unknown light."""
+    def schedule(self, known_light: bool) -> Schedule:
+        """Resolve the schedule: the settings, or the defaults for a known or an unknown light."""
         usual, steps = IN_KNOWN_LIGHT if known_light else IN_UNKNOWN_LIGHT, self.steps
-        return Course(
-            _given(self.coarse_iterations, usual.coarse_iterations),
-            _given(steps.coarse_scales, usual.coarse_scales),
-            _given(self.round_iterations, usual.round_iterations),
-            _given(steps.epoch, usual.epoch),
+        return Schedule(
+            self.coarse_iterations,
+            given_or(steps.coarse_scales, usual.coarse_scales),
+            given_or(self.round_iterations, usual.round_iterations),
+            given_or(steps.epoch, usual.epoch),
         )
 
     def stopping(self, light: KindOfLight) -> Stopping:
         """Resolve the stopping criteria: the settings, or the defaults for the kind of light."""
         usual = USUAL[light]
         return Stopping(
-            tolerance=usual.tolerance if self.tolerance is None else self.tolerance,
-            gap=usual.gap if self.gap is None else self.gap,
-            max_rounds=usual.max_rounds if self.max_rounds is None else self.max_rounds,
+            tolerance=given_or(self.tolerance, usual.tolerance),
+            gap=given_or(self.gap, usual.gap),
+            max_rounds=given_or(self.max_rounds, usual.max_rounds),
         )
-
-
-def _given(value: Value | None, usual: Value) -> Value:
-    return usual if value is None else value
 
 
 class HarmonicsSettings(Settings):

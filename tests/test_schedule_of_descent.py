@@ -1,4 +1,4 @@
-"""The course of a descent under a known light: steps are large at first, and lead to the same albedo."""
+"""The schedule of a descent under a known light: steps are large at first, and lead to the same albedo."""
 
 from dataclasses import replace
 
@@ -62,12 +62,12 @@ def test_on_the_finest_level_the_scale_is_that_of_the_settings(scales):
 
 def test_what_is_not_given_depends_on_whether_the_light_is_known():
     usual = FastSettings()
-    assert usual.course(known_light=False).coarse_scales == (1,)
-    assert usual.course(known_light=True).coarse_scales[0] > 1
+    assert usual.schedule(known_light=False).coarse_scales == (1,)
+    assert usual.schedule(known_light=True).coarse_scales[0] > 1
     given = FastSettings(
         coarse_iterations=7, round_iterations=50, steps=StepSettings(epoch=5, coarse_scales=(3,))
     )
     for known_light in (False, True):
-        course = given.course(known_light)
-        assert (course.coarse_iterations, course.round_iterations, course.epoch) == (7, 50, 5)
-        assert course.coarse_scales == (3,)
+        schedule = given.schedule(known_light)
+        assert (schedule.coarse_iterations, schedule.round_iterations, schedule.epoch) == (7, 50, 5)
+        assert schedule.coarse_scales == (3,)
