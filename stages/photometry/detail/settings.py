@@ -265,7 +265,7 @@ class DetailSettings(Settings):
     )
     sample_clusters: int = setting(
         4,
-        "Greatest number of clusters, evenly among all, that these pixels are taken from: their detail "
+        "Greatest number of clusters, evenly among all, that these pixels are taken from: the detail of these "
         "is computed a second time.",
         unit="clusters",
         ge=1,
