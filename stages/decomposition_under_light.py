@@ -89,7 +89,7 @@ def _one_by_one(
     from stages.photometry.solved_clusters import begin_cluster, finish_cluster
 
     job.say(f"The surface is solved in {len(clusters)} clusters.")
-    sampled = sampled_clusters(len(clusters), job.settings.detail.sample_clusters)
+    sampled = sampled_clusters(len(clusters), job.settings.clusters)
     with job.progress("clusters", len(sampled) + len(clusters)) as step:
         first = [clusters[number] for number in sampled]
         drafts, samples = zip(*counted(job.tasks.large(begin_cluster, first, task), step), strict=True)

@@ -303,7 +303,7 @@ def test_an_opened_cluster_has_its_own_pixels_and_those_of_its_margin(at_once):
 @examples(deadline=None)
 @given(count=st.integers(1, 200), most=st.integers(1, 20))
 def test_clusters_are_sampled_evenly(count, most):
-    sampled = sampled_clusters(count, most)
+    sampled = sampled_clusters(count, ClusterSettings(sampled=most))
     assert len(sampled) == min(count, most)
     apart = np.diff([-sampled[0] - 1, *sampled, 2 * count - sampled[-1]])  # as if reflected at the ends
     assert apart.min() >= count // len(sampled) and apart.max() <= count // len(sampled) + 2

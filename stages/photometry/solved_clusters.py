@@ -65,7 +65,7 @@ class ClusterTask:
     def sampled_pixels(self) -> int:
         """Number of pixels of the clusters that statistics of the detail are sampled from, about."""
         count = len(self.parts.clusters)
-        sampled = len(sampled_clusters(count, self.settings.detail.sample_clusters))
+        sampled = len(sampled_clusters(count, self.settings.clusters))
         return int(self.graph.pixels.sum()) * sampled // count
 
 

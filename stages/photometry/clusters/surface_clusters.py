@@ -150,9 +150,9 @@ def size_of(cluster: Cluster, surface: SampledSurface) -> float:
     return float(surface.weights[cluster.reaches(surface.points, surface.footprints)].sum())
 
 
-def sampled_clusters(count: int, most: int) -> list[int]:
+def sampled_clusters(count: int, how: ClusterSettings) -> list[int]:
     """Number those of so many clusters that are sampled: evenly, as neighbours follow each other."""
-    some = min(count, most)
+    some = min(count, how.sampled)
     return [(2 * number + 1) * count // (2 * some) for number in range(some)]
 
 

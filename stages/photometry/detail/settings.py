@@ -263,13 +263,6 @@ class DetailSettings(Settings):
         unit="pixels",
         ge=1000,
     )
-    sample_clusters: int = setting(
-        4,
-        "Greatest number of clusters, evenly among all, that these pixels are taken from: the detail of these "
-        "is computed a second time.",
-        unit="clusters",
-        ge=1,
-    )
     uncertainty: UncertaintySettings = group(
         UncertaintySettings, "The standard uncertainty of log shading, octave by octave."
     )
