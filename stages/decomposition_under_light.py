@@ -17,12 +17,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from stages.photometry.clusters.parts import Parts
-    from stages.photometry.clusters.surface_clusters import Cluster
     from stages.photometry.clusters.typical_views import ViewGraph
-    from stages.photometry.decomposition_record import Solution
     from stages.photometry.detail.part_of_scene import TypicalPixel
-    from stages.photometry.detail.scene_statistics import DetailStatistics
-    from stages.photometry.solved_clusters import ClusterTask
     from stages.scene.cameras import Camera
 
 MAPS = ("albedo", "albedo_tv", "confidence")
@@ -31,14 +27,20 @@ BYTES_PER_LINK = 48
 
 
 def run(job: Job[DecompositionSettings]) -> None:
-    """Divide the surface into clusters, and find the albedo of each."""
+    """Divide the surface into clusters, solve each, measure what is common to all, add the detail."""
     from stages.formats.artefacts.camera_file import read_cameras
     from stages.photometry.clusters.cluster_views import divided_surface, view_graph
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.clusters.surface_clusters import tell_too_large
     from stages.photometry.decomposition_record import write_solutions
+    from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
     from stages.photometry.joint.fast_alternation import FastSolver
-    from stages.photometry.solved_clusters import ClusterTask
+    from stages.photometry.solved_clusters import (
+        ClusterTask,
+        begin_cluster,
+        finish_cluster,
+        solve_whole,
+    )
 
     cameras, settings, inputs = read_cameras(job.inputs["cameras"]), job.settings, dict(job.inputs)
     graph = view_graph(inputs, cameras)
@@ -54,7 +56,17 @@ def run(job: Job[DecompositionSettings]) -> None:
         FastSolver(weights, settings.stopping, settings.fast),
         settings,
     )
-    solutions, statistics = (_as_one if len(clusters) == 1 else _one_by_one)(job, clusters, task)
+    if len(clusters) == 1:
+        with job.progress("rounds", 2 * settings.stopping.max_rounds, at_most=True) as step:
+            whole, sample = solve_whole(clusters[0], task, job.threads, step)
+        solutions, statistics = [whole], DetailStatistics.of(sample, settings.detail)
+    else:
+        job.say(f"The surface is solved in {len(clusters)} clusters.")
+        with job.progress("clusters", 2 * len(clusters)) as step:
+            drafts, samples = zip(*counted(job.tasks.large(begin_cluster, clusters, task), step), strict=True)
+            statistics = DetailStatistics.of(SampledDetail.joined(samples), settings.detail)
+            begun = list(zip(clusters, drafts, strict=True))
+            solutions = list(counted(job.tasks.large(finish_cluster, begun, statistics, task), step))
     with job.progress("views", len(cameras)) as step:
         folders = {name: job.outputs[name] for name in MAPS}
         for _ in job.tasks.small(write_view, range(len(cameras)), task.parts, folders):
@@ -66,38 +78,6 @@ def run(job: Job[DecompositionSettings]) -> None:
         pixels_with_margins=sum(solution.pixels_with_margin for solution in solutions),
     )
     write_solutions(job, solutions)
-
-
-def _as_one(
-    job: Job[DecompositionSettings], clusters: list[Cluster], task: ClusterTask
-) -> tuple[list[Solution], DetailStatistics]:
-    """Solve all pixels together."""
-    from stages.photometry.detail.scene_statistics import DetailStatistics
-    from stages.photometry.solved_clusters import solve_whole
-
-    with job.progress("rounds", 2 * job.settings.stopping.max_rounds, at_most=True) as step:
-        solution, sample = solve_whole(clusters[0], task, job.threads, step)
-    return [solution], DetailStatistics.of(sample, job.settings.detail)
-
-
-def _one_by_one(
-    job: Job[DecompositionSettings], clusters: list[Cluster], task: ClusterTask
-) -> tuple[list[Solution], DetailStatistics]:
-    """Solve some clusters, measure on them what is common to all; then solve the others, add the detail."""
-    from stages.photometry.clusters.surface_clusters import sampled_clusters
-    from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
-    from stages.photometry.solved_clusters import begin_cluster, finish_cluster
-
-    job.say(f"The surface is solved in {len(clusters)} clusters.")
-    sampled = sampled_clusters(len(clusters), job.settings.clusters)
-    with job.progress("clusters", len(sampled) + len(clusters)) as step:
-        first = [clusters[number] for number in sampled]
-        drafts, samples = zip(*counted(job.tasks.large(begin_cluster, first, task), step), strict=True)
-        statistics = DetailStatistics.of(SampledDetail.joined(samples), job.settings.detail)
-        draft_of = dict(zip(sampled, drafts, strict=True))
-        begun = [(cluster, draft_of.get(number)) for number, cluster in enumerate(clusters)]
-        solutions = list(counted(job.tasks.large(finish_cluster, begun, statistics, task), step))
-    return solutions, statistics
 
 
 def write_view(view: int, parts: Parts, folders: Mapping[str, Path]) -> None:
@@ -159,7 +139,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 DECOMPOSITION_UNDER_LIGHT = Stage(
     name="decomposition",
-    version=54,  # ahead of the other variants
+    version=53,  # ahead of the other variants
     about="Albedo of each view under the light that was found, from all views together.",
     settings=DecompositionSettings,
     takes=("mask", "depth", "cameras", "correspondences", "found_light", "shading", "observations"),

@@ -423,7 +423,7 @@ def test_a_view_that_is_darker_is_divided_by_no_more_than_its_light():
     both = np.repeat(gains, pixels)[:, None]
     image, light = (np.concatenate([each, each]) * both for each in (truth * shading, shading))
     seen = image.astype(np.float32), light.astype(np.float32)
-    part = replace(whole_scene(shading, seen[0][:pixels], HOW.log_offset, 10**6), sampled_from=2 * pixels)
+    part = replace(whole_scene(shading, seen[0][:pixels], HOW.log_offset, 10**6), of_scene=2 * pixels)
     smooth = np.broadcast_to(PAINT, image.shape).astype(np.float32)
     trusted, views = np.ones(2 * pixels, bool), apart(2)
     part = replace(part, places=np.arange(2 * pixels), own=trusted)

@@ -42,7 +42,6 @@ from stages.photometry.clusters.surface_clusters import (
     Cluster,
     SampledSurface,
     clusters_of,
-    sampled_clusters,
     size_of,
     tell_too_large,
 )
@@ -298,15 +297,6 @@ def test_an_opened_cluster_has_its_own_pixels_and_those_of_its_margin(at_once):
     assert all((counts == 1).all() for counts in owned.values())
     every_one = np.arange(0, pixels, stride(pixels, 3000))  # as of one cluster of all
     np.testing.assert_array_equal(np.sort(np.concatenate(sampled)), every_one)
-
-
-@examples(deadline=None)
-@given(count=st.integers(1, 200), most=st.integers(1, 20))
-def test_clusters_are_sampled_evenly(count, most):
-    sampled = sampled_clusters(count, ClusterSettings(sampled=most))
-    assert len(sampled) == min(count, most)
-    apart = np.diff([-sampled[0] - 1, *sampled, 2 * count - sampled[-1]])  # as if reflected at the ends
-    assert apart.min() >= count // len(sampled) and apart.max() <= count // len(sampled) + 2
 
 
 def test_samples_stand_for_all_pixels_and_boxes_hold_them(at_once):

@@ -17,7 +17,7 @@ from stages.photometry.albedo.confidence import confidence_of
 from stages.photometry.albedo_data import BY_PIXEL, AlbedoData
 from stages.photometry.clusters.cluster_views import ClusterViews, open_cluster
 from stages.photometry.clusters.parts import Parts
-from stages.photometry.clusters.surface_clusters import Cluster, sampled_clusters
+from stages.photometry.clusters.surface_clusters import Cluster
 from stages.photometry.clusters.typical_views import ViewGraph
 from stages.photometry.decomposition_record import Solution, below_zero
 from stages.photometry.decomposition_settings import DecompositionSettings
@@ -61,13 +61,6 @@ class ClusterTask:
     solver: FastSolver
     settings: DecompositionSettings
 
-    @property
-    def sampled_pixels(self) -> int:
-        """Number of pixels of the clusters that statistics of the detail are sampled from, about."""
-        count = len(self.parts.clusters)
-        sampled = len(sampled_clusters(count, self.settings.clusters))
-        return int(self.graph.pixels.sum()) * sampled // count
-
 
 @dataclass(frozen=True, eq=False)
 class OpenedCluster:
@@ -100,20 +93,12 @@ def begin_cluster(cluster: Cluster, task: ClusterTask, threads: int) -> tuple[So
 
 
 def finish_cluster(
-    begun: tuple[Cluster, Solution | None], common: DetailStatistics, task: ClusterTask, threads: int
+    begun: tuple[Cluster, Solution], common: DetailStatistics, task: ClusterTask, threads: int
 ) -> Solution:
-    """Add the detail to a cluster's smooth albedo, by common statistics; keep its maps. Picklable.
-
-    A cluster that was not begun has no draft: it is solved here.
-    """
+    """Add the detail to a cluster's smooth albedo, by statistics of all; keep its maps. Picklable."""
     cluster, draft = begun
     opened = _opened(cluster, task, threads)
-    if draft is None:
-        smooth = _smooth(task, opened, cluster, lambda: None)
-        albedo, draft = smooth.by_edge.albedo, _draft(opened, smooth)
-        del smooth
-    else:
-        albedo = np.load(_smooth_file(task, cluster), allow_pickle=False)
+    albedo = np.load(_smooth_file(task, cluster), allow_pickle=False)
     return _kept(task, opened, cluster, _with_detail(task, opened, albedo, common), draft)
 
 
@@ -145,7 +130,8 @@ def _part(views: ClusterViews, shading: np.ndarray, observed: AlbedoData, task: 
     how = task.settings.detail
     if task.typical is None:
         return whole_scene(shading, observed.diffuse, how.log_offset, how.sample_pixels)
-    return PartOfScene(views.places(task.graph), views.own, task.sampled_pixels, task.typical)
+    pixels = int(task.graph.pixels.sum())
+    return PartOfScene(views.places(task.graph), views.own, pixels, task.typical)
 
 
 def _smooth(

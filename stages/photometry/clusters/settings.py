@@ -34,13 +34,6 @@ class ClusterSettings(Settings):
         unit="pixels",
         ge=LEAST_PIXELS,
     )
-    sampled: int = setting(
-        4,
-        "Clusters, at most, evenly among all, whose pixels show how uncertain shading and photos are: these "
-        "are opened, and their detail is computed, a second time.",
-        unit="clusters",
-        ge=1,
-    )
     most_margin: float = setting(
         3.0,
         "No further division once all clusters together have this many times the pixels of all views: the "

@@ -150,12 +150,6 @@ def size_of(cluster: Cluster, surface: SampledSurface) -> float:
     return float(surface.weights[cluster.reaches(surface.points, surface.footprints)].sum())
 
 
-def sampled_clusters(count: int, how: ClusterSettings) -> list[int]:
-    """Number those of so many clusters that are sampled: evenly, as neighbours follow each other."""
-    some = min(count, how.sampled)
-    return [(2 * number + 1) * count // (2 * some) for number in range(some)]
-
-
 def tell_too_large(job: Job[Settings], clusters: Sequence[Cluster], how: ClusterSettings) -> None:
     """Warn where a cluster has more pixels than there is room for."""
     largest = max(one.pixels for one in clusters)

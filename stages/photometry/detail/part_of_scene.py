@@ -47,20 +47,20 @@ class PartOfScene:
         Of each among all masked pixels of the scene, view after view, row by row.
     own : ndarray, shape (N,), bool
         Those that stand for the scene; the others are neighbours that help, and stand in other parts.
-    sampled_from : int
-        Pixels of the scene that are sampled, about: own pixels of all parts that are.
+    of_scene : int
+        Masked pixels of the scene.
     typical : TypicalPixel
         Of the scene.
     """
 
     places: np.ndarray
     own: np.ndarray
-    sampled_from: int
+    of_scene: int
     typical: TypicalPixel
 
     def sampled(self, most: int) -> np.ndarray:
         """Select own pixels evenly, (N,), bool: the same of any division, of all parts about `most`."""
-        return self.own & (self.places % stride(self.sampled_from, most) == 0)
+        return self.own & (self.places % stride(self.of_scene, most) == 0)
 
 
 def whole_scene(shading: np.ndarray, image: np.ndarray, log_offset: float, most: int) -> PartOfScene:
