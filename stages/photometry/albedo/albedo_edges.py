@@ -7,6 +7,8 @@ import numpy as np
 from stages.photometry.albedo.settings import EdgeSettings
 from stages.photometry.chromaticity import DARK, NO_SHADING, colour_change
 from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.pixelwise import on_threads
+from stages.solvers.least_squares.difference_operators import Pixels
 
 
 def smoothness_of_edges(
@@ -47,8 +49,9 @@ def smoothness_of_edges(
     seen = np.log(np.maximum(image.mean(axis=1), 0) + DARK).astype(np.float32)
     plain, least = how.residual_tolerance, how.textured_residual_tolerance
     most = how.coarse_at(views.side)
-    weights = []
-    for one, other in views.neighbours():
+
+    def weight(pixels: Pixels) -> np.ndarray:
+        one, other = pixels
         explained = np.abs(lit[one] - lit[other])
         changing = 1 - np.exp(-explained / how.shading_step)
         chroma = colour_change(image[one], image[other]) / how.chroma_step**2
@@ -57,8 +60,9 @@ def smoothness_of_edges(
         residual = (left / (explained + tolerance)) ** 2
         softness = (soft[one] + soft[other]) / 2
         coarse = np.maximum(most * how.soft_texture_factor**softness, how.fine_lambda)
-        weights.append(how.fine_lambda + (coarse - how.fine_lambda) * changing * np.exp(-chroma - residual))
-    return np.concatenate(weights).astype(np.float32)
+        return how.fine_lambda + (coarse - how.fine_lambda) * changing * np.exp(-chroma - residual)
+
+    return np.concatenate(on_threads(weight, views.neighbours())).astype(np.float32)
 
 
 def agreement_of_correspondences(

@@ -12,6 +12,8 @@ from stages.photometry.chromaticity import DARK, NO_SHADING, colour_change
 from stages.photometry.neighbourhoods import add_at, patch_means
 from stages.photometry.specular.highlights import LinkedPatches
 from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.pixelwise import on_threads
+from stages.solvers.least_squares.difference_operators import Pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,14 +76,18 @@ def appearance_of(
     own = how.appearance
     brightness, light = (np.maximum(each.mean(axis=1), 0) for each in (image, shading))
     lit, seen = np.log(np.maximum(light, NO_SHADING)), np.log(brightness + DARK)
-    of_albedo, degree = np.zeros(len(image)), np.zeros(len(image))
-    for one, other in views.neighbours():
+
+    def likely(pixels: Pixels) -> np.ndarray:
+        one, other = pixels
         explained = lit[one] - lit[other]
         residual = np.abs(seen[one] - seen[other] - explained) / (np.abs(explained) + own.residual_tolerance)
         chroma = colour_change(image[one], image[other]) / how.chroma_step**2
-        likely = 1 - np.exp(-(residual**2) - chroma)
-        for end in (one, other):
-            add_at(of_albedo, end, likely)
+        return 1 - np.exp(-(residual**2) - chroma)
+
+    of_albedo, degree = np.zeros(len(image)), np.zeros(len(image))
+    for ends, share in zip(views.neighbours(), on_threads(likely, views.neighbours()), strict=True):
+        for end in ends:
+            add_at(of_albedo, end, share)
             add_at(degree, end, 1)
     grained = rise(patch_means(views, of_albedo / np.maximum(degree, 1)), own.textured_share)
     typical = typical_light_of(shading) if typical_light is None else typical_light

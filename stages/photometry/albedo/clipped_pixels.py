@@ -40,6 +40,8 @@ def raised_where_clipped(
     A clipped value is a lower bound of the radiance, and so of albedo times shading, unless it is that of a
     highlight. Highlights move over the surface from view to view; bright paint is clipped in most of them.
     """
+    if not clipped.any():
+        return albedo.copy()
     others = OtherViews.of(views, np.ones(len(clipped), bool))
     agreeing = others.mean(clipped[:, None])[:, 0] >= how.agreeing_share
     paint = np.flatnonzero(clipped & agreeing & (others.correspondences > 0))

@@ -11,6 +11,8 @@ from stages.photometry.albedo.settings import EdgeSettings
 from stages.photometry.chromaticity import DARK, NO_SHADING, colour_change
 from stages.photometry.neighbourhoods import add_at, means_around, patch_means, patch_side
 from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.pixelwise import on_threads
+from stages.solvers.least_squares.difference_operators import Pixels
 
 
 def soft_texture(
@@ -39,13 +41,20 @@ def soft_texture(
     soft = how.soft_texture
     light = np.maximum(shading.mean(axis=1), NO_SHADING)
     lit, quotient = np.log(light), np.log(np.maximum(image.mean(axis=1), 0) / light + DARK)
-    change, weight = np.zeros((2, len(image))), np.zeros((2, len(image)))
-    for axis, (one, other) in zip(cycle((0, 1)), views.neighbours(), strict=False):
+
+    def weighted(pixels: Pixels) -> tuple[np.ndarray, np.ndarray]:
+        one, other = pixels
         chroma = colour_change(image[one], image[other]) / how.chroma_step**2
         even = np.exp(-np.abs(lit[other] - lit[one]) / how.shading_step - chroma)
         even *= trusted[one] & trusted[other]
-        step = even * np.clip(quotient[other] - quotient[one], -soft.largest_change, soft.largest_change)
-        for end in (one, other):
+        return even * np.clip(
+            quotient[other] - quotient[one], -soft.largest_change, soft.largest_change
+        ), even
+
+    change, weight = np.zeros((2, len(image))), np.zeros((2, len(image)))
+    steps = on_threads(weighted, views.neighbours())
+    for axis, ends, (step, even) in zip(cycle((0, 1)), views.neighbours(), steps, strict=False):
+        for end in ends:
             add_at(change[axis], end, step)
             add_at(weight[axis], end, even)
     across, down = (

@@ -159,7 +159,7 @@ def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> tuple[np.
     if not seen.any():
         return np.full(len(albedo), typical, np.float32), typical
     difference = np.where(seen, (logs - scene.others.mean(logs))[:, 0], 0)
-    square = scene.seen_by_others.mean(difference, scene.how.variance.window_px, np.square)
+    square = scene.seen_by_others.mean_of(np.square, difference, sigma_px=scene.how.variance.window_px)
     if scene.known is None and (measured := seen & scene.part.own).any():
         typical = float(square[measured].mean())
     return np.where(seen, square, np.float32(typical)), typical
@@ -175,7 +175,7 @@ def _kept(
         alone = octaves_of_views(scene)
     noise = OctaveNoise.of(alone, how)
     kept = np.zeros((len(scene.maps), 3), np.float32)
-    residual = scene.pixels.mean(scene.maps[:, 0], how.variance.window_px, np.square)
+    residual = scene.pixels.mean_of(np.square, scene.maps[:, 0], sigma_px=how.variance.window_px)
     variance = limits.level**2 + how.variance.residual_share * residual
     sampled: list[SampledOctave] = []
     octaves = enumerate(pairwise(scene.pixels.octaves(scene.maps, how.sigmas_px)))

@@ -122,7 +122,8 @@ class DetailOctave:
         """Reduce the shading's change, in the fine octaves, to that which the photos show."""
         how, some = scene.how, scene.sample
         left, quotient, change = bands[:, AXES].copy(), bands[:, QUOTIENT], bands[:, LIT] * scene.response
-        stated = size = scene.pixels.mean(change, max(sigma_px, how.least_shading_window_px), np.square)
+        window_px = max(sigma_px, how.least_shading_window_px)
+        stated = size = scene.pixels.mean_of(np.square, change, sigma_px=window_px)
         none = np.zeros((0, 3), np.float32)
         sample = SampledOctave(
             number,
@@ -149,8 +150,10 @@ class DetailOctave:
         some = some[scene.others.count[some] > 0]
         of_both = scene.noise_scale[some] * np.sqrt(1 + 1 / scene.others.count[some])[:, None]
         difference = (self.left - self.left_by_others)[some] / of_both
-        texture = scene.pixels.mean(coarser, self.wide_px, np.square)[some]  # brightness has the least noise
-        return replace(self, sample=replace(self.sample, difference=difference, texture=texture))
+        texture = scene.pixels.mean_of(
+            np.square, coarser, sigma_px=self.wide_px
+        )  # brightness: the least noise
+        return replace(self, sample=replace(self.sample, difference=difference, texture=texture[some]))
 
     @cached_property
     def left_by_others(self) -> np.ndarray:
@@ -172,21 +175,22 @@ class DetailOctave:
         of_axes, power = np.square(np.array(how.uncertainty.of_axes, np.float32)), how.energy_power
         band, noise = self._fused(noise.astype(np.float32))
 
-        def uncertainty(size: np.ndarray, noise: np.ndarray) -> np.ndarray:
-            return error**2 * size[:, None] * of_axes + noise
+        def powers(band: np.ndarray, size: np.ndarray, noise: np.ndarray, stated: np.ndarray) -> np.ndarray:
+            uncertain = error**2 * size[:, None] * of_axes + noise
+            return np.column_stack([np.abs(band) ** power, uncertain, stated])
 
-        def energy_of(mean: np.ndarray) -> np.ndarray:
-            return mean ** (2 / power) / how.energy_of_normal
+        def energies_of(means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            energy = means[:, :3] ** (2 / power) / how.energy_of_normal
+            return np.column_stack([energy, means[:, 3:6]]), means[:, 6].copy()
 
-        uncertain = pixelwise(uncertainty, self.size, noise)
-        energy = scene.pixels.mean(band, self.wide_px, lambda own: np.abs(own) ** power)
-        energy = others.with_own(pixelwise(energy_of, energy))
-        uncertain = others.with_own(scene.pixels.mean(uncertain, self.wide_px))
-        change, some = scene.pixels.mean(self.stated, self.wide_px), scene.sample
-        beyond = np.maximum(energy[some] - uncertain[some], 0)
+        means = scene.pixels.mean_of(powers, band, self.size, noise, self.stated, sigma_px=self.wide_px)
+        energies, change = pixelwise(energies_of, means)  # those of the band, and the uncertain part of them
+        del means
+        energies, some = others.with_own(energies), scene.sample
+        beyond = np.maximum(energies[some, :3] - energies[some, 3:], 0)
         sample = replace(self.sample, energy=beyond, wide_change=change[some])
         limit = limit or sample.limit(how)
-        kept, expected = pixelwise(limit.filtered, band, energy, uncertain, change, scene.trusted)
+        kept, expected = pixelwise(limit.filtered, band, energies, change, scene.trusted)
         return kept, expected, sample
 
     def _fused(self, typical: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -201,7 +205,7 @@ class DetailOctave:
         if not (others.count.any() and noise.any()):
             return self.left, noise
         difference = pixelwise(_difference_to_others, others.count, self.left_by_others, self.left)
-        apart = scene.seen_by_others.mean(difference, self.wide_px, np.square)
+        apart = scene.seen_by_others.mean_of(np.square, difference, sigma_px=self.wide_px)
         return pixelwise(_weighted_by_variance, others.count, self.left, difference, noise, apart)
 
 
@@ -225,7 +229,8 @@ def octaves_of_views(scene: DetailScene) -> SampledViews:
     sizes, quotients = [], []
     for bands, sigma_px in scene.pixels.octaves(scene.maps[:, [QUOTIENT, LIT]], how.sigmas_px):
         quotient, change = bands.T
-        size = scene.pixels.mean((change * scene.response) ** 2, max(sigma_px, how.least_shading_window_px))
+        window_px = max(sigma_px, how.least_shading_window_px)
+        size = scene.pixels.mean((change * scene.response) ** 2, window_px)
         sizes.append(size[some])
         quotients.append((quotient / scene.noise_scale[:, 0])[some])
         if len(sizes) == len(how.noise.texture_spectrum):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
+from itertools import pairwise
 
 import cv2
 import numpy as np
 
-from stages.formats.artefacts.view_files import image_of
 from stages.photometry.stack import StackedViews
 from stages.solvers.kernels.pixelwise import on_threads, pixelwise
 
@@ -38,6 +38,46 @@ def gaussian_mean(values: np.ndarray, weight: np.ndarray, sigma_px: float) -> np
 
 
 @dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the pixels of a view are, n listed ones in an image of (h, w).
+
+    `ndarray.take` moves them several times as fast as an index by the mask.
+
+    Attributes
+    ----------
+    pixel : ndarray, shape (h, w), int32
+        Number of the known pixel of every place; n where there is none.
+    place : ndarray, shape (n,), int32
+        Place of every listed pixel, row by row.
+    """
+
+    pixel: np.ndarray
+    place: np.ndarray
+
+    @classmethod
+    def of(cls, mask: np.ndarray, known: np.ndarray) -> Layout:
+        """Number the pixels of a mask, (h, w), those of them that are known, (n,)."""
+        place = np.flatnonzero(mask).astype(np.int32)
+        pixel = np.full(mask.size, len(place), np.int32)
+        pixel[place[known]] = np.flatnonzero(known)
+        return cls(pixel.reshape(mask.shape), place)
+
+    @property
+    def weight(self) -> np.ndarray:
+        """1 where a pixel is known, else 0: (h, w), float32."""
+        return (self.pixel < len(self.place)).astype(np.float32)
+
+    def image_of(self, values: np.ndarray) -> np.ndarray:
+        """Spread the known values of (n,) or (n, c) over an image, 0 elsewhere."""
+        nothing = np.zeros((1, *values.shape[1:]), values.dtype)
+        return np.concatenate([values, nothing]).take(self.pixel, axis=0, mode="clip")
+
+    def collect(self, image: np.ndarray, out: np.ndarray) -> None:
+        """List the values of an image, (h, w) or (h, w, c), at all pixels."""
+        image.reshape(self.pixel.size, *image.shape[2:]).take(self.place, axis=0, out=out, mode="clip")
+
+
+@dataclass(frozen=True, eq=False)
 class KnownPixels:
     """The known pixels of stacked views.
 
@@ -58,21 +98,32 @@ class KnownPixels:
         """Take the masks from the views."""
         return cls(views.masks, views.starts, known)
 
-    def mean(
-        self, values: np.ndarray, sigma_px: float, of: Callable[[np.ndarray], np.ndarray] | None = None
+    def mean(self, values: np.ndarray, sigma_px: float) -> np.ndarray:
+        """Average stacked values, (N,) or (N, c), under a Gaussian in each view; float32."""
+        return self.mean_of(lambda own: own, values, sigma_px=sigma_px)
+
+    def mean_of(
+        self, function: Callable[..., np.ndarray], *values: np.ndarray, sigma_px: float
     ) -> np.ndarray:
-        """Average stacked values, (N,) or (N, c), or a function of them, under a Gaussian in each view."""
-        out = np.empty(values.shape, np.float32)
+        """Average a function of stacked values, (N,) or (N, c), under a Gaussian in each view; float32."""
+        empty = function(*(each[:0] for each in values))
+        out = np.empty((len(self.known), *empty.shape[1:]), np.float32)
 
         def average_view(number: int) -> None:
-            mask, view = self.masks[number], slice(self.starts[number], self.starts[number + 1])
-            weight = image_of(mask, self.known[view].astype(np.float32))
-            own = image_of(mask, (values[view] if of is None else of(values[view])).astype(np.float32))
-            own *= weight if own.ndim == 2 else weight[..., None]
-            out[view] = gaussian_mean(own, weight, sigma_px)[mask]
+            view, layout = slice(self.starts[number], self.starts[number + 1]), self.layouts[number]
+            own = function(*(each[view] for each in values)).astype(np.float32, copy=False)
+            layout.collect(gaussian_mean(layout.image_of(own), layout.weight, sigma_px), out[view])
 
         on_threads(average_view, range(len(self.masks)))
         return out
+
+    @cached_property
+    def layouts(self) -> list[Layout]:
+        """Where the pixels of each view are."""
+        views = pairwise(self.starts)
+        return [
+            Layout.of(mask, self.known[slice(*view)]) for mask, view in zip(self.masks, views, strict=True)
+        ]
 
     def octaves(self, values: np.ndarray, sigmas_px: tuple[float, ...]) -> Iterator[tuple[np.ndarray, float]]:
         """Divide stacked values, (N,) or (N, c), into octaves, finest first, then the low-pass remainder.

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba
 import numpy as np
-import scipy.sparse as sp
 
+import stages.solvers.kernels.threading_layer  # noqa: F401
 from stages.photometry.stack import StackedViews
-from stages.solvers.kernels.pixelwise import on_threads, pixelwise
+from stages.solvers.primal_dual.half_edges import HalfEdges, from_edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,21 +19,23 @@ class OtherViews:
 
     Attributes
     ----------
-    views : StackedViews
+    links : HalfEdges
+        Between all corresponding pixels.
     trusted : ndarray, shape (N,), bool
         Pixels that are averaged over.
     correspondences : ndarray, shape (N,), float32
         Number of trusted pixels that correspond to each pixel: a coarse pixel may have several in one view.
     """
 
-    views: StackedViews
+    links: HalfEdges
     trusted: np.ndarray
     correspondences: np.ndarray
 
     @classmethod
     def of(cls, views: StackedViews, trusted: np.ndarray) -> OtherViews:
         """Count the correspondences with trusted pixels."""
-        return cls(views, trusted, _sum_over_correspondences(views, trusted.astype(np.float32)))
+        links = _links(views)
+        return cls(links, trusted, _count(links.first, links.neighbour, trusted))
 
     @cached_property
     def count(self) -> np.ndarray:
@@ -41,13 +44,11 @@ class OtherViews:
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Average over the corresponding pixels, (N, c), float32; 0 where there is none."""
-        total = _sum_over_correspondences(self.views, pixelwise(_values_where, self.trusted, values))
-        total /= np.maximum(self.correspondences, 1)[:, None]
-        return total
+        return _average(self.links.first, self.links.neighbour, self.trusted, values, False)
 
     def with_own(self, values: np.ndarray) -> np.ndarray:
-        """Average over a pixel and its correspondences, (N, c), float32."""
-        return pixelwise(_mean_with_others, values, self.count, self.mean(values))
+        """Average over a trusted pixel and its correspondences, (N, c), float32; the others keep theirs."""
+        return _average(self.links.first, self.links.neighbour, self.trusted, values, True)
 
     def filled_in(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fill in untrusted pixels from corresponding ones: highlights, passers-by, grazing angles.
@@ -68,26 +69,44 @@ class OtherViews:
         return values.astype(np.float32), self.trusted | filled
 
 
-def _sum_over_correspondences(views: StackedViews, values: np.ndarray) -> np.ndarray:
-    """Sum the values of all corresponding pixels, shape as `values`, float32."""
-    total = np.zeros_like(values)
-    linked: list[list[tuple[sp.csr_array | sp.csc_array, int]]] = [[] for _ in range(views.view_count)]
-    for (i, j), block in views.correspondences.items():
-        linked[i].append((block, j))
-        linked[j].append((block.T, i))
-
-    def sum_view(number: int) -> None:
-        for block, other in linked[number]:
-            total[views.view(number)] += block @ values[views.view(other)]
-
-    on_threads(sum_view, range(views.view_count))
-    return total
+def _links(views: StackedViews) -> HalfEdges:
+    """List the corresponding pixels of every pixel."""
+    ends = list(views.linked_pixels())
+    if not ends:
+        ends = [2 * (np.zeros(0, np.int32),)]
+    tail, head = (np.concatenate(pixels) for pixels in zip(*ends, strict=True))
+    return from_edges(int(views.starts[-1]), tail, head, np.ones(len(tail), np.float32))
 
 
-def _values_where(known: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return np.where(known[:, None], values, 0).astype(np.float32)
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _count(first, neighbour, known):
+    """Count the known neighbours of every pixel, (N,), float32."""
+    count = np.zeros(first.size - 1, np.float32)
+    for pixel in numba.prange(first.size - 1):
+        p = np.int64(pixel)
+        for k in range(first[p], first[p + 1]):
+            count[p] += known[neighbour[k]]
+    return count
 
 
-def _mean_with_others(values: np.ndarray, count: np.ndarray, others: np.ndarray) -> np.ndarray:
-    own = count[:, None]
-    return np.where(own > 0, (values + own * others) / (1 + own), values).astype(np.float32)
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _average(first, neighbour, known, values, with_own):
+    """Average the known neighbours' values, (N, c); and, where asked, a known pixel's own."""
+    mean = np.empty(values.shape, np.float32)
+    for pixel in numba.prange(first.size - 1):
+        p = np.int64(pixel)
+        count = np.float32(0)
+        for c in range(values.shape[1]):
+            mean[p, c] = values[p, c] if with_own else 0
+        if with_own and not known[p]:
+            continue
+        for k in range(first[p], first[p + 1]):
+            other = neighbour[k]
+            if known[other]:
+                count += 1
+                for c in range(values.shape[1]):
+                    mean[p, c] += values[other, c]
+        count = max(count + with_own, np.float32(1))
+        for c in range(values.shape[1]):
+            mean[p, c] /= count
+    return mean
