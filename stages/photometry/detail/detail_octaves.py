@@ -13,7 +13,12 @@ from stages.photometry.detail.other_views import OtherViews
 from stages.photometry.detail.part_of_scene import PartOfScene
 from stages.photometry.detail.scene_statistics import DetailStatistics, SampledOctave, SampledViews
 from stages.photometry.detail.settings import DetailSettings
-from stages.photometry.detail.shading_uncertainty import ShownChange, log_quotient, log_shading
+from stages.photometry.detail.shading_uncertainty import (
+    ShownChange,
+    log_quotient,
+    log_shading,
+    uncertain_energy,
+)
 from stages.photometry.detail.texture_limit import TextureLimit
 from stages.photometry.stack import StackedViews
 from stages.solvers.kernels.pixelwise import pixelwise
@@ -135,7 +140,9 @@ class DetailOctave:
             difference=none,
             texture=none[:, 0],
             energy=none,
+            wide_size=none[:, 0],
             wide_change=none[:, 0],
+            wide_noise=none,
         )
         shown = sample.shown(how) if scene.known is None else scene.known.octaves[number].shown
         if shown is not None:
@@ -172,25 +179,31 @@ class DetailOctave:
             is used where none is given.
         """
         scene, how, others = self.scene, self.scene.how, self.scene.others
-        of_axes, power = np.square(np.array(how.uncertainty.of_axes, np.float32)), how.energy_power
+        power, some = how.energy_power, scene.sample
         band, noise = self._fused(noise.astype(np.float32))
 
-        def powers(band: np.ndarray, size: np.ndarray, noise: np.ndarray, stated: np.ndarray) -> np.ndarray:
-            uncertain = error**2 * size[:, None] * of_axes + noise
-            return np.column_stack([np.abs(band) ** power, uncertain, stated])
+        def powers(band: np.ndarray, noise: np.ndarray, size: np.ndarray, stated: np.ndarray) -> np.ndarray:
+            return np.column_stack([np.abs(band) ** power, noise, size, stated])
 
-        def energies_of(means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def shared(means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             energy = means[:, :3] ** (2 / power) / how.energy_of_normal
-            return np.column_stack([energy, means[:, 3:6]]), means[:, 6].copy()
+            return np.column_stack([energy, means[:, 3:7]]), means[:, 7].copy()
 
-        means = scene.pixels.mean_of(powers, band, self.size, noise, self.stated, sigma_px=self.wide_px)
-        energies, change = pixelwise(energies_of, means)  # those of the band, and the uncertain part of them
-        del means
-        energies, some = others.with_own(energies), scene.sample
-        beyond = np.maximum(energies[some, :3] - energies[some, 3:], 0)
-        sample = replace(self.sample, energy=beyond, wide_change=change[some])
-        limit = limit or sample.limit(how)
-        kept, expected = pixelwise(limit.filtered, band, energies, change, scene.trusted)
+        def filtered(
+            band: np.ndarray, means: np.ndarray, change: np.ndarray, trusted: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
+            uncertain = uncertain_energy(error, means[:, 6], means[:, 3:6], how)
+            return found.filtered(band, means[:, :3].copy(), uncertain, change, trusted)
+
+        means = scene.pixels.mean_of(powers, band, noise, self.size, self.stated, sigma_px=self.wide_px)
+        means, change = pixelwise(shared, means)  # of all views; of each alone
+        means = others.with_own(means)
+        energy, noise, size = means[some, :3], means[some, 3:6], means[some, 6]
+        sample = replace(
+            self.sample, energy=energy, wide_size=size, wide_change=change[some], wide_noise=noise
+        )
+        found = limit or sample.limit(error, how)
+        kept, expected = pixelwise(filtered, band, means, change, scene.trusted)
         return kept, expected, sample
 
     def _fused(self, typical: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

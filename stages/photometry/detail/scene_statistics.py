@@ -10,7 +10,12 @@ import numpy as np
 from stages.photometry.detail.noise_estimation import noise_between_views, noise_of_one_view
 from stages.photometry.detail.octaves import response_to_noise
 from stages.photometry.detail.settings import DetailSettings
-from stages.photometry.detail.shading_uncertainty import ShadingUncertainty, ShownChange, error_of_change
+from stages.photometry.detail.shading_uncertainty import (
+    ShadingUncertainty,
+    ShownChange,
+    error_of_change,
+    uncertain_energy,
+)
 from stages.photometry.detail.texture_limit import TextureLimit
 
 CHROMA_NOISE = 6.0  # variance of log R/G, 2 σ², over that of the mean logarithm, σ²/3, for equal noise in all
@@ -40,9 +45,11 @@ class SampledOctave:
     texture : ndarray, shape (m,)
         Local mean square of log I/S in the next octave.
     energy : ndarray, shape (n, 3)
-        Local energy of the reduced residual beyond its uncertainty.
-    wide_change : ndarray, shape (n,)
-        Local mean of `stated`.
+        Local energy of the reduced residual.
+    wide_size, wide_change : ndarray, shape (n,)
+        Local means of the square of the shading's change, after and before the reduction.
+    wide_noise : ndarray, shape (n, 3)
+        Local mean of the noise's variance.
     """
 
     number: int
@@ -54,7 +61,9 @@ class SampledOctave:
     difference: np.ndarray
     texture: np.ndarray
     energy: np.ndarray
+    wide_size: np.ndarray
     wide_change: np.ndarray
+    wide_noise: np.ndarray
 
     @classmethod
     def joined(cls, several: Sequence[SampledOctave]) -> SampledOctave:
@@ -84,9 +93,10 @@ class SampledOctave:
         axes = self.difference.T
         return np.array([noise_between_views(axis, self.texture, how.classes) for axis in axes])
 
-    def limit(self, how: DetailSettings) -> TextureLimit:
-        """Find the limit of texture."""
-        return TextureLimit.of(self.energy, self.wide_change, how)
+    def limit(self, error: float, how: DetailSettings) -> TextureLimit:
+        """Find the limit of texture, of the energy beyond that which κ, `error`, and noise explain."""
+        uncertain = uncertain_energy(error, self.wide_size, self.wide_noise, how)
+        return TextureLimit.of(np.maximum(self.energy - uncertain, 0), self.wide_change, how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,10 +206,8 @@ class DetailStatistics:
         found = []
         for octave in sample.octaves:
             shown = octave.shown(how)
-            deviation = noise.at(octave)
-            found.append(
-                OctaveStatistics(shown, octave.error_of_change(shown, how), deviation, octave.limit(how))
-            )
+            deviation, error = noise.at(octave), octave.error_of_change(shown, how)
+            found.append(OctaveStatistics(shown, error, deviation, octave.limit(error, how)))
         return cls(tuple(found), sample.between_views)
 
     @property

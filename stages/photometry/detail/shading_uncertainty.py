@@ -54,6 +54,23 @@ def log_shading(light: np.ndarray) -> np.ndarray:
     return np.log(light).mean(axis=1).astype(np.float32)
 
 
+def uncertain_energy(error: float, size: np.ndarray, noise: np.ndarray, how: DetailSettings) -> np.ndarray:
+    """Compute the energy of a residual explained by error of shading and noise, ``κ² L² + noise``, (n, 3).
+
+    Parameters
+    ----------
+    error : float
+        κ.
+    size : ndarray, shape (n,)
+        Local mean square L² of the shading's own change.
+    noise : ndarray, shape (n, 3)
+        Variance of the noise, in the axes of the residual.
+    how : DetailSettings
+    """
+    of_axes = np.square(np.array(how.uncertainty.of_axes, np.float32))
+    return error**2 * size[:, None] * of_axes + noise
+
+
 @dataclass(frozen=True, eq=False)
 class ShownChange:
     """Excess of the change in the photos over that of the shading: −1, none is shown; 0, all of it.

@@ -61,20 +61,18 @@ class TextureLimit:
     def filtered(
         self,
         band: np.ndarray,
-        energies: np.ndarray,
+        energy: np.ndarray,
+        uncertain: np.ndarray,
         change: np.ndarray,
         trusted: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Filter a band, (N, c), by the Wiener share of its signal within the limit.
-
-        `energies`, (N, 2 c): of the band, then the uncertain part of them.
 
         Returns
         -------
         tuple of ndarray, shape (N, c), and ndarray, shape (N,)
             The share of the band, 0 where it is not trusted, and the expected variance of its first axis.
         """
-        energy, uncertain = (part.copy() for part in np.split(energies, 2, axis=1))
         signal = np.maximum(energy - uncertain, 0)
         share = np.minimum(signal, self.at(change)) / np.maximum(energy, TINY)
         expected = share**2 * uncertain + (1 - share) ** 2 * energy
