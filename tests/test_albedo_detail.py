@@ -21,7 +21,7 @@ from stages.photometry.detail.scene_statistics import DetailStatistics
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.detail.shading_uncertainty import ShownChange, error_of_change, log_shading
 from stages.photometry.detail.texture_limit import TextureLimit, limit_for_mean
-from stages.photometry.stack import StackedViews
+from stages.photometry.stack import StackedViews, stack_views
 
 SHAPE = (160, 200)
 HOW = DetailSettings()
@@ -106,6 +106,24 @@ def test_octaves_add_up_to_the_map():
     total = sum(band for band, _ in octaves(values, weight))
     np.testing.assert_allclose(total, values, atol=1e-5)
     assert [sigma_px for _, sigma_px in octaves(values, weight)] == [*SIGMAS_PX, np.inf]
+
+
+def test_means_of_views_are_those_of_their_images():
+    """Ragged masks, of which some pixels are not known, and may be anything."""
+    rng = np.random.default_rng(6)
+    masks = [rng.random(shape) < 0.8 for shape in ((9, 14), (20, 6))]
+    starts = np.cumsum([0, *(np.count_nonzero(mask) for mask in masks)])
+    known = rng.random(starts[-1]) < 0.7
+    one, other = rng.random((starts[-1], 2)).astype(np.float32), rng.random(starts[-1]).astype(np.float32)
+    other[~known] = np.nan
+    pixels = KnownPixels(masks, starts, known)
+    found = pixels.mean_of(lambda one, other: one * other[:, None], one, other, sigma_px=1.5)
+    for number, mask in enumerate(masks):
+        view = slice(starts[number], starts[number + 1])
+        weight, image = np.zeros(mask.shape, np.float32), np.zeros((*mask.shape, 2), np.float32)
+        weight[mask] = known[view]
+        image[mask] = np.where(known[view, None], one[view] * other[view, None], 0)
+        np.testing.assert_allclose(found[view], gaussian_mean(image, weight, 1.5)[mask], rtol=1e-5)
 
 
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX)
@@ -213,6 +231,28 @@ def test_other_views_are_asked_where_they_are_trusted():
     values = np.repeat(np.array([1, 2, 6], np.float32), pixels)[:, None]
     assert (others.mean(values)[1:pixels:2] == 4).all() and (others.with_own(values)[1:pixels:2] == 3).all()
     assert (others.mean(values)[pixels : 2 * pixels : 2] == 6).all()
+
+
+def test_means_over_other_views_are_those_of_the_matrices():
+    """Three views at different sizes: several pixels of one may correspond to a pixel of another."""
+    rng, masks = np.random.default_rng(5), [np.ones((6, width), bool) for width in (12, 7, 4)]
+    sizes = [mask.size for mask in masks]
+    links = {}
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        rows = np.flatnonzero(rng.random(sizes[i]) < 0.6)
+        ends = rows, rng.integers(0, sizes[j], len(rows))
+        links[i, j] = sp.csr_array((np.ones(len(rows)), ends), shape=(sizes[i], sizes[j]))
+    blocks = [[None if i == j else links.get((i, j)) for j in range(3)] for i in range(3)]
+    for (i, j), block in links.items():
+        blocks[j][i] = block.T
+    both, trusted = sp.block_array(blocks).toarray(), rng.random(sum(sizes)) < 0.7
+    values = rng.random((sum(sizes), 2)).astype(np.float32)
+    others = OtherViews.of(stack_views(masks, None, links), trusted)
+    count, total = both @ trusted, both @ (values * trusted[:, None])
+    np.testing.assert_array_equal(others.correspondences, count)
+    np.testing.assert_allclose(others.mean(values), total / np.maximum(count, 1)[:, None], rtol=1e-5)
+    together = np.where(trusted[:, None], (values + total) / (1 + count)[:, None], values)
+    np.testing.assert_allclose(others.with_own(values), together, rtol=1e-5)
 
 
 def test_views_together_show_texture_that_each_alone_hides_in_noise():

@@ -174,14 +174,16 @@ def _kept(
     if scene.known is None and has_few_links(*scene.measured_and_linked, how):
         alone = octaves_of_views(scene)
     noise = OctaveNoise.of(alone, how)
-    kept = np.zeros((len(scene.maps), 3), np.float32)
-    residual = scene.pixels.mean_of(np.square, scene.maps[:, 0], sigma_px=how.variance.window_px)
+    maps = scene.maps()
+    kept = np.zeros((len(maps), 3), np.float32)
+    residual = scene.pixels.mean_of(np.square, maps[:, 0], sigma_px=how.variance.window_px)
     variance = limits.level**2 + how.variance.residual_share * residual
     sampled: list[SampledOctave] = []
-    octaves = enumerate(pairwise(scene.pixels.octaves(scene.maps, how.sigmas_px)))
+    octaves = enumerate(pairwise(scene.pixels.octaves(maps, how.sigmas_px)))
     for number, ((bands, sigma_px), (coarser, _)) in octaves:
         give_back_free_memory()  # what the octave before has read of the model
         octave = DetailOctave.of(scene, number, bands, sigma_px)
+        del bands  # frees memory for the filter
         if scene.known is not None:
             now = scene.known.octaves[number]
             error, deviation, limit = now.of_change, now.noise, now.limit

@@ -82,9 +82,8 @@ class DetailScene:
         measured = self.trusted & self.part.own
         return int(np.count_nonzero(measured)), int(np.count_nonzero(self.others.count[measured]))
 
-    @cached_property
     def maps(self) -> np.ndarray:
-        """Axes of the residual, mean logarithm of I/S, mean logarithm of S: (N, 5)."""
+        """Compute axes of the residual, mean logarithm of I/S, mean logarithm of S: (N, 5)."""
         offset, most = self.how.log_offset, self.how.largest_residual
 
         def columns(image: np.ndarray, explained: np.ndarray, light: np.ndarray) -> np.ndarray:
@@ -196,6 +195,7 @@ class DetailOctave:
             return found.filtered(band, means[:, :3].copy(), uncertain, change, trusted)
 
         means = scene.pixels.mean_of(powers, band, noise, self.size, self.stated, sigma_px=self.wide_px)
+        del noise  # frees memory
         means, change = pixelwise(shared, means)  # of all views; of each alone
         means = others.with_own(means)
         energy, noise, size = means[some, :3], means[some, 3:6], means[some, 6]
@@ -240,7 +240,7 @@ def octaves_of_views(scene: DetailScene) -> SampledViews:
     """Sample the octaves of brightness within each view."""
     how, some = scene.how, scene.sample
     sizes, quotients = [], []
-    for bands, sigma_px in scene.pixels.octaves(scene.maps[:, [QUOTIENT, LIT]], how.sigmas_px):
+    for bands, sigma_px in scene.pixels.octaves(scene.maps()[:, [QUOTIENT, LIT]], how.sigmas_px):
         quotient, change = bands.T
         window_px = max(sigma_px, how.least_shading_window_px)
         size = scene.pixels.mean((change * scene.response) ** 2, window_px)

@@ -141,7 +141,7 @@ class KnownPixels:
             infinity. They sum up to the values at the known pixels.
         """
         known = self.known if values.ndim == 1 else self.known[:, None]
-        finer = values.astype(np.float32)
+        finer = values.astype(np.float32, copy=False)
         for sigma_px in sigmas_px:
             coarser = self.mean(values, sigma_px)
             band = pixelwise(_difference_where, known, finer, coarser)
