@@ -139,7 +139,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 DECOMPOSITION_UNDER_LIGHT = Stage(
     name="decomposition",
-    version=54,  # ahead of the other variants
+    version=55,  # ahead of the other variants
     about="Albedo of each view under the light that was found, from all views together.",
     settings=DecompositionSettings,
     takes=("mask", "depth", "cameras", "correspondences", "found_light", "shading", "observations"),

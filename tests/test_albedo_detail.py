@@ -108,22 +108,27 @@ def test_octaves_add_up_to_the_map():
     assert [sigma_px for _, sigma_px in octaves(values, weight)] == [*SIGMAS_PX, np.inf]
 
 
-def test_means_of_views_are_those_of_their_images():
+@pytest.mark.parametrize("sigma_px", [1.5, 5.0])
+def test_means_of_views_are_those_of_their_images(sigma_px):
     """Ragged masks, of which some pixels are not known, and may be anything."""
     rng = np.random.default_rng(6)
-    masks = [rng.random(shape) < 0.8 for shape in ((9, 14), (20, 6))]
+    masks = [rng.random(shape) < 0.8 for shape in ((9, 14), (21, 6), (3, 3))]
+    masks[2][:] = False
     starts = np.cumsum([0, *(np.count_nonzero(mask) for mask in masks)])
     known = rng.random(starts[-1]) < 0.7
-    one, other = rng.random((starts[-1], 2)).astype(np.float32), rng.random(starts[-1]).astype(np.float32)
+    one, other = rng.random((starts[-1], 8)).astype(np.float32), rng.random(starts[-1]).astype(np.float32)
     other[~known] = np.nan
     pixels = KnownPixels(masks, starts, known)
-    found = pixels.mean_of(lambda one, other: one * other[:, None], one, other, sigma_px=1.5)
+    found = pixels.mean_of(lambda one, other: one * other[:, None], one, other, sigma_px=sigma_px)
     for number, mask in enumerate(masks):
         view = slice(starts[number], starts[number + 1])
-        weight, image = np.zeros(mask.shape, np.float32), np.zeros((*mask.shape, 2), np.float32)
+        weight = np.zeros(mask.shape, np.float32)
         weight[mask] = known[view]
-        image[mask] = np.where(known[view, None], one[view] * other[view, None], 0)
-        np.testing.assert_allclose(found[view], gaussian_mean(image, weight, 1.5)[mask], rtol=1e-5)
+        for column in range(8):
+            image = np.zeros(mask.shape, np.float32)
+            image[mask] = np.where(known[view], one[view, column] * other[view], 0)
+            mean = gaussian_mean(image, weight, sigma_px)[mask]
+            np.testing.assert_allclose(found[view, column], mean, rtol=1e-5, atol=1e-7)
 
 
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX)
@@ -247,12 +252,34 @@ def test_means_over_other_views_are_those_of_the_matrices():
         blocks[j][i] = block.T
     both, trusted = sp.block_array(blocks).toarray(), rng.random(sum(sizes)) < 0.7
     values = rng.random((sum(sizes), 2)).astype(np.float32)
+    seen = np.where(trusted[:, None], values, np.nan)
     others = OtherViews.of(stack_views(masks, None, links), trusted)
-    count, total = both @ trusted, both @ (values * trusted[:, None])
+    count, total = both @ trusted, both @ np.nan_to_num(seen)
     np.testing.assert_array_equal(others.correspondences, count)
-    np.testing.assert_allclose(others.mean(values), total / np.maximum(count, 1)[:, None], rtol=1e-5)
-    together = np.where(trusted[:, None], (values + total) / (1 + count)[:, None], values)
-    np.testing.assert_allclose(others.with_own(values), together, rtol=1e-5)
+    mean = total / np.maximum(count, 1)[:, None]
+    np.testing.assert_allclose(others.mean(seen), mean, rtol=1e-5)
+    together = np.where(trusted[:, None], (seen + total) / (1 + count)[:, None], seen)
+    np.testing.assert_allclose(others.with_own(seen), together, rtol=1e-5)
+    filled, has_value = others.filled_in(seen)
+    np.testing.assert_array_equal(has_value, trusted | (count > 0))
+    np.testing.assert_allclose(
+        filled[has_value], np.where(trusted[:, None], seen, mean)[has_value], rtol=1e-5
+    )
+    bright = values[:, :1] > 0.5
+    share = both @ (bright & trusted[:, None]) / np.maximum(count, 1)[:, None]
+    np.testing.assert_allclose(others.mean(bright), share, rtol=1e-6)
+
+
+def test_statistics_that_are_given_filter_as_those_that_were_measured():
+    views, stone, shading = several_views(3), np.exp(fractal(11, 0.1)).reshape(-1, 1), relief()
+    light = np.tile(shading, (3, 1))
+    image = noisy((PAINT * np.tile(stone, (3, 1)) * light).astype(np.float32), 0.02)
+    smooth, trusted = np.broadcast_to(PAINT, image.shape).astype(np.float32), np.ones(len(image), bool)
+    own = with_detail(views, smooth, image, light, trusted, HOW)
+    known = DetailStatistics.of(own.sample, HOW)
+    given = with_detail(views, smooth, image, light, trusted, HOW, known=known)
+    np.testing.assert_array_equal(given.albedo, own.albedo)
+    np.testing.assert_array_equal(given.variance, own.variance)
 
 
 def test_views_together_show_texture_that_each_alone_hides_in_noise():

@@ -166,9 +166,9 @@ def sampled(octave, size, seed):
         rng.normal(0, 0.03, (size // 2, 3)).astype(np.float32),
         rng.uniform(0, 0.01, size // 2).astype(np.float32),
         rng.uniform(0, 0.02, (size, 3)).astype(np.float32),
+        rng.uniform(0, 0.001, (size, 3)).astype(np.float32),
         rng.uniform(0, 0.01, size).astype(np.float32),
         rng.uniform(0, 0.1, size).astype(np.float32),
-        rng.uniform(0, 0.001, (size, 3)).astype(np.float32),
     )
 
 
@@ -186,7 +186,7 @@ def test_statistics_of_joined_parts_are_those_of_the_whole(few_links):
             arrays = {
                 name: getattr(one, name)[begin:end] for name in ("change", "left", "quotient", "stated")
             }
-            wide = ("energy", "wide_size", "wide_change", "wide_noise")
+            wide = ("energy", "wide_noise", "wide_size", "wide_stated")
             arrays |= {name: getattr(one, name)[begin:end] for name in wide}
             arrays |= {name: getattr(one, name)[linked] for name in ("difference", "texture")}
             octaves.append(replace(one, **arrays))

@@ -85,7 +85,8 @@ def appearance_of(
         return 1 - np.exp(-(residual**2) - chroma)
 
     of_albedo, degree = np.zeros(len(image)), np.zeros(len(image))
-    for ends, share in zip(views.neighbours(), on_threads(likely, views.neighbours()), strict=True):
+    pairs = list(views.neighbours())
+    for ends, share in zip(pairs, on_threads(likely, pairs), strict=True):
         for end in ends:
             add_at(of_albedo, end, share)
             add_at(degree, end, 1)

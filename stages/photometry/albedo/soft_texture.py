@@ -47,13 +47,12 @@ def soft_texture(
         chroma = colour_change(image[one], image[other]) / how.chroma_step**2
         even = np.exp(-np.abs(lit[other] - lit[one]) / how.shading_step - chroma)
         even *= trusted[one] & trusted[other]
-        return even * np.clip(
-            quotient[other] - quotient[one], -soft.largest_change, soft.largest_change
-        ), even
+        step = np.clip(quotient[other] - quotient[one], -soft.largest_change, soft.largest_change)
+        return even * step, even
 
     change, weight = np.zeros((2, len(image))), np.zeros((2, len(image)))
-    steps = on_threads(weighted, views.neighbours())
-    for axis, ends, (step, even) in zip(cycle((0, 1)), views.neighbours(), steps, strict=False):
+    pairs = list(views.neighbours())
+    for axis, ends, (step, even) in zip(cycle((0, 1)), pairs, on_threads(weighted, pairs), strict=False):
         for end in ends:
             add_at(change[axis], end, step)
             add_at(weight[axis], end, even)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -179,24 +178,25 @@ def _kept(
     residual = scene.pixels.mean_of(np.square, maps[:, 0], sigma_px=how.variance.window_px)
     variance = limits.level**2 + how.variance.residual_share * residual
     sampled: list[SampledOctave] = []
-    octaves = enumerate(pairwise(scene.pixels.octaves(maps, how.sigmas_px)))
-    for number, ((bands, sigma_px), (coarser, _)) in octaves:
+    octaves = scene.pixels.octaves(maps, how.sigmas_px)
+    bands, sigma_px = next(octaves)
+    for number in range(len(how.sigmas_px)):
         give_back_free_memory()  # what the octave before has read of the model
         octave = DetailOctave.of(scene, number, bands, sigma_px)
-        del bands  # frees memory for the filter
+        bands, sigma_px = next(octaves)  # those of this octave are freed for its filter
         if scene.known is not None:
             now = scene.known.octaves[number]
             error, deviation, limit = now.of_change, now.noise, now.limit
         else:
             if number < how.noise.compared_octaves and alone is None:
-                octave = octave.with_differences(coarser[:, QUOTIENT])
+                octave = octave.with_differences(bands[:, QUOTIENT])
             error, limit = octave.sample.error_of_change(octave.shown, how), None
             deviation = noise.at(octave.sample)
         own, expected, sample = octave.kept(error, deviation * response[number], limit)
         sampled.append(sample)
         kept += own
         variance += expected + how.variance.shading_change_share * octave.stated
-        rest = coarser[:, AXES]
+    rest = bands[:, AXES]
     of_level = limits.level * np.array(limits.of_axes, np.float32)
     kept += rest * _share_of_signal(rest**2, of_level**2)
     return kept, variance, tuple(sampled), alone

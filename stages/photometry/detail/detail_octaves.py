@@ -110,7 +110,7 @@ class DetailOctave:
     wide_px : float
         σ of the Gaussian that energies are averaged under.
     sample : SampledOctave
-        Of the bands before the reduction; energies are missing.
+        Of the bands before the reduction; without what `kept` adds, energies and what is local to them.
     """
 
     scene: DetailScene
@@ -139,9 +139,9 @@ class DetailOctave:
             difference=none,
             texture=none[:, 0],
             energy=none,
-            wide_size=none[:, 0],
-            wide_change=none[:, 0],
             wide_noise=none,
+            wide_size=none[:, 0],
+            wide_stated=none[:, 0],
         )
         shown = sample.shown(how) if scene.known is None else scene.known.octaves[number].shown
         if shown is not None:
@@ -156,9 +156,8 @@ class DetailOctave:
         some = some[scene.others.count[some] > 0]
         of_both = scene.noise_scale[some] * np.sqrt(1 + 1 / scene.others.count[some])[:, None]
         difference = (self.left - self.left_by_others)[some] / of_both
-        texture = scene.pixels.mean_of(
-            np.square, coarser, sigma_px=self.wide_px
-        )  # brightness: the least noise
+        # of brightness, which has the least noise
+        texture = scene.pixels.mean_of(np.square, coarser, sigma_px=self.wide_px)
         return replace(self, sample=replace(self.sample, difference=difference, texture=texture[some]))
 
     @cached_property
@@ -196,14 +195,14 @@ class DetailOctave:
 
         means = scene.pixels.mean_of(powers, band, noise, self.size, self.stated, sigma_px=self.wide_px)
         del noise  # frees memory
-        means, change = pixelwise(shared, means)  # of all views; of each alone
+        means, stated = pixelwise(shared, means)  # of all views; of each alone
         means = others.with_own(means)
         energy, noise, size = means[some, :3], means[some, 3:6], means[some, 6]
         sample = replace(
-            self.sample, energy=energy, wide_size=size, wide_change=change[some], wide_noise=noise
+            self.sample, energy=energy, wide_noise=noise, wide_size=size, wide_stated=stated[some]
         )
         found = limit or sample.limit(error, how)
-        kept, expected = pixelwise(filtered, band, means, change, scene.trusted)
+        kept, expected = pixelwise(filtered, band, means, stated, scene.trusted)
         return kept, expected, sample
 
     def _fused(self, typical: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -33,15 +33,16 @@ def gaussian_mean(values: np.ndarray, weight: np.ndarray, sigma_px: float) -> np
     ndarray, shape as `values`, float32
         ``(G * (w v)) / (G * w)``; 0 far from all known pixels.
     """
-    total, known = _smoothed(values, sigma_px), np.maximum(_smoothed(weight, sigma_px), TINY)
-    return total / (known if values.ndim == 2 else known[..., None])
+    mean, known = _smoothed(values, sigma_px), np.maximum(_smoothed(weight, sigma_px), TINY)
+    mean /= known if values.ndim == 2 else known[..., None]
+    return mean
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
-    """Where the pixels of a view are, n listed ones in an image of (h, w).
+class PixelIndices:
+    """Indices from the n listed pixels of a view to its image, (h, w), and back.
 
-    `ndarray.take` moves them several times as fast as an index by the mask.
+    `ndarray.take` moves pixels by them several times as fast as an index by the mask does.
 
     Attributes
     ----------
@@ -55,7 +56,7 @@ class Layout:
     place: np.ndarray
 
     @classmethod
-    def of(cls, mask: np.ndarray, known: np.ndarray) -> Layout:
+    def of(cls, mask: np.ndarray, known: np.ndarray) -> PixelIndices:
         """Number the pixels of a mask, (h, w), those of them that are known, (n,)."""
         place = np.flatnonzero(mask).astype(np.int32)
         pixel = np.full(mask.size, len(place), np.int32)
@@ -105,25 +106,34 @@ class KnownPixels:
     def mean_of(
         self, function: Callable[..., np.ndarray], *values: np.ndarray, sigma_px: float
     ) -> np.ndarray:
-        """Average a function of stacked values, (N,) or (N, c), under a Gaussian in each view; float32."""
+        """Average a function of stacked values under a Gaussian in each view; float32.
+
+        Parameters
+        ----------
+        function : callable
+            Takes some of each of the values, (n,) or (n, c), also none, and returns (n,) or (n, k).
+        values : ndarray, shape (N,) or (N, c)
+        sigma_px : float
+        """
         empty = function(*(each[:0] for each in values))
         out = np.empty((len(self.known), *empty.shape[1:]), np.float32)
+        indices = self.indices  # found before the threads begin, not in each
 
         def average_view(number: int) -> None:
-            view, layout = slice(self.starts[number], self.starts[number + 1]), self.layouts[number]
-            own = function(*(each[view] for each in values)).astype(np.float32, copy=False)
-            layout.collect(gaussian_mean(layout.image_of(own), layout.weight, sigma_px), out[view])
+            view, own = slice(self.starts[number], self.starts[number + 1]), indices[number]
+            image = own.image_of(function(*(each[view] for each in values)).astype(np.float32, copy=False))
+            own.collect(gaussian_mean(image, own.weight, sigma_px), out[view])
 
         on_threads(average_view, range(len(self.masks)))
         return out
 
     @cached_property
-    def layouts(self) -> list[Layout]:
-        """Where the pixels of each view are."""
-        views = pairwise(self.starts)
-        return [
-            Layout.of(mask, self.known[slice(*view)]) for mask, view in zip(self.masks, views, strict=True)
-        ]
+    def indices(self) -> list[PixelIndices]:
+        """Indices of the pixels of each view."""
+        known = [self.known[slice(*view)] for view in pairwise(self.starts)]
+        return on_threads(
+            lambda number: PixelIndices.of(self.masks[number], known[number]), range(len(known))
+        )
 
     def octaves(self, values: np.ndarray, sigmas_px: tuple[float, ...]) -> Iterator[tuple[np.ndarray, float]]:
         """Divide stacked values, (N,) or (N, c), into octaves, finest first, then the low-pass remainder.

@@ -10,7 +10,7 @@ import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401
 from stages.photometry.stack import StackedViews
-from stages.solvers.primal_dual.half_edges import HalfEdges, from_edges
+from stages.solvers.primal_dual.half_edges import from_edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,23 +19,25 @@ class OtherViews:
 
     Attributes
     ----------
-    links : HalfEdges
-        Between all corresponding pixels.
+    first : ndarray, shape (N + 1,), int64
+        Those that correspond to pixel p are ``neighbour[first[p]:first[p + 1]]``.
+    neighbour : ndarray, shape (H,), int32
     trusted : ndarray, shape (N,), bool
         Pixels that are averaged over.
     correspondences : ndarray, shape (N,), float32
         Number of trusted pixels that correspond to each pixel: a coarse pixel may have several in one view.
     """
 
-    links: HalfEdges
+    first: np.ndarray
+    neighbour: np.ndarray
     trusted: np.ndarray
     correspondences: np.ndarray
 
     @classmethod
     def of(cls, views: StackedViews, trusted: np.ndarray) -> OtherViews:
         """Count the correspondences with trusted pixels."""
-        links = _links(views)
-        return cls(links, trusted, _count(links.first, links.neighbour, trusted))
+        first, neighbour = _links(views)
+        return cls(first, neighbour, trusted, _count(first, neighbour, trusted))
 
     @cached_property
     def count(self) -> np.ndarray:
@@ -44,11 +46,11 @@ class OtherViews:
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Average over the corresponding pixels, (N, c), float32; 0 where there is none."""
-        return _average(self.links.first, self.links.neighbour, self.trusted, values, False)
+        return _average(self.first, self.neighbour, self.trusted, values, False)
 
     def with_own(self, values: np.ndarray) -> np.ndarray:
-        """Average over a trusted pixel and its correspondences, (N, c), float32; the others keep theirs."""
-        return _average(self.links.first, self.links.neighbour, self.trusted, values, True)
+        """Average over a pixel and its correspondences, (N, c), float32; untrusted ones keep theirs."""
+        return _average(self.first, self.neighbour, self.trusted, values, True)
 
     def filled_in(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fill in untrusted pixels from corresponding ones: highlights, passers-by, grazing angles.
@@ -69,13 +71,13 @@ class OtherViews:
         return values.astype(np.float32), self.trusted | filled
 
 
-def _links(views: StackedViews) -> HalfEdges:
-    """List the corresponding pixels of every pixel."""
-    ends = list(views.linked_pixels())
-    if not ends:
-        ends = [2 * (np.zeros(0, np.int32),)]
-    tail, head = (np.concatenate(pixels) for pixels in zip(*ends, strict=True))
-    return from_edges(int(views.starts[-1]), tail, head, np.ones(len(tail), np.float32))
+def _links(views: StackedViews) -> tuple[np.ndarray, np.ndarray]:
+    """List the corresponding pixels of every pixel: as `first` and `neighbour` of `OtherViews`."""
+    none = np.zeros(0, np.int32)
+    ends = zip((none, none), *views.linked_pixels(), strict=True)
+    tail, head = (np.concatenate(pixels) for pixels in ends)
+    links = from_edges(int(views.starts[-1]), tail, head, np.ones(len(tail), np.float32))
+    return links.first, links.neighbour
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)

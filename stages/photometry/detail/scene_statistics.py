@@ -45,11 +45,14 @@ class SampledOctave:
     texture : ndarray, shape (m,)
         Local mean square of log I/S in the next octave.
     energy : ndarray, shape (n, 3)
-        Local energy of the reduced residual.
-    wide_size, wide_change : ndarray, shape (n,)
-        Local means of the square of the shading's change, after and before the reduction.
+        Local energy of the reduced residual, fused with that of other views, over a pixel and its
+        correspondences; as are the next two.
     wide_noise : ndarray, shape (n, 3)
         Local mean of the noise's variance.
+    wide_size : ndarray, shape (n,)
+        Local mean square of the shading's change, after the reduction.
+    wide_stated : ndarray, shape (n,)
+        Local mean of `stated`, in the pixel's own view.
     """
 
     number: int
@@ -61,9 +64,9 @@ class SampledOctave:
     difference: np.ndarray
     texture: np.ndarray
     energy: np.ndarray
-    wide_size: np.ndarray
-    wide_change: np.ndarray
     wide_noise: np.ndarray
+    wide_size: np.ndarray
+    wide_stated: np.ndarray
 
     @classmethod
     def joined(cls, several: Sequence[SampledOctave]) -> SampledOctave:
@@ -94,9 +97,12 @@ class SampledOctave:
         return np.array([noise_between_views(axis, self.texture, how.classes) for axis in axes])
 
     def limit(self, error: float, how: DetailSettings) -> TextureLimit:
-        """Find the limit of texture, of the energy beyond that which κ, `error`, and noise explain."""
+        """Find the limit of texture, of the energy beyond that which κ, `error`, and noise explain.
+
+        The energies of parts of a scene are those that the statistics of the part leave.
+        """
         uncertain = uncertain_energy(error, self.wide_size, self.wide_noise, how)
-        return TextureLimit.of(np.maximum(self.energy - uncertain, 0), self.wide_change, how)
+        return TextureLimit.of(np.maximum(self.energy - uncertain, 0), self.wide_stated, how)
 
 
 @dataclass(frozen=True, eq=False)
