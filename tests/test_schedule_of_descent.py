@@ -11,6 +11,7 @@ from stages.photometry.joint.problem_assembly import EdgeWeights, finest_level
 from stages.photometry.joint.settings import FastSettings, StepSettings, Stopping
 from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.stack import StackedViews, stack_views
+from stages.solvers.primal_dual.graph import PrimalDual
 
 SIDE, PAINTS = 96, 30
 WEIGHTS = EnergyWeights(10, 0.1)
@@ -60,14 +61,28 @@ def test_on_the_finest_level_the_scale_is_that_of_the_settings(scales):
     assert descent.steps.scale == 0.07
 
 
+def test_each_coarser_level_has_twice_the_iterations_in_equal_shares(monkeypatch):
+    views, albedo, edges = painted_wall()
+    lit = replace(views, basis=np.ones((len(albedo), 1, 3), np.float32))
+    level, counts, iterate = finest_level(lit, list(albedo.T), WEIGHTS, edges), [], PrimalDual.iterate
+
+    def counted(descent: PrimalDual, count: int) -> None:
+        counts.append(count)
+        iterate(descent, count)
+
+    monkeypatch.setattr(PrimalDual, "iterate", counted)
+    how = FastSettings(coarse_iterations=7, steps=StepSettings(coarse_scales=(3, 1)))
+    from_coarse_to_fine(level, how, 1, np.ones((1, 3, 1)))
+    assert len(counts) > 4 and counts[-2:] == [3, 3]
+    assert counts == [7 * 2**depth // 2 for depth in reversed(range(len(counts) // 2)) for _ in range(2)]
+
+
 def test_what_is_not_given_depends_on_whether_the_light_is_known():
     usual = FastSettings()
     assert usual.schedule(known_light=False).coarse_scales == (1,)
     assert usual.schedule(known_light=True).coarse_scales[0] > 1
-    given = FastSettings(
-        coarse_iterations=7, round_iterations=50, steps=StepSettings(epoch=5, coarse_scales=(3,))
-    )
+    given = FastSettings(round_iterations=50, steps=StepSettings(epoch=5, coarse_scales=(3,)))
     for known_light in (False, True):
         schedule = given.schedule(known_light)
-        assert (schedule.coarse_iterations, schedule.round_iterations, schedule.epoch) == (7, 50, 5)
+        assert (schedule.round_iterations, schedule.epoch) == (50, 5)
         assert schedule.coarse_scales == (3,)

@@ -99,7 +99,7 @@ class SampledOctave:
     def limit(self, error: float, how: DetailSettings) -> TextureLimit:
         """Find the limit of texture, of the energy beyond that which κ, `error`, and noise explain.
 
-        The energies of parts of a scene are those that the statistics of the part leave.
+        Of a joined sample, κ is of all, and each part's energies are what its own statistics left of them.
         """
         uncertain = uncertain_energy(error, self.wide_size, self.wide_noise, how)
         return TextureLimit.of(np.maximum(self.energy - uncertain, 0), self.wide_stated, how)

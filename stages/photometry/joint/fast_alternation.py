@@ -129,7 +129,7 @@ def from_coarse_to_fine(
     use_threads(threads_for(levels[0].pixels, threads))
     descent = start(levels.pop(0), how) if light is None else under(light, levels.pop(0), how)
     while levels:
-        share = schedule.coarse_iterations * 2 ** (len(levels) - 1) // len(schedule.coarse_scales)
+        share = how.coarse_iterations * 2 ** (len(levels) - 1) // len(schedule.coarse_scales)
         for scale in schedule.coarse_scales:
             descent.set_scale(how.steps.scale * scale)
             descent.iterate(share)

@@ -52,8 +52,6 @@ class Schedule:
 
     Attributes
     ----------
-    coarse_iterations : int
-        On the second finest level; doubled on every coarser one.
     coarse_scales : tuple of float
         Scale of the steps (r) on coarse levels over that on the finest; each has as many of the iterations.
     round_iterations : int
@@ -62,18 +60,15 @@ class Schedule:
         Iterations of one kind.
     """
 
-    coarse_iterations: int
     coarse_scales: tuple[float, ...]
     round_iterations: int
     epoch: int
 
 
-COARSE_ITERATIONS = 120  # default, whether or not the light is known
-
 # Defaults. Where the light is found as well, coarse levels find it above all. Under a known light they find
 # how bright whole patches of paint are: these move slowly as one, so that r is large at first.
-IN_UNKNOWN_LIGHT = Schedule(COARSE_ITERATIONS, (1.0,), round_iterations=80, epoch=40)
-IN_KNOWN_LIGHT = Schedule(COARSE_ITERATIONS, (80.0, 20.0, 4.0, 1.0), round_iterations=60, epoch=30)
+IN_UNKNOWN_LIGHT = Schedule((1.0,), round_iterations=80, epoch=40)
+IN_KNOWN_LIGHT = Schedule((80.0, 20.0, 4.0, 1.0), round_iterations=60, epoch=30)
 
 
 def given_or(given: Value | None, default: Value) -> Value:
@@ -199,7 +194,7 @@ class FastSettings(Settings):
         ge=1,
     )
     coarse_iterations: int = setting(
-        COARSE_ITERATIONS,
+        120,
         "Iterations on the second finest level; doubled on every coarser one, which has a quarter of the "
         "pixels.",
         unit="iterations",
@@ -233,7 +228,6 @@ class FastSettings(Settings):
         """Resolve the schedule: the settings, or the defaults for a known or an unknown light."""
         usual, steps = IN_KNOWN_LIGHT if known_light else IN_UNKNOWN_LIGHT, self.steps
         return Schedule(
-            self.coarse_iterations,
             given_or(steps.coarse_scales, usual.coarse_scales),
             given_or(self.round_iterations, usual.round_iterations),
             given_or(steps.epoch, usual.epoch),
