@@ -29,18 +29,20 @@ BYTES_PER_LINK = 48
 def run(job: Job[DecompositionSettings]) -> None:
     """Divide the surface into clusters, solve each, measure what is common to all, add the detail."""
     from stages.formats.artefacts.camera_file import read_cameras
+    from stages.photometry.albedo.albedo_given_light import KINDS
+    from stages.photometry.albedo_of_clusters.common_levels import add_up_cluster, solve_coarse_levels
+    from stages.photometry.albedo_of_clusters.opened_cluster import ClusterTask
+    from stages.photometry.albedo_of_clusters.solved_clusters import (
+        begin_cluster,
+        finish_cluster,
+        solve_whole,
+    )
     from stages.photometry.clusters.cluster_views import divided_surface, view_graph
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.clusters.surface_clusters import tell_too_large
     from stages.photometry.decomposition_record import write_solutions
     from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
     from stages.photometry.joint.fast_alternation import FastSolver
-    from stages.photometry.solved_clusters import (
-        ClusterTask,
-        begin_cluster,
-        finish_cluster,
-        solve_whole,
-    )
 
     cameras, settings, inputs = read_cameras(job.inputs["cameras"]), job.settings, dict(job.inputs)
     graph = view_graph(inputs, cameras)
@@ -62,7 +64,9 @@ def run(job: Job[DecompositionSettings]) -> None:
         solutions, statistics = [whole], DetailStatistics.of(sample, settings.detail)
     else:
         job.say(f"The surface is solved in {len(clusters)} clusters.")
-        with job.progress("clusters", 2 * len(clusters)) as step:
+        with job.progress("clusters", 3 * len(clusters) + len(KINDS)) as step:
+            list(counted(job.tasks.large(add_up_cluster, clusters, task), step))
+            list(counted(job.tasks.large(solve_coarse_levels, KINDS, task), step))
             drafts, samples = zip(*counted(job.tasks.large(begin_cluster, clusters, task), step), strict=True)
             statistics = DetailStatistics.of(SampledDetail.joined(samples), settings.detail)
             begun = list(zip(clusters, drafts, strict=True))
@@ -139,7 +143,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 DECOMPOSITION_UNDER_LIGHT = Stage(
     name="decomposition",
-    version=55,  # ahead of the other variants
+    version=56,  # ahead of the other variants
     about="Albedo of each view under the light that was found, from all views together.",
     settings=DecompositionSettings,
     takes=("mask", "depth", "cameras", "correspondences", "found_light", "shading", "observations"),

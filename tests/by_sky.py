@@ -8,7 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from stages.photometry.albedo.albedo_given_light import SmoothAlbedos, smooth_albedos_under_light
+from stages.photometry.albedo.albedo_given_light import (
+    SmoothAlbedos,
+    smooth_albedos_under_light,
+    weights_of_edges,
+)
 from stages.photometry.albedo.settings import EdgeSettings
 from stages.photometry.albedo_data import typical_light_of
 from stages.photometry.detail.albedo_detail import Detail, with_detail
@@ -66,9 +70,8 @@ def decompose_by_sky(
     found = find_illumination(views, images, scenes, viewing, how.light, threads, lambda: None)
     shading, seen = found.light.shading, found.observations
     typical = typical_light_of(shading)
-    smooth = smooth_albedos_under_light(
-        views, shading, seen, how.edges, how.descent, typical, threads, lambda: None
-    )
+    by_edge = weights_of_edges(views, shading, seen, how.edges, how.descent.weights.consistency, typical)
+    smooth = smooth_albedos_under_light(views, shading, seen, by_edge, how.descent, threads, lambda: None)
     albedo = smooth.by_edge.albedo
     detail = with_detail(views, albedo, seen.diffuse, shading, seen.trusted, DetailSettings())
     return FoundBySky(found, smooth, detail)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.photometry.joint.fast_alternation import steps_of
+from stages.photometry.joint.coarse_to_fine import steps_of
 from stages.photometry.joint.settings import FastSettings
 from stages.solvers.primal_dual.graph import PrimalDual
 from stages.solvers.primal_dual.half_edges import HalfEdges

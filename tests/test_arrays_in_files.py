@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.albedo.albedo_given_light import smooth_albedos_under_light
+from stages.photometry.albedo.albedo_given_light import smooth_albedos_under_light, weights_of_edges
 from stages.photometry.albedo.settings import EdgeSettings
 from stages.photometry.albedo_data import AlbedoData
 from stages.photometry.detail.albedo_detail import with_detail
@@ -89,9 +89,9 @@ def test_albedo_and_detail_are_the_same_to_the_last_bit(tmp_path):
 
     def solved(folder: Path | None) -> list[np.ndarray]:
         own = views if folder is None else views.in_file(folder)
-        smooth = smooth_albedos_under_light(
-            own, shading, data, EdgeSettings(), solver, 0.6, 1, lambda: None, folder
-        )
+        by_edge = weights_of_edges(own, shading, data, EdgeSettings(), solver.weights.consistency, 0.6)
+        by_edge = by_edge.in_file(folder)
+        smooth = smooth_albedos_under_light(own, shading, data, by_edge, solver, 1, lambda: None, folder)
         albedo = smooth.by_edge.albedo
         detail = with_detail(own, albedo, image, shading, trusted, DetailSettings(), folder=folder)
         return [smooth.alike.albedo, albedo, detail.albedo, detail.variance]

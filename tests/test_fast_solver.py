@@ -13,7 +13,7 @@ import pytest
 from stages.correspondence import CORRESPONDENCE
 from stages.decomposition import DECOMPOSITION, DecompositionSettings
 from stages.formats.images.exr import read_exr
-from stages.photometry.joint import fast_alternation
+from stages.photometry.joint import coarse_to_fine
 from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, solve
 from stages.photometry.joint.problem_assembly import graph_of
 from stages.photometry.joint.settings import FastSettings, StepSettings, Stopping
@@ -135,7 +135,7 @@ def test_scaling_the_images_scales_the_fast_albedo(on_sphere, scale):
 
 def test_the_number_of_threads_does_not_change_the_solution(on_sphere, monkeypatch):
     views, images, _ = on_sphere
-    monkeypatch.setattr(fast_alternation, "PIXELS_PER_THREAD", 10)
+    monkeypatch.setattr(coarse_to_fine, "PIXELS_PER_THREAD", 10)
     few = fast(FastSettings(coarsest_pixels=30, coarse_iterations=20), max_rounds=1)
     one, two = (solve(views, images, few, threads, lambda: None) for threads in (1, 2))
     assert np.array_equal(one.albedo, two.albedo)

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stages.photometry.joint.fast_alternation import steps_of
+from stages.photometry.joint.coarse_to_fine import steps_of
 from stages.photometry.joint.problem_assembly import EdgeWeights, graph_of, problem_of
 from stages.photometry.joint.pyramid import Level, coarser, pyramid
 from stages.photometry.joint.settings import FastSettings

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from stages.photometry.albedo.smooth_albedo import albedo_under_light
-from stages.photometry.joint.fast_alternation import FastSolver, from_coarse_to_fine
+from stages.photometry.joint.coarse_to_fine import from_coarse_to_fine
+from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.joint.problem_assembly import EdgeWeights, finest_level
 from stages.photometry.joint.settings import FastSettings, StepSettings, Stopping
 from stages.photometry.paper.energy import EnergyWeights

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.solver.clock import Clock, Look, OutOfTime, Trace
 from benchmarks.solver.compiled_pcg import reweighted_descent
 from benchmarks.solver.problems import RaceProblem
-from stages.photometry.joint.fast_alternation import threads_for
+from stages.photometry.joint.coarse_to_fine import threads_for
 from stages.photometry.joint.problem_assembly import graph_of
 from stages.photometry.paper.energy import channel_terms, gauge_scale
 from stages.photometry.paper.light_step import light_step

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from benchmarks.solver.problems import RaceProblem
-from stages.photometry.joint.fast_alternation import start
+from stages.photometry.joint.coarse_to_fine import start
 from stages.photometry.joint.problem_assembly import finest_level
 from stages.photometry.joint.settings import FastSettings
 from stages.solvers.kernels.threading_layer import use_threads

@@ -18,14 +18,12 @@ from benchmarks.solver.__main__ import THREADS, problems_named  # noqa: E402
 from benchmarks.solver.problems import RaceProblem  # noqa: E402
 from pipeline.command.terminal import Terminal  # noqa: E402
 from stages.evaluation.scaled_error import least_squares_scale  # noqa: E402
+from stages.photometry.joint.coarse_to_fine import start, steps_of, threads_for  # noqa: E402
 from stages.photometry.joint.fast_alternation import (  # noqa: E402
     FastDescent,
     FastSolver,
     descend,
     solve,
-    start,
-    steps_of,
-    threads_for,
 )
 from stages.photometry.joint.problem_assembly import finest_level  # noqa: E402
 from stages.photometry.joint.settings import USUAL, FastSettings  # noqa: E402

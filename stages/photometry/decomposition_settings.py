@@ -9,7 +9,7 @@ from typing import Literal
 
 from pipeline import Settings, UserError, group, setting
 from stages.photometry.albedo.settings import ClippedSettings, ConfidenceSettings, EdgeSettings
-from stages.photometry.clusters.settings import ClusterSettings
+from stages.photometry.clusters.settings import AlbedoClusterSettings
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.settings import FastSettings, HarmonicsSettings, KindOfLight, Stopping, given_or
 from stages.photometry.paper.settings import PaperSettings
@@ -164,8 +164,8 @@ class DecompositionSettings(Settings):
     clipped: ClippedSettings = group(
         ClippedSettings, "`light: directions`: the albedo where photos are clipped."
     )
-    clusters: ClusterSettings = group(
-        ClusterSettings,
+    clusters: AlbedoClusterSettings = group(
+        AlbedoClusterSettings,
         "`light: directions`: many views are solved in clusters, so that memory does not grow with them.",
     )
     confidence: ConfidenceSettings = group(

@@ -203,8 +203,14 @@ def unstack_pixels(masks: Sequence[np.ndarray], stacked: np.ndarray) -> list[np.
     return list(images_of(masks, stacked))
 
 
+def crop_origin(mask: np.ndarray) -> tuple[int, int]:
+    """Find the row and column where a mask is cropped to what is in it: multiples of `ALIGNED`."""
+    top, left = (int(np.flatnonzero(mask.any(axis=axis))[0]) // ALIGNED * ALIGNED for axis in (1, 0))
+    return top, left
+
+
 def cropped(mask: np.ndarray) -> np.ndarray:
-    """Crop a mask to what is in it, from multiples of `ALIGNED`: its pixels and their order stay."""
-    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    top, left = rows[0] // ALIGNED * ALIGNED, columns[0] // ALIGNED * ALIGNED
-    return np.ascontiguousarray(mask[top : rows[-1] + 1, left : columns[-1] + 1])
+    """Crop a mask to what is in it, from `crop_origin`: its pixels and their order stay."""
+    top, left = crop_origin(mask)
+    bottom, right = (int(np.flatnonzero(mask.any(axis=axis))[-1]) + 1 for axis in (1, 0))
+    return np.ascontiguousarray(mask[top:bottom, left:right])

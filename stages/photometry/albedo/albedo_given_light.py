@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -15,11 +16,15 @@ from stages.photometry.albedo.smooth_albedo import albedo_under_light
 from stages.photometry.albedo.soft_texture import soft_texture
 from stages.photometry.albedo_data import AlbedoData
 from stages.photometry.chromaticity import in_white_light
+from stages.photometry.joint.begun_level import BegunLevel
 from stages.photometry.joint.fast_alternation import FastSolver, Settled
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights
 from stages.photometry.stack import StackedViews
 from stages.solvers.kernels.arrays_in_files import in_file
 from stages.solvers.kernels.threading_layer import use_threads
+
+KINDS = ("alike", "by_edge")  # of smooth albedo; as `SmoothAlbedos`
+NOTHING_BEGUN: Mapping[str, BegunLevel] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +47,12 @@ def smooth_albedos_under_light(
     views: StackedViews,
     shading: np.ndarray,
     data: AlbedoData,
-    edges: EdgeSettings,
+    by_edge: EdgeWeights,
     descent: FastSolver,
-    typical_light: float,
     threads: int,
     step: Callable[[], None],
     folder: Path | None = None,
+    begun: Mapping[str, BegunLevel] = NOTHING_BEGUN,
 ) -> SmoothAlbedos:
     """Estimate the smooth albedo under a known light: ρ of Eq. 2, and ρ with weights per edge.
 
@@ -58,34 +63,31 @@ def smooth_albedos_under_light(
     shading : ndarray, shape (N, 3), float32
         Under the light, gains of the views included.
     data : AlbedoData
-    edges : EdgeSettings
+    by_edge : EdgeWeights
+        See `weights_of_edges`.
     descent : FastSolver
-        Its λ and μ are those of `albedo_tv`; its μ is the least of any correspondence in `albedo`.
-    typical_light : float
-        Median brightness of the shading, over the whole scene.
+        Its λ and μ are those of `albedo_tv`.
     threads : int
         Never changes the result.
     step : callable
         Called after every round.
     folder : Path or None
-        Where weights and coarse levels wait, and the first albedo while the second is solved; None: in
-        memory.
+        Where coarse levels wait, and the first albedo while the second is solved; None: in memory.
+    begun : mapping of str to BegunLevel
+        By kind of albedo, `KINDS`: coarse levels of all views, where these are some of their pixels.
     """
     use_threads(threads)
-    by_edge = _weights_of_edges(views, shading, data, edges, descent.weights.consistency, typical_light)
-    by_edge = by_edge.in_file(folder)
 
-    def solved(weights: EdgeWeights) -> Settled:
-        return albedo_under_light(
-            views, data.diffuse, shading, data.trusted, weights, descent, threads, step, folder
-        )
+    def solved(kind: str, weights: EdgeWeights) -> Settled:
+        given = views, data.diffuse, shading, data.trusted, weights, descent, threads, step, folder
+        return albedo_under_light(*given, begun.get(kind))
 
-    alike = solved(ALIKE)
+    alike = solved("alike", ALIKE)
     alike = replace(alike, albedo=in_file([alike.albedo], folder)[0])
-    return SmoothAlbedos(alike, solved(by_edge))
+    return SmoothAlbedos(alike, solved("by_edge", by_edge))
 
 
-def _weights_of_edges(
+def weights_of_edges(
     views: StackedViews,
     shading: np.ndarray,
     data: AlbedoData,
@@ -93,7 +95,11 @@ def _weights_of_edges(
     consistency: float,
     typical_light: float,
 ) -> EdgeWeights:
-    """Compute λ between neighbours and μ between views."""
+    """Compute λ between neighbours and μ between views.
+
+    `consistency`: the least μ of any correspondence; `typical_light`: the median brightness of the shading,
+    over the whole scene.
+    """
     shown = in_white_light(data.observed, shading)
     surface = appearance_of(views, shown, shading, data.trusted, edges, data.glossy, typical_light)
     del shown

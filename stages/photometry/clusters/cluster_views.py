@@ -16,7 +16,7 @@ from stages.formats.images.photos import read_mask
 from stages.photometry.clusters.settings import ClusterSettings
 from stages.photometry.clusters.surface_clusters import Cluster, SampledSurface, clusters_of
 from stages.photometry.clusters.typical_views import ViewGraph
-from stages.photometry.stack import StackedViews, cropped, stack_views
+from stages.photometry.stack import StackedViews, crop_origin, cropped, stack_views
 from stages.scene.cameras import Camera, back_project, footprint
 
 
@@ -38,6 +38,8 @@ class ClusterViews:
         Of the pixels that take part; its masks are cropped to them.
     own : ndarray, shape (N,), bool
         Which of these are the cluster's own, not of its margin.
+    rim : ndarray, shape (N,), bool
+        Which are beside the margin rather than in it: the neighbours, within views, of what is cut off.
     """
 
     numbers: list[int]
@@ -46,6 +48,7 @@ class ClusterViews:
     kept: list[np.ndarray]
     stack: StackedViews
     own: np.ndarray
+    rim: np.ndarray
 
     def maps(self, folder: Path, each: Each = map) -> np.ndarray:
         """Read an EXR per view; values of the pixels that take part, (N,) or (N, 3)."""
@@ -61,6 +64,11 @@ class ClusterViews:
         return np.concatenate(
             [first[view] + np.flatnonzero(kept) for view, kept in zip(self.numbers, self.kept, strict=True)]
         )
+
+    @property
+    def origins(self) -> np.ndarray:
+        """Row and column where the stack's crop of each view begins, (n, 2), int64, if they are cropped."""
+        return np.array([crop_origin(mask) for mask in self.masks], np.int64).reshape(-1, 2)
 
     @property
     def own_counts(self) -> np.ndarray:
@@ -129,22 +137,29 @@ def divided_surface(
 
 
 def open_cluster(
-    paths: Mapping[str, Path], cameras: Sequence[Camera], cluster: Cluster, side: float, each: Each = map
+    paths: Mapping[str, Path],
+    cameras: Sequence[Camera],
+    cluster: Cluster,
+    side: float,
+    each: Each = map,
+    rim: bool = False,
 ) -> ClusterViews:
-    """Open masks and correspondences of a cluster; `side`: that of all views."""
+    """Open masks and correspondences of a cluster, with or without a rim; `side`: that of all views."""
 
-    def select(view: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def select(view: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         mask = read_mask(paths["mask"] / f"{cameras[view].name}.png")
         if cluster.is_whole:
             everything = np.ones(int(np.count_nonzero(mask)), bool)
-            return mask, everything, everything
+            return mask, everything, everything, ~everything
         points, footprints = surface_points(paths, cameras[view], mask)
         own = cluster.owns(points)
-        return mask, own | cluster.reaches(points, footprints), own
+        near = own | cluster.reaches(points, footprints)
+        beside = _beside(_with(mask, near))[mask] if rim else np.zeros_like(near)
+        return mask, near | beside, own, beside
 
     selected = dict(zip(cluster.views, each(select, cluster.views), strict=True))
     numbers = [view for view in cluster.views if cluster.is_whole or selected[view][1].any()]
-    kept, own = ({view: selected[view][part] for view in numbers} for part in (1, 2))
+    kept, own, beside = ({view: selected[view][part] for view in numbers} for part in (1, 2, 3))
     masks = [_with(selected[view][0], kept[view]) for view in numbers]
     del selected
     files = CorrespondenceFiles.of(paths["correspondences"], cameras)
@@ -168,6 +183,7 @@ def open_cluster(
         [kept[view] for view in numbers],
         replace(stack_views(crops, None, blocks), side_of_all=side),
         np.concatenate([own[view][kept[view]] for view in numbers]),
+        np.concatenate([beside[view][kept[view]] for view in numbers]),
     )
 
 
@@ -180,6 +196,16 @@ def _among(block: sp.csr_array, rows: np.ndarray, columns: np.ndarray) -> sp.csr
     places = (np.cumsum(rows) - 1)[row[inside]], (np.cumsum(columns) - 1)[block.indices[inside]]
     shape = int(np.count_nonzero(rows)), int(np.count_nonzero(columns))
     return sp.csr_array((block.data[inside], places), shape=shape)
+
+
+def _beside(mask: np.ndarray) -> np.ndarray:
+    """Select the pixels outside a mask that touch it, above, below, left or right."""
+    touched = np.zeros_like(mask)
+    touched[1:] |= mask[:-1]
+    touched[:-1] |= mask[1:]
+    touched[:, 1:] |= mask[:, :-1]
+    touched[:, :-1] |= mask[:, 1:]
+    return touched & ~mask
 
 
 def _with(mask: np.ndarray, kept: np.ndarray) -> np.ndarray:

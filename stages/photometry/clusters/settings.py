@@ -48,6 +48,19 @@ class ClusterSettings(Settings):
         return self.model_copy(update={"pixels": min(self.pixels, max(pixels, LEAST_PIXELS))})
 
 
+class AlbedoClusterSettings(ClusterSettings):
+    """Settings of the clusters that the albedo is solved in."""
+
+    coarse_share: float = setting(
+        0.5,
+        "Greatest share of a cluster's pixels that the finest of the coarse levels has which are solved for "
+        "all clusters together. Each cluster begins from it, and is held at it beyond its margin.",
+        unit="of `pixels`",
+        gt=0,
+        le=1,
+    )
+
+
 def expected_size(pixels: int, how: ClusterSettings) -> int:
     """Estimate how many pixels take part in the largest cluster, before the surface is divided."""
     return min(pixels, how.pixels)

@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from pipeline.process.free_memory import give_back_free_memory, give_back_garbage, large_blocks_apart
-from stages.photometry.joint.problem_assembly import finest_level, problem_of
-from stages.photometry.joint.pyramid import Level, pyramid
+from pipeline.process.free_memory import give_back_garbage, large_blocks_apart
+from stages.photometry.joint.coarse_to_fine import from_coarse_to_fine
+from stages.photometry.joint.problem_assembly import finest_level
 from stages.photometry.joint.settings import FastSettings, Stopping
 from stages.photometry.joint.stopping_rule import Round, verdict
 from stages.photometry.paper.alternation import Outcome
 from stages.photometry.paper.energy import EnergyTerms, EnergyWeights, channel_terms
 from stages.photometry.stack import StackedViews
-from stages.solvers.kernels.threading_layer import use_threads
 from stages.solvers.primal_dual.graph import PrimalDual
-from stages.solvers.primal_dual.problem import Steps
-
-PIXELS_PER_THREAD = 20_000  # with fewer, barriers cost more than threads gain; changes speed, no result
-UNIFORM = 1 / np.sqrt(4 * np.pi)  # ν of the first harmonic, the same for every normal
 
 
 @dataclass(frozen=True)
@@ -109,71 +103,6 @@ def solve(
     return settled.evaluated(views, images)
 
 
-def from_coarse_to_fine(
-    finest: Level,
-    how: FastSettings,
-    threads: int,
-    light: np.ndarray | None = None,
-    folder: Path | None = None,
-) -> PrimalDual:
-    """Descend on every coarser level, coarsest first; returns the finest, initialised from them.
-
-    A given light, (n, 3, K), is held fixed. In a folder, if there is one, the state of a level waits until
-    the next is arranged.
-    """
-    levels = pyramid(finest, how.coarsest_pixels)
-    del finest  # frees each level once it is arranged
-    give_back_free_memory()
-    groups = [level.group for level in levels if level.group is not None]  # the finest has none
-    schedule = how.schedule(known_light=light is not None)
-    use_threads(threads_for(levels[0].pixels, threads))
-    descent = start(levels.pop(0), how) if light is None else under(light, levels.pop(0), how)
-    while levels:
-        share = how.coarse_iterations * 2 ** (len(levels) - 1) // len(schedule.coarse_scales)
-        for scale in schedule.coarse_scales:
-            descent.set_scale(how.steps.scale * scale)
-            descent.iterate(share)
-        coarse = descent.coarse_state().in_file(folder)
-        del descent  # before the finer level takes its place
-        use_threads(threads_for(levels[0].pixels, threads))
-        give_back_free_memory()
-        problem = problem_of(levels.pop(0))
-        give_back_free_memory()
-        descent = PrimalDual.from_coarse(coarse, problem, groups[0])
-        del coarse  # frees memory for the next step
-        descent.fill_in(groups.pop(0))
-        give_back_free_memory()
-    descent.set_scale(how.steps.scale)
-    return descent
-
-
-def start(level: Level, how: FastSettings) -> PrimalDual:
-    """Initialise as the paper does: albedo equal to the image, shading as near to 1 as the basis allows."""
-    problem = problem_of(level)
-    albedo = level.image / level.share[:, None]
-    light = np.zeros((level.starts.size - 1, 3, level.basis.shape[1]))
-    light[:, :, 0] = 1 / UNIFORM
-    return PrimalDual(problem, problem.slices.spread(albedo), light, steps_of(how, known_light=False))
-
-
-def under(light: np.ndarray, level: Level, how: FastSettings) -> PrimalDual:
-    """Initialise with ρ = I/S where S is large enough, else 0; the light is held fixed."""
-    view = level.view_of_pixel
-    shading = np.stack(
-        [np.einsum("pk,pk->p", level.basis[:, :, c], light[view, c]) for c in range(3)], axis=1
-    )
-    lit = shading > how.start_shading * max(float(shading.mean()), 1e-12)
-    albedo = np.where(lit, level.image / np.where(lit, shading, 1), 0).astype(np.float32)
-    problem = problem_of(level)
-    steps = steps_of(how, known_light=True)
-    return PrimalDual(problem, problem.slices.spread(albedo), light, steps, free_light=False)
-
-
-def threads_for(pixels: int, threads: int) -> int:
-    """Limit the threads to those with enough pixels between two barriers."""
-    return min(threads, 1 + pixels // PIXELS_PER_THREAD)
-
-
 def descend(descent: PrimalDual, solver: FastSolver, step: Callable[[], None]) -> Settled:
     """Iterate in rounds on the finest level until the stopping rule holds.
 
@@ -203,19 +132,6 @@ def descend(descent: PrimalDual, solver: FastSolver, step: Callable[[], None]) -
     del descent, kept
     give_back_garbage()
     return Settled(albedo, light, tuple(rounds), outcome or Outcome.LIMIT_REACHED)
-
-
-def steps_of(how: FastSettings, known_light: bool) -> Steps:
-    """Convert the settings of an iteration to the solver's."""
-    steps = how.steps
-    return Steps(
-        scale=steps.scale,
-        data_step_ratio=steps.data_step_ratio,
-        relaxation=steps.relaxation,
-        reflection=steps.reflection,
-        epoch=how.schedule(known_light).epoch,
-        rank_tolerance=steps.rank_tolerance,
-    )
 
 
 def _evaluated(descent: PrimalDual, how: FastSettings) -> Round:

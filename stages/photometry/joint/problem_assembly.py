@@ -44,22 +44,32 @@ ALIKE = EdgeWeights()
 
 
 def finest_level(
-    views: StackedViews, images: list[np.ndarray], weights: EnergyWeights, edges: EdgeWeights = ALIKE
+    views: StackedViews,
+    images: list[np.ndarray],
+    weights: EnergyWeights,
+    edges: EdgeWeights = ALIKE,
+    own: np.ndarray | None = None,
 ) -> Level:
-    """Build the level of single pixels; images are 3 scaled channels of (N,)."""
+    """Build the level of single pixels; images are 3 scaled channels of (N,).
+
+    Where only some pixels are `own`, (N,), bool, the level is what they contribute: others count for
+    nothing, and edges where the first of their pixels does.
+    """
     return Level(
         starts=views.starts,
         positions=views.positions(),
         basis=views.basis.reshape(*views.basis.shape[:2], -1),
         image=np.stack(images, axis=1).astype(np.float32),
-        share=np.ones(len(images[0]), np.float32),
-        graph=graph_of(views, weights, edges),
+        share=np.ones(len(images[0]), np.float32) if own is None else own.astype(np.float32),
+        graph=graph_of(views, weights, edges, own),
         gauge_of_view=_linked_views(views),
     )
 
 
-def graph_of(views: StackedViews, weights: EnergyWeights, edges: EdgeWeights = ALIKE) -> HalfEdges:
-    """Write λ times Eq. 4 plus μ times Eq. 5 as a graph of the pixels."""
+def graph_of(
+    views: StackedViews, weights: EnergyWeights, edges: EdgeWeights = ALIKE, own: np.ndarray | None = None
+) -> HalfEdges:
+    """Write λ times Eq. 4 plus μ times Eq. 5 as a graph of the pixels; `own`: see `finest_level`."""
     tail, head, touching = _ends(views)
     counts = touching, tail.size - touching
     weight = np.repeat(np.array([weights.smoothness, weights.consistency], np.float32), counts)
@@ -67,6 +77,8 @@ def graph_of(views: StackedViews, weights: EnergyWeights, edges: EdgeWeights = A
         weight[:touching] = edges.smoothness
     if edges.agreement is not None:
         weight[touching:] = edges.agreement
+    if own is not None:
+        weight *= own[tail]
     return from_edges(int(views.starts[-1]), tail, head, weight)
 
 

@@ -77,10 +77,13 @@ def coarser(level: Level) -> Level:
     )
 
 
-def pyramid(finest: Level, fewest: int) -> list[Level]:
-    """Build all levels, coarsest first; none has fewer than `fewest` pixels per view on average."""
-    levels = [finest]
-    while levels[0].pixels >= 4 * fewest * (finest.starts.size - 1):
+def pyramid(finest: Level, fewest: int, most: int | None = None) -> list[Level]:
+    """Build all levels, coarsest first; none has fewer than `fewest` pixels per view on average.
+
+    With a number of `most` coarser levels, as many as that, however few pixels they have.
+    """
+    levels, enough = [finest], 4 * fewest * (finest.starts.size - 1)
+    while levels[0].pixels >= enough if most is None else len(levels) <= most:
         levels.insert(0, coarser(levels[0]))
     return levels
 

@@ -8,12 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.process.free_memory import large_blocks_apart
-from stages.photometry.joint.fast_alternation import (
-    FastDescent,
-    FastSolver,
-    descend,
-    from_coarse_to_fine,
-)
+from stages.photometry.joint.coarse_to_fine import from_coarse_to_fine
+from stages.photometry.joint.fast_alternation import FastDescent, FastSolver, descend
 from stages.photometry.joint.problem_assembly import finest_level
 from stages.photometry.joint.settings import HarmonicsSettings
 from stages.photometry.stack import StackedViews
