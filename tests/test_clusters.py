@@ -55,6 +55,7 @@ from stages.photometry.detail.scene_statistics import (
     SampledViews,
 )
 from stages.photometry.detail.settings import DetailSettings
+from stages.photometry.detail.shading_uncertainty import ShownChange
 from stages.photometry.further_views.lit_clusters import further_pixels
 from stages.photometry.lighting.estimate_illumination import find_illumination
 from stages.photometry.lighting.opened_views import ViewFiles
@@ -169,6 +170,8 @@ def sampled(octave, size, seed):
         rng.uniform(0, 0.001, (size, 3)).astype(np.float32),
         rng.uniform(0, 0.01, size).astype(np.float32),
         rng.uniform(0, 0.1, size).astype(np.float32),
+        rng.normal(0, 0.001, size).astype(np.float32),
+        rng.uniform(-1, 0, size).astype(np.float32),
     )
 
 
@@ -186,7 +189,7 @@ def test_statistics_of_joined_parts_are_those_of_the_whole(few_links):
             arrays = {
                 name: getattr(one, name)[begin:end] for name in ("change", "left", "quotient", "stated")
             }
-            wide = ("energy", "wide_noise", "wide_size", "wide_stated")
+            wide = ("energy", "wide_noise", "wide_size", "wide_stated", "wide_product", "wide_excess")
             arrays |= {name: getattr(one, name)[begin:end] for name in wide}
             arrays |= {name: getattr(one, name)[linked] for name in ("difference", "texture")}
             octaves.append(replace(one, **arrays))
@@ -207,6 +210,36 @@ def test_statistics_of_joined_parts_are_those_of_the_whole(few_links):
             np.testing.assert_array_equal(one.shown.at(at), other.shown.at(at))
             assert 0.6 < one.shown.shown < 0.99  # reduced by what may be chance
     assert pieces.between_views == pytest.approx(0.01)
+
+
+def test_the_limit_of_texture_is_of_what_all_parts_are_shown():
+    """Whatever a part's own reduction of the shading's change was: energies are converted."""
+    how, rng = DetailSettings(), np.random.default_rng(3)
+    size = rng.uniform(0.01, 0.3, (4000, 1))
+    change = rng.normal(0, size, (4000, 50))
+    residual = rng.normal(0, 0.05 + 0.5 * size, (4000, 50)) - 0.6 * change
+    shown = ShownChange(np.array([-10.0, 0.0]), np.array([-0.6, -0.6]))
+
+    def reduced(excess: float) -> SampledOctave:
+        left = residual - excess * change
+        means = {"energy": left**2, "product": left * change, "stated": change**2}
+        wide = {name: values.mean(axis=1).astype(np.float32) for name, values in means.items()}
+        return replace(
+            sampled(1, 4000, 0),
+            energy=np.repeat(wide["energy"][:, None], 3, axis=1),
+            wide_noise=np.zeros((4000, 3), np.float32),
+            wide_size=(1 + excess) ** 2 * wide["stated"],
+            wide_stated=wide["stated"],
+            wide_product=wide["product"],
+            wide_excess=np.full(4000, excess, np.float32),
+        )
+
+    at = np.exp(np.linspace(-8, -1, 30))
+    wanted = reduced(-0.6).limit(0.1, shown, how).at(at)[:, 0]
+    for own in (-1.0, -0.2, 0.3):
+        np.testing.assert_allclose(reduced(own).limit(0.1, shown, how).at(at)[:, 0], wanted, rtol=1e-3)
+    unconverted = reduced(-0.2).limit(0.1, None, how).at(at)[:, 0]
+    assert np.abs(np.log(unconverted / wanted)).max() > 0.1
 
 
 SCENE = {

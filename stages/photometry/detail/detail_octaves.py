@@ -103,6 +103,8 @@ class DetailOctave:
     scene : DetailScene
     left : ndarray, shape (N, 3)
         Band of the residual, in its axes.
+    change : ndarray, shape (N,)
+        Band of the log shading, times the response of ``log(I + d)``.
     size, stated : ndarray, shape (N,)
         Local mean square of the shading's band, after and before the reduction.
     shown : ShownChange or None
@@ -115,6 +117,7 @@ class DetailOctave:
 
     scene: DetailScene
     left: np.ndarray
+    change: np.ndarray
     size: np.ndarray
     stated: np.ndarray
     shown: ShownChange | None
@@ -142,13 +145,15 @@ class DetailOctave:
             wide_noise=none,
             wide_size=none[:, 0],
             wide_stated=none[:, 0],
+            wide_product=none[:, 0],
+            wide_excess=none[:, 0],
         )
         shown = sample.shown(how) if scene.known is None else scene.known.octaves[number].shown
         if shown is not None:
             lost, size = pixelwise(shown.reduction, change, stated)
             left[:, 0] -= lost
         wide_px = max(how.window * sigma_px, how.least_window_px)
-        return cls(scene, left, size, stated, shown, wide_px, sample)
+        return cls(scene, left, change, size, stated, shown, wide_px, sample)
 
     def with_differences(self, coarser: np.ndarray) -> DetailOctave:
         """Sample the differences between views; `coarser`: the band of log I/S in the next octave."""
@@ -180,12 +185,14 @@ class DetailOctave:
         power, some = how.energy_power, scene.sample
         band, noise = self._fused(noise.astype(np.float32))
 
-        def powers(band: np.ndarray, noise: np.ndarray, size: np.ndarray, stated: np.ndarray) -> np.ndarray:
-            return np.column_stack([np.abs(band) ** power, noise, size, stated])
+        def powers(
+            band: np.ndarray, noise: np.ndarray, size: np.ndarray, change: np.ndarray, stated: np.ndarray
+        ) -> np.ndarray:
+            return np.column_stack([np.abs(band) ** power, noise, size, band[:, 0] * change, stated])
 
         def shared(means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             energy = means[:, :3] ** (2 / power) / how.energy_of_normal
-            return np.column_stack([energy, means[:, 3:7]]), means[:, 7].copy()
+            return np.column_stack([energy, means[:, 3:8]]), means[:, 8].copy()
 
         def filtered(
             band: np.ndarray, means: np.ndarray, change: np.ndarray, trusted: np.ndarray
@@ -193,15 +200,22 @@ class DetailOctave:
             uncertain = uncertain_energy(error, means[:, 6], means[:, 3:6], how)
             return found.filtered(band, means[:, :3].copy(), uncertain, change, trusted)
 
-        means = scene.pixels.mean_of(powers, band, noise, self.size, self.stated, sigma_px=self.wide_px)
+        of_pixels = band, noise, self.size, self.change, self.stated
+        means = scene.pixels.mean_of(powers, *of_pixels, sigma_px=self.wide_px)
         del noise  # frees memory
         means, stated = pixelwise(shared, means)  # of all views; of each alone
         means = others.with_own(means)
-        energy, noise, size = means[some, :3], means[some, 3:6], means[some, 6]
+        wide = stated[some]
         sample = replace(
-            self.sample, energy=energy, wide_noise=noise, wide_size=size, wide_stated=stated[some]
+            self.sample,
+            energy=means[some, :3],
+            wide_noise=means[some, 3:6],
+            wide_size=means[some, 6],
+            wide_product=means[some, 7],
+            wide_stated=wide,
+            wide_excess=np.zeros_like(wide) if self.shown is None else self.shown.at(wide),
         )
-        found = limit or sample.limit(error, how)
+        found = limit or sample.limit(error, self.shown, how)
         kept, expected = pixelwise(filtered, band, means, stated, scene.trusted)
         return kept, expected, sample
 

@@ -53,6 +53,10 @@ class SampledOctave:
         Local mean square of the shading's change, after the reduction.
     wide_stated : ndarray, shape (n,)
         Local mean of `stated`, in the pixel's own view.
+    wide_product : ndarray, shape (n,)
+        Local mean of the fused residual's first axis times `change`.
+    wide_excess : ndarray, shape (n,)
+        The excess (`ShownChange`) by which the shading's change was reduced, at `wide_stated`.
     """
 
     number: int
@@ -67,6 +71,8 @@ class SampledOctave:
     wide_noise: np.ndarray
     wide_size: np.ndarray
     wide_stated: np.ndarray
+    wide_product: np.ndarray
+    wide_excess: np.ndarray
 
     @classmethod
     def joined(cls, several: Sequence[SampledOctave]) -> SampledOctave:
@@ -96,13 +102,23 @@ class SampledOctave:
         axes = self.difference.T
         return np.array([noise_between_views(axis, self.texture, how.classes) for axis in axes])
 
-    def limit(self, error: float, how: DetailSettings) -> TextureLimit:
+    def limit(self, error: float, shown: ShownChange | None, how: DetailSettings) -> TextureLimit:
         """Find the limit of texture, of the energy beyond that which κ, `error`, and noise explain.
 
-        Of a joined sample, κ is of all, and each part's energies are what its own statistics left of them.
+        Of a joined sample, κ and what is shown are of all. Each part has reduced its residual r to what is
+        shown there, by e h, h the change, e its excess. By the excess f of all, the residual is
+        ``r + (e − f) h``: its energy differs by ``2 (e − f) r h + (e − f)² h²``.
         """
-        uncertain = uncertain_energy(error, self.wide_size, self.wide_noise, how)
-        return TextureLimit.of(np.maximum(self.energy - uncertain, 0), self.wide_stated, how)
+        energy, size = self.energy, self.wide_size
+        if shown is not None:
+            excess = shown.at(self.wide_stated)
+            other = self.wide_excess - excess
+            first = energy[:, 0] + 2 * other * self.wide_product + other**2 * self.wide_stated
+            energy = np.column_stack([np.maximum(first, 0), energy[:, 1:]])
+            size = size + ((1 + excess) ** 2 - (1 + self.wide_excess) ** 2) * self.wide_stated
+            size = np.maximum(size, 0)
+        uncertain = uncertain_energy(error, size, self.wide_noise, how)
+        return TextureLimit.of(np.maximum(energy - uncertain, 0), self.wide_stated, how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +229,7 @@ class DetailStatistics:
         for octave in sample.octaves:
             shown = octave.shown(how)
             deviation, error = noise.at(octave), octave.error_of_change(shown, how)
-            found.append(OctaveStatistics(shown, error, deviation, octave.limit(error, how)))
+            found.append(OctaveStatistics(shown, error, deviation, octave.limit(error, shown, how)))
         return cls(tuple(found), sample.between_views)
 
     @property
