@@ -21,12 +21,12 @@ from stages.formats.artefacts.camera_file import read_cameras
 from stages.formats.images.exr import read_exr
 from stages.formats.images.photos import read_mask
 from stages.photometry.clusters.cluster_views import divided_surface, surface_points, view_graph
-from stages.photometry.clusters.settings import ClusterSettings
+from stages.photometry.clusters.settings import AlbedoClusterSettings
 from stages.photometry.clusters.surface_clusters import Cluster
 from stages.solvers.least_squares.difference_operators import neighbours
 
 AT_ONCE = 10**12  # pixels of a cluster: all
-WITH_MARGIN = 1.25  # pixels that take part in a cluster over its own, about
+WITH_MARGIN = 1.4  # pixels that take part in a cluster over its own, about
 ENDS = (0.001, 0.999)  # quantiles between which the range of an albedo lies
 EVERY = 7  # of the pixels, for quantiles
 DARK = 0.01  # added to albedo before logarithms
@@ -109,7 +109,7 @@ def differences(whole: Decomposed, parts: Decomposed) -> list[str]:
 def border_steps(whole: Decomposed, parts: Decomposed, pixels: int, margin: float | None) -> list[str]:
     """Compare steps of log albedo between neighbours in different clusters, in either result: quantiles."""
     cameras = read_cameras(whole.paths["cameras"])
-    how = ClusterSettings(pixels=pixels) if margin is None else ClusterSettings(pixels=pixels, margin=margin)
+    how = AlbedoClusterSettings(pixels=pixels, **({} if margin is None else {"margin": margin}))
     clusters = divided_surface(whole.paths, cameras, view_graph(whole.paths, cameras), how)
     found: list[list[np.ndarray]] = [[], []]
     for camera in cameras:
