@@ -69,9 +69,7 @@ class Wall:
 
     def level(self, depth: int) -> Level:
         """The level of all, as its pyramid has it."""
-        level = level_under_light(
-            self.stack(), self.image, self.shading, self.trusted, WEIGHTS, EdgeWeights()
-        )
+        level = level_under_light(self.stack(), self.image, self.shading, self.trusted, SOLVER, EdgeWeights())
         for _ in range(depth):
             level = coarser(level)
         return level
@@ -109,7 +107,7 @@ class Part:
         )
 
     def adds(self, depth: int) -> PartOfLevel:
-        level = level_under_light(*self.given, WEIGHTS, EdgeWeights(), self.own)
+        level = level_under_light(*self.given, SOLVER, EdgeWeights(), self.own)
         return PartOfLevel.of(level, depth, self.views, self.origins)
 
 
@@ -211,5 +209,5 @@ def test_a_rim_stays_where_the_coarse_level_has_it(tmp_path):
 
 
 def _reduced(part: Part, depth: int) -> Level:
-    level = level_under_light(*part.given, WEIGHTS, EdgeWeights())
+    level = level_under_light(*part.given, SOLVER, EdgeWeights())
     return replace(level, positions=level.positions >> depth)

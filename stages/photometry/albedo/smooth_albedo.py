@@ -14,7 +14,6 @@ from stages.photometry.joint.coarse_to_fine import from_coarse_to_fine
 from stages.photometry.joint.fast_alternation import FastSolver, Settled, descend
 from stages.photometry.joint.problem_assembly import EdgeWeights, finest_level
 from stages.photometry.joint.pyramid import Level
-from stages.photometry.paper.energy import EnergyWeights
 from stages.photometry.stack import StackedViews
 
 
@@ -65,7 +64,7 @@ def albedo_under_light(
 
     def level() -> Level:
         """Prepare the finest level; without a name, since the solver frees it."""
-        finest = level_under_light(views, image, shading, trusted, solver.weights, edges)
+        finest = level_under_light(views, image, shading, trusted, solver, edges)
         return finest if begun is None else begun.pinned(finest)
 
     give_back_free_memory()  # what the weights of the edges were found from
@@ -77,7 +76,7 @@ def level_under_light(
     image: np.ndarray,
     shading: np.ndarray,
     trusted: np.ndarray,
-    weights: EnergyWeights,
+    solver: FastSolver,
     edges: EdgeWeights,
     own: np.ndarray | None = None,
 ) -> Level:
@@ -85,4 +84,4 @@ def level_under_light(
     known = trusted if own is None else trusted & own
     basis = np.where(known[:, None], np.maximum(shading, 0), 0).astype(np.float32)[:, None, :]
     images = [np.where(known, channel, 0).astype(np.float32) for channel in image.T]
-    return finest_level(replace(views, basis=basis), images, weights, edges, own)
+    return finest_level(replace(views, basis=basis), images, solver.weights, edges, own)

@@ -38,7 +38,7 @@ def add_up_cluster(cluster: Cluster, task: ClusterTask, threads: int) -> None:
 def _part_of(found: OpenedCluster, edges: EdgeWeights, task: ClusterTask) -> PartOfLevel:
     """Add up what a cluster's own pixels contribute to a coarse level."""
     views, data = found.views, found.observed
-    given = views.stack, data.diffuse, found.shading, data.trusted, task.solver.weights, edges
+    given = views.stack, data.diffuse, found.shading, data.trusted, task.solver, edges
     level = level_under_light(*given, views.own)
     return PartOfLevel.of(level, depth_of(task), views.numbers, views.origins)
 
