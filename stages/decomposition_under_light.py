@@ -16,9 +16,12 @@ from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_PIXEL_OF_
 if TYPE_CHECKING:
     import numpy as np
 
+    from stages.photometry.albedo_of_clusters.opened_cluster import ClusterTask
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.clusters.typical_views import ViewGraph
+    from stages.photometry.decomposition_record import Solution
     from stages.photometry.detail.part_of_scene import TypicalPixel
+    from stages.photometry.detail.scene_statistics import DetailStatistics
     from stages.scene.cameras import Camera
 
 MAPS = ("albedo", "albedo_tv", "confidence")
@@ -29,19 +32,11 @@ BYTES_PER_LINK = 48
 def run(job: Job[DecompositionSettings]) -> None:
     """Divide the surface into clusters, solve each, measure what is common to all, add the detail."""
     from stages.formats.artefacts.camera_file import read_cameras
-    from stages.photometry.albedo.albedo_given_light import KINDS
-    from stages.photometry.albedo_of_clusters.common_levels import add_up_cluster, solve_coarse_levels
     from stages.photometry.albedo_of_clusters.opened_cluster import ClusterTask
-    from stages.photometry.albedo_of_clusters.solved_clusters import (
-        begin_cluster,
-        finish_cluster,
-        solve_whole,
-    )
     from stages.photometry.clusters.cluster_views import divided_surface, view_graph
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.clusters.surface_clusters import tell_too_large
     from stages.photometry.decomposition_record import write_solutions
-    from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
     from stages.photometry.joint.fast_alternation import FastSolver
 
     cameras, settings, inputs = read_cameras(job.inputs["cameras"]), job.settings, dict(job.inputs)
@@ -58,19 +53,7 @@ def run(job: Job[DecompositionSettings]) -> None:
         FastSolver(weights, settings.stopping, settings.fast),
         settings,
     )
-    if len(clusters) == 1:
-        with job.progress("rounds", 2 * settings.stopping.max_rounds, at_most=True) as step:
-            whole, sample = solve_whole(clusters[0], task, job.threads, step)
-        solutions, statistics = [whole], DetailStatistics.of(sample, settings.detail)
-    else:
-        job.say(f"The surface is solved in {len(clusters)} clusters.")
-        with job.progress("clusters", 3 * len(clusters) + len(KINDS)) as step:
-            list(counted(job.tasks.large(add_up_cluster, clusters, task), step))
-            list(counted(job.tasks.large(solve_coarse_levels, KINDS, task), step))
-            drafts, samples = zip(*counted(job.tasks.large(begin_cluster, clusters, task), step), strict=True)
-            statistics = DetailStatistics.of(SampledDetail.joined(samples), settings.detail)
-            begun = list(zip(clusters, drafts, strict=True))
-            solutions = list(counted(job.tasks.large(finish_cluster, begun, statistics, task), step))
+    solutions, statistics = _as_one(job, task) if len(clusters) == 1 else _in_clusters(job, task)
     with job.progress("views", len(cameras)) as step:
         folders = {name: job.outputs[name] for name in MAPS}
         for _ in job.tasks.small(write_view, range(len(cameras)), task.parts, folders):
@@ -82,6 +65,38 @@ def run(job: Job[DecompositionSettings]) -> None:
         pixels_with_margins=sum(solution.pixels_with_margin for solution in solutions),
     )
     write_solutions(job, solutions)
+
+
+def _as_one(job: Job[DecompositionSettings], task: ClusterTask) -> tuple[list[Solution], DetailStatistics]:
+    """Solve the only cluster, with its detail by its own statistics."""
+    from stages.photometry.albedo_of_clusters.solved_clusters import solve_whole
+    from stages.photometry.detail.scene_statistics import DetailStatistics
+
+    (whole,) = task.parts.clusters
+    with job.progress("rounds", 2 * job.settings.stopping.max_rounds, at_most=True) as step:
+        solution, sample = solve_whole(whole, task, job.threads, step)
+    return [solution], DetailStatistics.of(sample, job.settings.detail)
+
+
+def _in_clusters(
+    job: Job[DecompositionSettings], task: ClusterTask
+) -> tuple[list[Solution], DetailStatistics]:
+    """Solve coarse levels of all, each cluster from there, and add the detail by statistics of all."""
+    from stages.photometry.albedo.albedo_given_light import KINDS
+    from stages.photometry.albedo_of_clusters.common_levels import add_up_cluster, solve_coarse_levels
+    from stages.photometry.albedo_of_clusters.solved_clusters import begin_cluster, finish_cluster
+    from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
+
+    clusters, large = task.parts.clusters, job.tasks.large
+    job.say(f"The surface is solved in {len(clusters)} clusters.")
+    with job.progress("clusters", 3 * len(clusters) + len(KINDS)) as step:
+        list(counted(large(add_up_cluster, clusters, task), step))
+        list(counted(large(solve_coarse_levels, KINDS, task), step))
+        drafts, samples = zip(*counted(large(begin_cluster, clusters, task), step), strict=True)
+        statistics = DetailStatistics.of(SampledDetail.joined(samples), job.settings.detail)
+        begun = list(zip(clusters, drafts, strict=True))
+        solutions = list(counted(large(finish_cluster, begun, statistics, task), step))
+    return solutions, statistics
 
 
 def write_view(view: int, parts: Parts, folders: Mapping[str, Path]) -> None:

@@ -109,7 +109,8 @@ def differences(whole: Decomposed, parts: Decomposed) -> list[str]:
 def border_steps(whole: Decomposed, parts: Decomposed, pixels: int, margin: float | None) -> list[str]:
     """Compare steps of log albedo between neighbours in different clusters, in either result: quantiles."""
     cameras = read_cameras(whole.paths["cameras"])
-    how = AlbedoClusterSettings(pixels=pixels, **({} if margin is None else {"margin": margin}))
+    how = AlbedoClusterSettings(pixels=pixels)
+    how = how if margin is None else how.model_copy(update={"margin": margin})
     clusters = divided_surface(whole.paths, cameras, view_graph(whole.paths, cameras), how)
     found: list[list[np.ndarray]] = [[], []]
     for camera in cameras:

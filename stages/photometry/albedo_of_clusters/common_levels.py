@@ -19,6 +19,7 @@ from stages.photometry.joint.coarse_to_fine import coarse_solution, steps_of
 from stages.photometry.joint.joined_level import PartOfLevel, joined
 from stages.photometry.joint.problem_assembly import ALIKE, EdgeWeights
 from stages.photometry.stack import ALIGNED
+from stages.solvers.kernels.arrays_in_files import load_mapped
 from stages.solvers.primal_dual.state_files import load_state, save_state
 
 EDGES = ("smoothness", "agreement")  # of `EdgeWeights`
@@ -57,9 +58,7 @@ def solve_coarse_levels(kind: str, task: ClusterTask, threads: int) -> None:
 
 def kept_weights(task: ClusterTask, cluster: Cluster) -> EdgeWeights:
     """Map the weights of a cluster's edges that `add_up_cluster` kept."""
-    return EdgeWeights(
-        *(np.asarray(np.load(_edges_file(task, cluster, name), mmap_mode="r")) for name in EDGES)
-    )
+    return EdgeWeights(*(load_mapped(_edges_file(task, cluster, name)) for name in EDGES))
 
 
 def begun_levels(task: ClusterTask, found: OpenedCluster) -> dict[str, BegunLevel]:
@@ -68,7 +67,7 @@ def begun_levels(task: ClusterTask, found: OpenedCluster) -> dict[str, BegunLeve
     return {
         kind: BegunLevel(
             depth_of(task),
-            np.asarray(np.load(_state_folder(task, kind) / PLACES, mmap_mode="r")),
+            load_mapped(_state_folder(task, kind) / PLACES),
             load_state(_state_folder(task, kind), steps, free_light=False),
             views.numbers,
             views.origins,

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.photometry.joint.joined_level import places_of
+from stages.photometry.joint.joined_level import Pixels, places_of
 from stages.photometry.joint.problem_assembly import problem_of
 from stages.photometry.joint.pyramid import Level
+from stages.solvers.kernels.simd import COUNT
 from stages.solvers.primal_dual.graph import PrimalDual
 from stages.solvers.primal_dual.half_edges import HalfEdges
 from stages.solvers.primal_dual.prolongation import CoarseState
@@ -59,15 +60,15 @@ class BegunLevel:
         albedo of the neighbours moves them.
         """
         held = np.flatnonzero(self.rim)
-        albedo = self.state.slices.collect(self.state.albedo)[self._groups(finest, self.depth)[held]]
+        at = self.state.slices.places[self._groups(finest, self.depth, held)]
+        albedo = self.state.albedo[at // COUNT, :, at % COUNT]
         weight = _weights_at(held, finest.graph)[:, None]
         finest.basis[held], finest.image[held] = weight[:, None], weight * albedo
         return finest
 
-    def _groups(self, level: Level, depth: int) -> np.ndarray:
-        """Find the pixel of the solved level that each of one so much finer is in, (N,), int32."""
-        reduced = replace(level, positions=level.positions >> depth)
-        places = places_of(reduced, self.views, self.origins >> self.depth)
+    def _groups(self, level: Level, depth: int, some: Pixels = slice(None)) -> np.ndarray:
+        """Find the pixel of the solved level that each of one so much finer is in, int32."""
+        places = places_of(level, self.views, self.origins >> self.depth, depth, some)
         return np.searchsorted(self.places, places).astype(np.int32)
 
 

@@ -16,6 +16,7 @@ from stages.solvers.primal_dual.half_edges import from_edges
 
 VIEW, ROW = 40, 20  # bits of a place below its view, and below its row
 SUMS = ("basis", "image", "share")
+Pixels = slice | np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +69,30 @@ class PartOfLevel:
         np.savez(path, **vars(self))
 
 
-def places_of(level: Level, views: Sequence[int], origins: np.ndarray) -> np.ndarray:
-    """Number the pixels of a level by view, row and column in the whole view, (N,), int64; ascending."""
-    view = level.view_of_pixel
-    row, column = (level.positions.astype(np.int64) + origins[view]).T
+def places_of(
+    level: Level, views: Sequence[int], origins: np.ndarray, depth: int = 0, some: Pixels = slice(None)
+) -> np.ndarray:
+    """Number pixels of a level by view, row and column in the whole view, so many levels coarser.
+
+    Parameters
+    ----------
+    level : Level
+    views : sequence of int
+        Numbers of its views among all.
+    origins : ndarray, shape (n, 2), int64
+        Row and column of the whole view where the crop of each begins, on the coarser level.
+    depth : int
+        Levels between the two.
+    some : slice or ndarray, shape (m,), int64
+        Which pixels.
+
+    Returns
+    -------
+    ndarray, shape (m,), int64
+        Ascending for all pixels of a level on that level itself.
+    """
+    view = level.view_of_pixel[some]
+    row, column = ((level.positions[some] >> depth).astype(np.int64) + origins[view]).T
     return (np.asarray(views, np.int64)[view] << VIEW) + (row << ROW) + column
 
 

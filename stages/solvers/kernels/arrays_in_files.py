@@ -38,6 +38,11 @@ def in_file(arrays: Sequence[np.ndarray], folder: Path | None) -> list[np.ndarra
     return [_of(pages, begin, array) for array, begin in zip(arrays, begins, strict=True)]
 
 
+def load_mapped(path: Path) -> np.ndarray:
+    """Map an array that `numpy.save` wrote, read-only: a plain one, as compiled loops take it."""
+    return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+
+
 def _of(pages: mmap.mmap, begin: int, array: np.ndarray) -> np.ndarray:
     """Find an array in its file."""
     if not array.size:

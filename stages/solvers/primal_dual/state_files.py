@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stages.solvers.kernels.arrays_in_files import load_mapped
 from stages.solvers.kernels.sliced_ellpack import Slices
 from stages.solvers.primal_dual.problem import Steps
 from stages.solvers.primal_dual.prolongation import CoarseState
@@ -29,7 +30,7 @@ def save_state(folder: Path, state: CoarseState) -> None:
 def load_state(folder: Path, steps: Steps, free_light: bool) -> CoarseState:
     """Map the arrays of a state that `save_state` wrote; steps and whether the light is free are not kept."""
     of = {
-        kind: {name: np.asarray(np.load(folder / f"{kind}_{name}.npy", mmap_mode="r")) for name in names}
+        kind: {name: load_mapped(folder / f"{kind}_{name}.npy") for name in names}
         for kind, names in KINDS.items()
     }
     slices, graph = Slices(**of["slices"]), SlicedGraph(**of["graph"])
