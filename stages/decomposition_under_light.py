@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from stages.photometry.clusters.parts import Parts
     from stages.photometry.clusters.typical_views import ViewGraph
     from stages.photometry.decomposition_record import Solution
-    from stages.photometry.detail.part_of_scene import TypicalPixel
+    from stages.photometry.detail.detail_scene import TypicalPixel
     from stages.photometry.detail.scene_statistics import DetailStatistics
     from stages.scene.cameras import Camera
 
@@ -70,12 +70,11 @@ def run(job: Job[DecompositionSettings]) -> None:
 def _as_one(job: Job[DecompositionSettings], task: ClusterTask) -> tuple[list[Solution], DetailStatistics]:
     """Solve the only cluster, with its detail by its own statistics."""
     from stages.photometry.albedo_of_clusters.solved_clusters import solve_whole
-    from stages.photometry.detail.scene_statistics import DetailStatistics
 
     (whole,) = task.parts.clusters
     with job.progress("rounds", 2 * job.settings.stopping.max_rounds, at_most=True) as step:
-        solution, sample = solve_whole(whole, task, job.threads, step)
-    return [solution], DetailStatistics.of(sample, job.settings.detail)
+        solution, statistics = solve_whole(whole, task, job.threads, step)
+    return [solution], statistics
 
 
 def _in_clusters(
@@ -115,7 +114,7 @@ def _typical(job: Job[DecompositionSettings], cameras: list[Camera], graph: View
     from stages.formats.artefacts.light_npz import read_light
     from stages.formats.artefacts.view_files import read_arrays, read_maps
     from stages.formats.images.photos import read_mask
-    from stages.photometry.detail.part_of_scene import TypicalPixel, stride
+    from stages.photometry.detail.detail_scene import TypicalPixel, stride
 
     mean = read_light(job.inputs["found_light"]).mean_shading.astype(np.float32)
     every = stride(int(graph.pixels.sum()), job.settings.detail.sample_pixels)
@@ -158,7 +157,7 @@ def in_words(facts: Mapping[str, Any]) -> str:
 
 DECOMPOSITION_UNDER_LIGHT = Stage(
     name="decomposition",
-    version=56,  # ahead of the other variants
+    version=57,  # ahead of the other variants
     about="Albedo of each view under the light that was found, from all views together.",
     settings=DecompositionSettings,
     takes=("mask", "depth", "cameras", "correspondences", "found_light", "shading", "observations"),

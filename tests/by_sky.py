@@ -16,6 +16,7 @@ from stages.photometry.albedo.albedo_given_light import (
 from stages.photometry.albedo.settings import EdgeSettings
 from stages.photometry.albedo_data import typical_light_of
 from stages.photometry.detail.albedo_detail import Detail, with_detail
+from stages.photometry.detail.detail_scene import DetailScene
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.lighting.estimate_illumination import find_illumination
@@ -73,5 +74,5 @@ def decompose_by_sky(
     by_edge = weights_of_edges(views, shading, seen, how.edges, how.descent.weights.consistency, typical)
     smooth = smooth_albedos_under_light(views, shading, seen, by_edge, how.descent, threads, lambda: None)
     albedo = smooth.by_edge.albedo
-    detail = with_detail(views, albedo, seen.diffuse, shading, seen.trusted, DetailSettings())
-    return FoundBySky(found, smooth, detail)
+    scene = DetailScene.of(views, albedo, seen.diffuse, shading, seen.trusted, DetailSettings())
+    return FoundBySky(found, smooth, with_detail(scene))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from stages.photometry.detail.albedo_detail import Detail, with_detail
+from stages.photometry.detail.albedo_detail import Detail, sampled_detail, with_detail
+from stages.photometry.detail.detail_scene import DetailScene, whole_scene
 from stages.photometry.detail.noise_estimation import (
     noise_between_views,
     relative_noise,
@@ -16,7 +17,6 @@ from stages.photometry.detail.noise_estimation import (
 )
 from stages.photometry.detail.octaves import KnownPixels, gaussian_mean, response_to_noise
 from stages.photometry.detail.other_views import OtherViews
-from stages.photometry.detail.part_of_scene import whole_scene
 from stages.photometry.detail.scene_statistics import DetailStatistics
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.detail.shading_uncertainty import ShownChange, error_of_change, log_shading
@@ -74,7 +74,7 @@ def noisy(image: np.ndarray, share: float, seed: int = 9) -> np.ndarray:
 def found_in(image: np.ndarray, shading: np.ndarray, smooth: np.ndarray = PAINT, **how) -> Detail:
     trusted = how.get("trusted", np.ones(len(image), bool))
     albedo = np.broadcast_to(smooth, image.shape).astype(np.float32)
-    return with_detail(how.get("views", one_view()), albedo, image, shading, trusted, HOW)
+    return with_detail(DetailScene.of(how.get("views", one_view()), albedo, image, shading, trusted, HOW))
 
 
 def detail_of(image: np.ndarray, shading: np.ndarray, smooth: np.ndarray = PAINT, **how) -> np.ndarray:
@@ -199,7 +199,7 @@ def test_bumps_that_the_photos_do_not_show_do_not_get_into_the_albedo():
     shading = np.repeat(np.exp(bumps), 3, axis=1).astype(np.float32)
     truth = (PAINT * stone).astype(np.float32)
     found = found_in(truth, shading)
-    assert max(DetailStatistics.of(found.sample, HOW).uncertainty.shown[:3]) < 0.3
+    assert max(found.statistics.uncertainty.shown[:3]) < 0.3
     divided = gains(truth / shading, truth)
     for (gain, error), (_, before) in zip(gains(found.albedo, truth)[:2], divided, strict=False):
         assert 0.85 < gain < 1.1
@@ -212,7 +212,7 @@ def test_noise_is_what_views_do_not_share_whatever_they_show(noise, texture):
     views, stone = several_views(3), np.exp(fractal(7, texture)).reshape(-1, 1)
     exact = np.tile((PAINT * stone).astype(np.float32), (3, 1))
     found = found_in(noisy(exact, noise), np.ones_like(exact), views=views)
-    found = DetailStatistics.of(found.sample, HOW).uncertainty
+    found = found.statistics.uncertainty
     assert found.noise[0] == pytest.approx(noise / np.sqrt(3), rel=0.2)
     assert found.noise[1:] == pytest.approx([noise * np.sqrt(2)] * 2, rel=0.2)
 
@@ -275,9 +275,8 @@ def test_statistics_that_are_given_filter_as_those_that_were_measured():
     light = np.tile(shading, (3, 1))
     image = noisy((PAINT * np.tile(stone, (3, 1)) * light).astype(np.float32), 0.02)
     smooth, trusted = np.broadcast_to(PAINT, image.shape).astype(np.float32), np.ones(len(image), bool)
-    own = with_detail(views, smooth, image, light, trusted, HOW)
-    known = DetailStatistics.of(own.sample, HOW)
-    given = with_detail(views, smooth, image, light, trusted, HOW, known=known)
+    scene = DetailScene.of(views, smooth, image, light, trusted, HOW)
+    own, given = with_detail(scene), with_detail(scene, DetailStatistics.of(sampled_detail(scene), HOW))
     np.testing.assert_array_equal(given.albedo, own.albedo)
     np.testing.assert_array_equal(given.variance, own.variance)
 
@@ -404,11 +403,7 @@ def test_what_is_lent_bears_no_witness(count, untrusted):
     linked, unlinked = (
         found_in(image, np.ones_like(image), views=each, trusted=trusted) for each in (views, alone)
     )
-    assert (
-        DetailStatistics.of(linked.sample, HOW).uncertainty.noise[0]
-        > 0.8 * DetailStatistics.of(unlinked.sample, HOW).uncertainty.noise[0]
-        > 0.02
-    )
+    assert linked.statistics.uncertainty.noise[0] > 0.8 * unlinked.statistics.uncertainty.noise[0] > 0.02
     off = np.std(np.log(linked.albedo[:, 1] / PAINT[1])[trusted])
     assert off < 0.35 * np.std(np.log(image[:, 1]))
     assert np.std(np.log(linked.albedo[:, 1] / PAINT[1])[~trusted]) < 1.5 * off
@@ -494,6 +489,6 @@ def test_a_view_that_is_darker_is_divided_by_no_more_than_its_light():
     smooth = np.broadcast_to(PAINT, image.shape).astype(np.float32)
     trusted, views = np.ones(2 * pixels, bool), apart(2)
     part = replace(part, places=np.arange(2 * pixels), own=trusted)
-    albedo = with_detail(views, smooth, *seen, trusted, HOW, part, gains=gains).albedo
+    albedo = with_detail(DetailScene.of(views, smooth, *seen, trusted, HOW, part, gains=gains)).albedo
     means = np.log(albedo.reshape(2, pixels, 3)).mean(axis=(1, 2))
     assert abs(means[0] - means[1]) < 0.05

@@ -14,6 +14,7 @@ from stages.photometry.albedo.albedo_given_light import smooth_albedos_under_lig
 from stages.photometry.albedo.settings import EdgeSettings
 from stages.photometry.albedo_data import AlbedoData
 from stages.photometry.detail.albedo_detail import with_detail
+from stages.photometry.detail.detail_scene import DetailScene
 from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.joint.settings import FastSettings, Stopping
@@ -93,7 +94,8 @@ def test_albedo_and_detail_are_the_same_to_the_last_bit(tmp_path):
         by_edge = by_edge.in_file(folder)
         smooth = smooth_albedos_under_light(own, shading, data, by_edge, solver, 1, lambda: None, folder)
         albedo = smooth.by_edge.albedo
-        detail = with_detail(own, albedo, image, shading, trusted, DetailSettings(), folder=folder)
+        scene = DetailScene.of(own, albedo, image, shading, trusted, DetailSettings(), folder=folder)
+        detail = with_detail(scene)
         return [smooth.alike.albedo, albedo, detail.albedo, detail.variance]
 
     for one, other in zip(solved(None), solved(tmp_path), strict=True):

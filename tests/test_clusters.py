@@ -47,7 +47,7 @@ from stages.photometry.clusters.surface_clusters import (
 )
 from stages.photometry.clusters.typical_views import ViewGraph, parts_of, typical_views
 from stages.photometry.decomposition_settings import DecompositionSettings
-from stages.photometry.detail.part_of_scene import PartOfScene, TypicalPixel, stride
+from stages.photometry.detail.detail_scene import PartOfScene, TypicalPixel, stride
 from stages.photometry.detail.scene_statistics import (
     DetailStatistics,
     SampledDetail,

@@ -17,7 +17,7 @@ from stages.photometry.clusters.parts import Parts
 from stages.photometry.clusters.surface_clusters import Cluster
 from stages.photometry.clusters.typical_views import ViewGraph
 from stages.photometry.decomposition_settings import DecompositionSettings
-from stages.photometry.detail.part_of_scene import PartOfScene, TypicalPixel, whole_scene
+from stages.photometry.detail.detail_scene import PartOfScene, TypicalPixel, whole_scene
 from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.joint.problem_assembly import EdgeWeights
 from stages.scene.cameras import Camera

@@ -20,7 +20,8 @@ from stages.photometry.albedo_of_clusters.common_levels import begun_levels, kep
 from stages.photometry.albedo_of_clusters.opened_cluster import ClusterTask, OpenedCluster, opened, weights_of
 from stages.photometry.clusters.surface_clusters import Cluster
 from stages.photometry.decomposition_record import Solution, below_zero
-from stages.photometry.detail.albedo_detail import Detail, with_detail
+from stages.photometry.detail.albedo_detail import Detail, sampled_detail, with_detail
+from stages.photometry.detail.detail_scene import DetailScene
 from stages.photometry.detail.scene_statistics import DetailStatistics, SampledDetail
 from stages.photometry.energy_history import rounds_under_light_as_json
 from stages.photometry.joint.begun_level import BegunLevel
@@ -31,13 +32,13 @@ from stages.solvers.kernels.threading_layer import use_threads
 
 def solve_whole(
     cluster: Cluster, task: ClusterTask, threads: int, step: Callable[[], None]
-) -> tuple[Solution, SampledDetail]:
-    """Solve the only cluster, keep its maps, and report; with what was sampled for statistics."""
+) -> tuple[Solution, DetailStatistics]:
+    """Solve the only cluster, keep its maps, and report; with the statistics of its detail."""
     found = opened(cluster, task, threads)
     by_edge = weights_of(found, task).in_file(task.parts.folder)
     smooth = _smooth(task, found, cluster, by_edge, NOTHING_BEGUN, step)
-    detail = _with_detail(task, found, smooth.by_edge.albedo, None)
-    return _kept(task, found, cluster, detail, _draft(found, smooth)), detail.sample
+    detail = with_detail(_detail_scene(task, found, smooth.by_edge.albedo))
+    return _kept(task, found, cluster, detail, _draft(found, smooth)), detail.statistics
 
 
 def begin_cluster(cluster: Cluster, task: ClusterTask, threads: int) -> tuple[Solution, SampledDetail]:
@@ -47,7 +48,7 @@ def begin_cluster(cluster: Cluster, task: ClusterTask, threads: int) -> tuple[So
         task, found, cluster, kept_weights(task, cluster), begun_levels(task, found), lambda: None
     )
     np.save(_smooth_file(task, cluster), smooth.by_edge.albedo)
-    return _draft(found, smooth), _with_detail(task, found, smooth.by_edge.albedo, None).sample
+    return _draft(found, smooth), sampled_detail(_detail_scene(task, found, smooth.by_edge.albedo))
 
 
 def finish_cluster(
@@ -57,7 +58,8 @@ def finish_cluster(
     cluster, draft = begun
     found = opened(cluster, task, threads)
     albedo = np.load(_smooth_file(task, cluster), allow_pickle=False)
-    return _kept(task, found, cluster, _with_detail(task, found, albedo, common), draft)
+    detail = with_detail(_detail_scene(task, found, albedo), common)
+    return _kept(task, found, cluster, detail, draft)
 
 
 def _smooth_file(task: ClusterTask, cluster: Cluster) -> Path:
@@ -80,13 +82,11 @@ def _smooth(
     return smooth
 
 
-def _with_detail(
-    task: ClusterTask, found: OpenedCluster, albedo: np.ndarray, common: DetailStatistics | None
-) -> Detail:
-    """Add the detail to a smooth albedo, by common statistics, or by its own."""
+def _detail_scene(task: ClusterTask, found: OpenedCluster, albedo: np.ndarray) -> DetailScene:
+    """Put together what the detail of a smooth albedo is found from."""
     use_threads(found.threads)  # the solver may have left fewer
     observed, views = found.observed, found.views
-    return with_detail(
+    return DetailScene.of(
         views.stack,
         albedo,
         observed.diffuse,
@@ -94,7 +94,6 @@ def _with_detail(
         observed.trusted,
         task.settings.detail,
         found.part,
-        common,
         task.parts.folder,
         found.light.around.gains[list(views.numbers)].mean(axis=1).astype(np.float32),
     )

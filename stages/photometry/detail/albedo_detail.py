@@ -6,34 +6,28 @@ A Wiener filter per octave and colour axis: residual energy against that of shad
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from pipeline.process.free_memory import give_back_free_memory
 from stages.photometry.detail.detail_octaves import (
-    AXES,
-    QUOTIENT,
     TINY,
     DetailOctave,
-    DetailScene,
-    channels_of,
+    LocalEnergies,
     octaves_of_views,
 )
+from stages.photometry.detail.detail_scene import AXES, QUOTIENT, DetailScene, channels_of
 from stages.photometry.detail.octaves import response_to_noise
-from stages.photometry.detail.part_of_scene import PartOfScene, whole_scene
+from stages.photometry.detail.other_views import EVERYWHERE, Pixels
 from stages.photometry.detail.scene_statistics import (
     DetailStatistics,
     OctaveNoise,
+    OctaveStatistics,
     SampledDetail,
     SampledOctave,
     SampledViews,
     has_few_links,
 )
-from stages.photometry.detail.settings import DetailSettings
-from stages.photometry.stack import StackedViews
-from stages.solvers.kernels.arrays_in_files import in_file
 from stages.solvers.kernels.pixelwise import pixelwise
 
 
@@ -46,48 +40,25 @@ class Detail:
     albedo : ndarray, shape (N, 3), float32
     variance : ndarray, shape (N,), float32
         Expected variance of the albedo's mean logarithm; its square root is the relative error.
-    sample : SampledDetail
-        What the statistics of these views, or of all, are computed from.
+    statistics : DetailStatistics
+        By which it was filtered.
     """
 
     albedo: np.ndarray
     variance: np.ndarray
-    sample: SampledDetail
+    statistics: DetailStatistics
 
 
-def with_detail(
-    views: StackedViews,
-    albedo: np.ndarray,
-    image: np.ndarray,
-    shading: np.ndarray,
-    trusted: np.ndarray,
-    how: DetailSettings,
-    part: PartOfScene | None = None,
-    known: DetailStatistics | None = None,
-    folder: Path | None = None,
-    gains: np.ndarray | None = None,
-) -> Detail:
+def with_detail(scene: DetailScene, known: DetailStatistics | None = None) -> Detail:
     """Add the photo's detail to a smooth albedo, except what noise and shading error explain.
 
     Parameters
     ----------
-    views : StackedViews
-    albedo : ndarray, shape (N, 3)
-        The smooth albedo, inferred from all views.
-    image, shading : ndarray, shape (N, 3)
-        Scaled, without specular reflection.
-    trusted : ndarray, shape (N,), bool
-        Pixels with valid data. The others take the kept detail of corresponding pixels; those without
+    scene : DetailScene
+        Pixels without trusted data take the kept detail of corresponding pixels; those without
         correspondences keep the smooth albedo.
-    how : DetailSettings
-    part : PartOfScene or None
-        What part of a scene these pixels are; None: they are all of it.
     known : DetailStatistics or None
-        Of the scene; None: they are measured.
-    folder : Path or None
-        Where the model waits until its octaves are filtered; None: in memory.
-    gains : ndarray, shape (n,), or None
-        Brightness of the views, which image and shading include; None: 1.
+        Of the scene, where these pixels are a part of it; None: they are measured.
 
     Notes
     -----
@@ -107,99 +78,136 @@ def with_detail(
     The variance is the sum over the octaves of ``g² U + (1 − g)² E`` and of a share of L², plus a share of
     the local mean square of r, plus the variance between views.
     """
-    part = part or whole_scene(shading, image, how.log_offset, how.sample_pixels)
-    least = np.float32(part.typical.least_light(how.least_light))
-    of_pixel = np.repeat(
-        np.full(views.view_count, least) if gains is None else least * gains, np.diff(views.starts)
-    )
-    light, smooth, explained = in_file(pixelwise(_model, albedo, shading, of_pixel), folder)
-    del of_pixel
-    scene = DetailScene(views, image, light, explained, trusted, how, part, known)
-    kept, variance, octaves, alone = _kept(scene)
-    filled, has_value = scene.others.filled_in(np.column_stack([kept, variance]))
-    add_kept = partial(_with_kept, how.log_offset)
-    detailed = pixelwise(add_kept, smooth, explained, light, filled[:, :3], has_value)
-    variance = filled[:, 3] / np.maximum(scene.response, how.variance.least_response) ** 2
-    between, typical = _variance_between_views(scene, detailed)
-    sample = SampledDetail(octaves, alone, typical, *scene.measured_and_linked)
-    return Detail(detailed, (variance + between).astype(np.float32), sample)
+    found = _filtered(scene, EVERYWHERE, known)
+    filled, has_value = scene.others.filled_in(np.column_stack([found.kept, found.variance]))
+    detailed = _with_kept(scene, filled[:, :3], has_value, EVERYWHERE)
+    variance = filled[:, 3] / np.maximum(scene.response, scene.how.variance.least_response) ** 2
+    logs = _log_albedo(detailed, scene)
+    typical = _typical_square(scene, logs) if known is None else known.between_views
+    variance = (variance + _square_between_views(scene, logs, typical)).astype(np.float32)
+    return Detail(detailed, variance, DetailStatistics(found.statistics, typical))
 
 
-def _model(
-    albedo: np.ndarray, shading: np.ndarray, least: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Bound the shading and the smooth albedo from below; returns both and their product."""
-    light = np.maximum(shading, least[:, None])
-    smooth = np.maximum(albedo, 0).astype(np.float32)
-    return light, smooth, smooth * light
+def sampled_detail(scene: DetailScene) -> SampledDetail:
+    """Sample what the statistics of a scene are computed from, of which these pixels may be a part.
 
-
-def _with_kept(
-    offset: float,
-    smooth: np.ndarray,
-    explained: np.ndarray,
-    light: np.ndarray,
-    kept: np.ndarray,
-    has_value: np.ndarray,
-) -> np.ndarray:
-    """Add what is kept of the residual to the smooth albedo, where there is any."""
-    added = (explained + offset) * np.expm1(channels_of(kept)) / light
-    return np.where(has_value[:, None], np.maximum(smooth + added, 0), smooth).astype(np.float32)
-
-
-def _variance_between_views(scene: DetailScene, albedo: np.ndarray) -> tuple[np.ndarray, float]:
-    """Average the squared difference of log albedo between views, around every pixel, (N,), and over all.
-
-    Pixels without correspondences take the mean over all.
+    Filtered are only the sampled pixels and those that correspond to them.
     """
-    logs = np.log(albedo.mean(axis=1, keepdims=True) + scene.how.log_offset).astype(np.float32)
+    at = scene.others.around(scene.sample)
+    found = _filtered(scene, at, None)
+    logs = np.zeros((len(scene.trusted), 1), np.float32)
+    logs[at] = _log_albedo(_with_kept(scene, found.kept, scene.trusted[at], at), scene)
+    return SampledDetail(found.samples, found.alone, _typical_square(scene, logs), *scene.measured_and_linked)
+
+
+def _with_kept(scene: DetailScene, kept: np.ndarray, has_value: np.ndarray, at: Pixels) -> np.ndarray:
+    """Add what is kept of the residual to the smooth albedo of n pixels, (n, 3), where there is any."""
+    offset = scene.how.log_offset
+
+    def add(
+        smooth: np.ndarray, explained: np.ndarray, light: np.ndarray, kept: np.ndarray, has_value: np.ndarray
+    ) -> np.ndarray:
+        added = (explained + offset) * np.expm1(channels_of(kept)) / light
+        return np.where(has_value[:, None], np.maximum(smooth + added, 0), smooth).astype(np.float32)
+
+    return pixelwise(add, scene.smooth[at], scene.explained[at], scene.light[at], kept, has_value)
+
+
+def _log_albedo(albedo: np.ndarray, scene: DetailScene) -> np.ndarray:
+    """Compute the logarithm of the albedo's mean over the channels, (n, 1), float32."""
+    return np.log(albedo.mean(axis=1, keepdims=True) + scene.how.log_offset).astype(np.float32)
+
+
+def _typical_square(scene: DetailScene, logs: np.ndarray) -> float:
+    """Average the squared difference of log albedo, (N, 1), between views, over sampled pixels."""
+    seen = scene.sample[scene.others.count[scene.sample] > 0]
+    if not len(seen):
+        return 0.0
+    return float(np.mean(np.square(logs[seen] - scene.others.mean(logs, seen)), dtype=np.float64))
+
+
+def _square_between_views(scene: DetailScene, logs: np.ndarray, typical: float) -> np.ndarray:
+    """Average the squared difference of log albedo, (N, 1), between views, around every pixel, (N,).
+
+    Pixels without correspondences take the typical one.
+    """
     seen = scene.others.count > 0
-    typical = 0.0 if scene.known is None else scene.known.between_views
     if not seen.any():
-        return np.full(len(albedo), typical, np.float32), typical
+        return np.full(len(logs), typical, np.float32)
     difference = np.where(seen, (logs - scene.others.mean(logs))[:, 0], 0)
     square = scene.seen_by_others.mean_of(np.square, difference, sigma_px=scene.how.variance.window_px)
-    if scene.known is None and (measured := seen & scene.part.own).any():
-        typical = float(square[measured].mean())
-    return np.where(seen, square, np.float32(typical)), typical
+    return np.where(seen, square, np.float32(typical))
 
 
-def _kept(
-    scene: DetailScene,
-) -> tuple[np.ndarray, np.ndarray, tuple[SampledOctave, ...], SampledViews | None]:
-    """Filter the three axes: the kept albedo, (N, 3), its expected variance, (N,), and what was sampled."""
-    how, limits, response = scene.how, scene.how.uncertainty, response_to_noise(scene.how.sigmas_px)
-    alone = None
-    if scene.known is None and has_few_links(*scene.measured_and_linked, how):
-        alone = octaves_of_views(scene)
-    noise = OctaveNoise.of(alone, how)
-    maps = scene.maps()
-    kept = np.zeros((len(maps), 3), np.float32)
-    residual = scene.pixels.mean_of(np.square, maps[:, 0], sigma_px=how.variance.window_px)
+@dataclass(frozen=True, eq=False)
+class _Filtered:
+    """The residual of n pixels, filtered.
+
+    Attributes
+    ----------
+    kept : ndarray, shape (n, 3)
+        What is albedo, in three axes.
+    variance : ndarray, shape (n,)
+        Its expected variance.
+    statistics : tuple of OctaveStatistics
+    samples : tuple of SampledOctave
+        They are measured from; none where they are known.
+    alone : SampledViews or None
+        Where correspondences are few.
+    """
+
+    kept: np.ndarray
+    variance: np.ndarray
+    statistics: tuple[OctaveStatistics, ...]
+    samples: tuple[SampledOctave, ...]
+    alone: SampledViews | None
+
+
+def _filtered(scene: DetailScene, at: Pixels, known: DetailStatistics | None) -> _Filtered:
+    """Filter the three axes, octave by octave, by statistics that are known or measured on the way."""
+    how, limits = scene.how, scene.how.uncertainty
+    few = known is None and has_few_links(*scene.measured_and_linked, how)
+    alone = octaves_of_views(scene) if few else None
+    noise, maps = OctaveNoise.of(alone, how), scene.maps()
+    residual = scene.pixels.mean_of(np.square, maps[:, 0], sigma_px=how.variance.window_px)[at]
     variance = limits.level**2 + how.variance.residual_share * residual
-    sampled: list[SampledOctave] = []
+    kept = np.zeros((len(variance), 3), np.float32)
+    statistics: list[OctaveStatistics] = []
+    samples: list[SampledOctave] = []
     octaves = scene.pixels.octaves(maps, how.sigmas_px)
     bands, sigma_px = next(octaves)
-    for number in range(len(how.sigmas_px)):
+    for number, response in enumerate(response_to_noise(how.sigmas_px)):
         give_back_free_memory()  # what the octave before has read of the model
-        octave = DetailOctave.of(scene, number, bands, sigma_px)
+        given = None if known is None else known.octaves[number]
+        octave = DetailOctave.of(scene, number, bands, sigma_px, given)
         bands, sigma_px = next(octaves)  # those of this octave are freed for its filter
-        if scene.known is not None:
-            now = scene.known.octaves[number]
-            error, deviation, limit = now.of_change, now.noise, now.limit
+        if given is None:
+            local, by, sample = _measured(octave, bands[:, QUOTIENT], noise, response)
+            samples.append(sample)
         else:
-            if number < how.noise.compared_octaves and alone is None:
-                octave = octave.with_differences(bands[:, QUOTIENT])
-            error, limit = octave.sample.error_of_change(octave.shown, how), None
-            deviation = noise.at(octave.sample)
-        own, expected, sample = octave.kept(error, deviation * response[number], limit)
-        sampled.append(sample)
+            local, by = octave.local(given.noise * response), given
+        own, expected = octave.filtered(local, by, at)
+        del local  # frees memory
+        statistics.append(by)
         kept += own
-        variance += expected + how.variance.shading_change_share * octave.stated
-    rest = bands[:, AXES]
+        variance += expected + how.variance.shading_change_share * octave.stated[at]
+    rest = bands[at, AXES]
     of_level = limits.level * np.array(limits.of_axes, np.float32)
     kept += rest * _share_of_signal(rest**2, of_level**2)
-    return kept, variance, tuple(sampled), alone
+    return _Filtered(kept, variance, tuple(statistics), tuple(samples), alone)
+
+
+def _measured(
+    octave: DetailOctave, coarser: np.ndarray, noise: OctaveNoise, response: float
+) -> tuple[LocalEnergies, OctaveStatistics, SampledOctave]:
+    """Measure the statistics of an octave; `coarser`: the band of log I/S in the next one."""
+    how, shown, sample = octave.scene.how, octave.shown, octave.sample
+    if noise.by_views and sample.number < how.noise.compared_octaves:
+        sample = octave.compared(coarser)
+    error, deviation = sample.error_of_change(shown, how), noise.at(sample)
+    local = octave.local(deviation * response)
+    sample = octave.measured(sample, local)
+    return local, OctaveStatistics(shown, error, deviation, sample.limit(error, shown, how)), sample
 
 
 def _share_of_signal(energy: np.ndarray, uncertain: np.ndarray) -> np.ndarray:

@@ -7,91 +7,34 @@ from functools import cached_property
 
 import numpy as np
 
-from stages.photometry.detail.noise_estimation import relative_noise, relative_noise_variance
-from stages.photometry.detail.octaves import KnownPixels
-from stages.photometry.detail.other_views import OtherViews
-from stages.photometry.detail.part_of_scene import PartOfScene
-from stages.photometry.detail.scene_statistics import DetailStatistics, SampledOctave, SampledViews
-from stages.photometry.detail.settings import DetailSettings
-from stages.photometry.detail.shading_uncertainty import (
-    ShownChange,
-    log_quotient,
-    log_shading,
-    uncertain_energy,
-)
-from stages.photometry.detail.texture_limit import TextureLimit
-from stages.photometry.stack import StackedViews
+from stages.photometry.detail.detail_scene import AXES, LIT, QUOTIENT, DetailScene
+from stages.photometry.detail.other_views import Pixels
+from stages.photometry.detail.scene_statistics import OctaveStatistics, SampledOctave, SampledViews
+from stages.photometry.detail.shading_uncertainty import ShownChange, uncertain_energy
 from stages.solvers.kernels.pixelwise import pixelwise
 
 TINY = 1e-12  # against division by 0, of squares
-AXES, QUOTIENT, LIT = slice(0, 3), 3, 4  # columns of `DetailScene.maps`
 
 
 @dataclass(frozen=True, eq=False)
-class DetailScene:
-    """Photos with their model; fields as the arguments of `with_detail`; `light`: S, `explained`: ρ S."""
+class LocalEnergies:
+    """Energies around the pixels of an octave, and what they are compared with.
 
-    views: StackedViews
-    image: np.ndarray
-    light: np.ndarray
-    explained: np.ndarray
-    trusted: np.ndarray
-    how: DetailSettings
-    part: PartOfScene
-    known: DetailStatistics | None = None
+    Attributes
+    ----------
+    band : ndarray, shape (N, 3)
+        Of the residual, fused with that of other views.
+    of_view : ndarray, shape (N, 8)
+        Local energy of the band and mean variance of its noise, in three axes each; mean square of the
+        shading's change after the reduction, mean product of the band's first axis and the change; in each
+        view alone.
+    stated : ndarray, shape (N,)
+        Local mean of the mean square of the change before the reduction.
+    """
 
-    @cached_property
-    def pixels(self) -> KnownPixels:
-        """The trusted pixels."""
-        return KnownPixels.of(self.views, self.trusted)
-
-    @cached_property
-    def others(self) -> OtherViews:
-        """The correspondences of the trusted pixels."""
-        return OtherViews.of(self.views, self.trusted)
-
-    @cached_property
-    def seen_by_others(self) -> KnownPixels:
-        """Trusted pixels with correspondences in other views."""
-        return KnownPixels.of(self.views, self.others.count > 0)
-
-    @cached_property
-    def noise_scale(self) -> np.ndarray:
-        """Noise relative to that at median brightness, (N, 3)."""
-        offset, typical, how = self.how.log_offset, self.part.typical.noise, self.how.noise
-
-        def relative(explained: np.ndarray) -> np.ndarray:
-            return relative_noise(relative_noise_variance(explained, offset), typical, how)
-
-        return pixelwise(relative, self.explained)
-
-    @cached_property
-    def response(self) -> np.ndarray:
-        """Derivative of ``log(I + d)`` by log shading, (N,): small in dark pixels."""
-        offset = self.how.log_offset
-        return pixelwise(lambda explained: (explained / (explained + offset)).mean(axis=1), self.explained)
-
-    @cached_property
-    def sample(self) -> np.ndarray:
-        """Indices of the pixels that uncertainty and noise are estimated from."""
-        return np.flatnonzero(self.trusted & self.part.sampled(self.how.sample_pixels))
-
-    @property
-    def measured_and_linked(self) -> tuple[int, int]:
-        """Number of trusted pixels that are measured, and of those of them with correspondences."""
-        measured = self.trusted & self.part.own
-        return int(np.count_nonzero(measured)), int(np.count_nonzero(self.others.count[measured]))
-
-    def maps(self) -> np.ndarray:
-        """Compute axes of the residual, mean logarithm of I/S, mean logarithm of S: (N, 5)."""
-        offset, most = self.how.log_offset, self.how.largest_residual
-
-        def columns(image: np.ndarray, explained: np.ndarray, light: np.ndarray) -> np.ndarray:
-            left = axes_of(np.clip(log_quotient(image, explained, offset), -most, most))
-            quotient = log_quotient(image, light, offset).mean(axis=1)
-            return np.column_stack([left, quotient, log_shading(light)]).astype(np.float32)
-
-        return pixelwise(columns, self.image, self.explained, self.light)
+    band: np.ndarray
+    of_view: np.ndarray
+    stated: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +55,7 @@ class DetailOctave:
     wide_px : float
         σ of the Gaussian that energies are averaged under.
     sample : SampledOctave
-        Of the bands before the reduction; without what `kept` adds, energies and what is local to them.
+        Of the bands before the reduction; without differences and energies.
     """
 
     scene: DetailScene
@@ -125,7 +68,14 @@ class DetailOctave:
     sample: SampledOctave
 
     @classmethod
-    def of(cls, scene: DetailScene, number: int, bands: np.ndarray, sigma_px: float) -> DetailOctave:
+    def of(
+        cls,
+        scene: DetailScene,
+        number: int,
+        bands: np.ndarray,
+        sigma_px: float,
+        known: OctaveStatistics | None = None,
+    ) -> DetailOctave:
         """Reduce the shading's change, in the fine octaves, to that which the photos show."""
         how, some = scene.how, scene.sample
         left, quotient, change = bands[:, AXES].copy(), bands[:, QUOTIENT], bands[:, LIT] * scene.response
@@ -148,76 +98,85 @@ class DetailOctave:
             wide_product=none[:, 0],
             wide_excess=none[:, 0],
         )
-        shown = sample.shown(how) if scene.known is None else scene.known.octaves[number].shown
+        shown = sample.shown(how) if known is None else known.shown
         if shown is not None:
             lost, size = pixelwise(shown.reduction, change, stated)
             left[:, 0] -= lost
         wide_px = max(how.window * sigma_px, how.least_window_px)
         return cls(scene, left, change, size, stated, shown, wide_px, sample)
 
-    def with_differences(self, coarser: np.ndarray) -> DetailOctave:
+    def compared(self, coarser: np.ndarray) -> SampledOctave:
         """Sample the differences between views; `coarser`: the band of log I/S in the next octave."""
         scene, some = self.scene, self.scene.sample
         some = some[scene.others.count[some] > 0]
         of_both = scene.noise_scale[some] * np.sqrt(1 + 1 / scene.others.count[some])[:, None]
-        difference = (self.left - self.left_by_others)[some] / of_both
+        difference = (self.left[some] - self.left_by_others[some]) / of_both
         # of brightness, which has the least noise
         texture = scene.pixels.mean_of(np.square, coarser, sigma_px=self.wide_px)
-        return replace(self, sample=replace(self.sample, difference=difference, texture=texture[some]))
+        return replace(self.sample, difference=difference, texture=texture[some])
 
     @cached_property
     def left_by_others(self) -> np.ndarray:
         """Mean of `left` in other views, (N, 3)."""
         return self.scene.others.mean(self.left)
 
-    def kept(
-        self, error: float, noise: np.ndarray, limit: TextureLimit | None
-    ) -> tuple[np.ndarray, np.ndarray, SampledOctave]:
-        """Filter the band.
+    def local(self, noise: np.ndarray) -> LocalEnergies:
+        """Average energies around every pixel, in each view.
 
-        Returns
-        -------
-        tuple of ndarray, shape (N, 3), ndarray, shape (N,), and SampledOctave
-            The kept albedo, the expected variance of its first axis, and the sample, whose limit of texture
-            is used where none is given.
+        `noise`: standard deviation of this band's at median brightness, (3,).
         """
-        scene, how, others = self.scene, self.scene.how, self.scene.others
-        power, some = how.energy_power, scene.sample
-        band, noise = self._fused(noise.astype(np.float32))
+        how, power = self.scene.how, self.scene.how.energy_power
 
         def powers(
             band: np.ndarray, noise: np.ndarray, size: np.ndarray, change: np.ndarray, stated: np.ndarray
         ) -> np.ndarray:
             return np.column_stack([np.abs(band) ** power, noise, size, band[:, 0] * change, stated])
 
-        def shared(means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def energies(means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             energy = means[:, :3] ** (2 / power) / how.energy_of_normal
             return np.column_stack([energy, means[:, 3:8]]), means[:, 8].copy()
 
-        def filtered(
-            band: np.ndarray, means: np.ndarray, change: np.ndarray, trusted: np.ndarray
-        ) -> tuple[np.ndarray, np.ndarray]:
-            uncertain = uncertain_energy(error, means[:, 6], means[:, 3:6], how)
-            return found.filtered(band, means[:, :3].copy(), uncertain, change, trusted)
+        band, variance = self._fused(noise.astype(np.float32))
+        of_pixels = band, variance, self.size, self.change, self.stated
+        means = self.scene.pixels.mean_of(powers, *of_pixels, sigma_px=self.wide_px)
+        del variance, of_pixels  # frees memory
+        return LocalEnergies(band, *pixelwise(energies, means))
 
-        of_pixels = band, noise, self.size, self.change, self.stated
-        means = scene.pixels.mean_of(powers, *of_pixels, sigma_px=self.wide_px)
-        del noise  # frees memory
-        means, stated = pixelwise(shared, means)  # of all views; of each alone
-        means = others.with_own(means)
-        wide = stated[some]
-        sample = replace(
-            self.sample,
-            energy=means[some, :3],
-            wide_noise=means[some, 3:6],
-            wide_size=means[some, 6],
-            wide_product=means[some, 7],
+    def measured(self, sample: SampledOctave, local: LocalEnergies) -> SampledOctave:
+        """Add energies to a sample of this octave: means over a pixel and its correspondences."""
+        some = self.scene.sample
+        means, wide = self.scene.others.with_own(local.of_view, some), local.stated[some]
+        return replace(
+            sample,
+            energy=means[:, :3],
+            wide_noise=means[:, 3:6],
+            wide_size=means[:, 6],
+            wide_product=means[:, 7],
             wide_stated=wide,
             wide_excess=np.zeros_like(wide) if self.shown is None else self.shown.at(wide),
         )
-        found = limit or sample.limit(error, self.shown, how)
-        kept, expected = pixelwise(filtered, band, means, stated, scene.trusted)
-        return kept, expected, sample
+
+    def filtered(
+        self, local: LocalEnergies, by: OctaveStatistics, at: Pixels
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Filter the band at n pixels.
+
+        Returns
+        -------
+        tuple of ndarray, shape (n, 3), and ndarray, shape (n,)
+            The share of the band that is albedo, 0 where no data are trusted, and the expected variance of
+            its first axis.
+        """
+        scene = self.scene
+
+        def share(
+            band: np.ndarray, means: np.ndarray, stated: np.ndarray, trusted: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
+            uncertain = uncertain_energy(by.of_change, means[:, 6], means[:, 3:6], scene.how)
+            return by.limit.filtered(band, means[:, :3].copy(), uncertain, stated, trusted)
+
+        means = scene.others.with_own(local.of_view, at)
+        return pixelwise(share, local.band[at], means, local.stated[at], scene.trusted[at])
 
     def _fused(self, typical: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fuse the band with that of other views; returns it and the variance of its noise, (N, 3) each.
@@ -262,16 +221,3 @@ def octaves_of_views(scene: DetailScene) -> SampledViews:
         if len(sizes) == len(how.noise.texture_spectrum):
             break
     return SampledViews(tuple(sizes), tuple(quotients))
-
-
-def axes_of(logs: np.ndarray) -> np.ndarray:
-    """Convert logarithms of channels, (N, 3), to mean logarithm, log R/G and log B/G, (N, 3)."""
-    red, green, blue = logs.T
-    return np.stack([logs.mean(axis=1), red - green, blue - green], axis=1)
-
-
-def channels_of(axes: np.ndarray) -> np.ndarray:
-    """Invert `axes_of`."""
-    mean, red, blue = axes.T
-    green = mean - (red + blue) / 3
-    return np.stack([green + red, green, green + blue], axis=1)

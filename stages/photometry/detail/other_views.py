@@ -10,7 +10,10 @@ import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401
 from stages.photometry.stack import StackedViews
-from stages.solvers.primal_dual.half_edges import from_edges
+from stages.solvers.primal_dual.half_edges import from_edges, half_edges_of
+
+Pixels = slice | np.ndarray  # which of all
+EVERYWHERE = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +47,24 @@ class OtherViews:
         """Number of correspondences of the trusted pixels, (N,), float32; 0 for the others."""
         return np.where(self.trusted, self.correspondences, 0).astype(np.float32)
 
-    def mean(self, values: np.ndarray) -> np.ndarray:
-        """Average over the corresponding pixels, (N, c), float32; 0 where there is none."""
-        return _average(self.first, self.neighbour, self.trusted, values, False)
+    @cached_property
+    def numbers(self) -> np.ndarray:
+        """Numbers of all pixels, (N,), int32."""
+        return np.arange(len(self.trusted), dtype=np.int32)
 
-    def with_own(self, values: np.ndarray) -> np.ndarray:
-        """Average over a pixel and its correspondences, (N, c), float32; untrusted ones keep theirs."""
-        return _average(self.first, self.neighbour, self.trusted, values, True)
+    def mean(self, values: np.ndarray, at: Pixels = EVERYWHERE) -> np.ndarray:
+        """Average over what corresponds to n pixels, (n, c), float32; 0 where nothing does."""
+        return _average(self.numbers[at], self.first, self.neighbour, self.trusted, values, False)
+
+    def with_own(self, values: np.ndarray, at: Pixels = EVERYWHERE) -> np.ndarray:
+        """Average over n pixels and what corresponds to each, (n, c), float32; untrusted ones keep theirs."""
+        return _average(self.numbers[at], self.first, self.neighbour, self.trusted, values, True)
+
+    def around(self, pixels: np.ndarray) -> np.ndarray:
+        """List n pixels and all that correspond to them, ascending."""
+        marked = np.zeros(len(self.trusted), bool)
+        marked[pixels] = marked[self.neighbour[half_edges_of(self.first, pixels)]] = True
+        return np.flatnonzero(marked)
 
     def filled_in(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fill in untrusted pixels from corresponding ones: highlights, passers-by, grazing angles.
@@ -92,14 +106,14 @@ def _count(first, neighbour, known):
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _average(first, neighbour, known, values, with_own):
-    """Average the known neighbours' values, (N, c); and, where asked, a known pixel's own."""
-    mean = np.empty(values.shape, np.float32)
-    for pixel in numba.prange(first.size - 1):
-        p = np.int64(pixel)
+def _average(pixels, first, neighbour, known, values, with_own):
+    """Average the known neighbours' values of n pixels, (n, c); and, where asked, a known pixel's own."""
+    mean = np.empty((pixels.size, values.shape[1]), np.float32)
+    for i in numba.prange(pixels.size):
+        p = np.int64(pixels[i])
         count = np.float32(0)
         for c in range(values.shape[1]):
-            mean[p, c] = values[p, c] if with_own else 0
+            mean[i, c] = values[p, c] if with_own else 0
         if with_own and not known[p]:
             continue
         for k in range(first[p], first[p + 1]):
@@ -107,8 +121,8 @@ def _average(first, neighbour, known, values, with_own):
             if known[other]:
                 count += 1
                 for c in range(values.shape[1]):
-                    mean[p, c] += values[other, c]
+                    mean[i, c] += values[other, c]
         count = max(count + with_own, np.float32(1))
         for c in range(values.shape[1]):
-            mean[p, c] /= count
+            mean[i, c] /= count
     return mean

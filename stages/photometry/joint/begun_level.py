@@ -12,7 +12,7 @@ from stages.photometry.joint.problem_assembly import problem_of
 from stages.photometry.joint.pyramid import Level
 from stages.solvers.kernels.simd import COUNT
 from stages.solvers.primal_dual.graph import PrimalDual
-from stages.solvers.primal_dual.half_edges import HalfEdges
+from stages.solvers.primal_dual.half_edges import HalfEdges, half_edges_of
 from stages.solvers.primal_dual.prolongation import CoarseState
 
 
@@ -74,8 +74,6 @@ class BegunLevel:
 
 def _weights_at(pixels: np.ndarray, graph: HalfEdges) -> np.ndarray:
     """Sum the weights of the edges of some pixels, (n,), float32."""
-    counts = graph.first[pixels + 1] - graph.first[pixels]
-    ends = np.cumsum(counts)
-    at = np.arange(ends[-1] if len(ends) else 0) + np.repeat(graph.first[pixels] - (ends - counts), counts)
-    of = np.repeat(np.arange(len(pixels)), counts)
-    return np.bincount(of, graph.weight[at], len(pixels)).astype(np.float32)
+    of = np.repeat(np.arange(len(pixels)), graph.first[pixels + 1] - graph.first[pixels])
+    weight = graph.weight[half_edges_of(graph.first, pixels)]
+    return np.bincount(of, weight, len(pixels)).astype(np.float32)

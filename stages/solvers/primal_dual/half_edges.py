@@ -71,6 +71,13 @@ def aggregated(graph: HalfEdges, group: np.ndarray, count: int, factor: float = 
     return from_edges(count, *_between_groups(owned, first, begin, pixels, *of_graph))
 
 
+def half_edges_of(first: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """List the half-edges of n pixels, those of the first, then those of the next, …, int64."""
+    counts = first[pixels + 1] - first[pixels]
+    ends = np.cumsum(counts)
+    return np.arange(ends[-1] if len(ends) else 0) + np.repeat(first[pixels] - (ends - counts), counts)
+
+
 def _shares(size: int) -> np.ndarray:
     """Divide pixels among threads, ``shares[b]:shares[b + 1]`` for thread b; changes no result."""
     return np.linspace(0, size, numba.get_num_threads() + 1).astype(np.int64)
