@@ -91,7 +91,7 @@ def with_detail(scene: DetailScene, known: DetailStatistics | None = None) -> De
 def sampled_detail(scene: DetailScene) -> SampledDetail:
     """Sample what the statistics of a scene are computed from, of which these pixels may be a part.
 
-    Filtered are only the sampled pixels and those that correspond to them.
+    Only the sampled pixels and those that correspond to them are filtered.
     """
     at = scene.others.around(scene.sample)
     found = _filtered(scene, at, None)
