@@ -18,7 +18,6 @@ from stages.photometry.detail.detail_octaves import (
 )
 from stages.photometry.detail.detail_scene import AXES, QUOTIENT, DetailScene, channels_of
 from stages.photometry.detail.octaves import response_to_noise
-from stages.photometry.detail.other_views import EVERYWHERE, Pixels
 from stages.photometry.detail.scene_statistics import (
     DetailStatistics,
     OctaveNoise,
@@ -28,7 +27,7 @@ from stages.photometry.detail.scene_statistics import (
     SampledViews,
     has_few_links,
 )
-from stages.solvers.kernels.pixelwise import pixelwise
+from stages.solvers.kernels.pixelwise import EVERYWHERE, Chosen, pixelwise
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +99,7 @@ def sampled_detail(scene: DetailScene) -> SampledDetail:
     return SampledDetail(found.samples, found.alone, _typical_square(scene, logs), *scene.measured_and_linked)
 
 
-def _with_kept(scene: DetailScene, kept: np.ndarray, has_value: np.ndarray, at: Pixels) -> np.ndarray:
+def _with_kept(scene: DetailScene, kept: np.ndarray, has_value: np.ndarray, at: Chosen) -> np.ndarray:
     """Add what is kept of the residual to the smooth albedo of n pixels, (n, 3), where there is any."""
     offset = scene.how.log_offset
 
@@ -163,7 +162,7 @@ class _Filtered:
     alone: SampledViews | None
 
 
-def _filtered(scene: DetailScene, at: Pixels, known: DetailStatistics | None) -> _Filtered:
+def _filtered(scene: DetailScene, at: Chosen, known: DetailStatistics | None) -> _Filtered:
     """Filter the three axes, octave by octave, by statistics that are known or measured on the way."""
     how, limits = scene.how, scene.how.uncertainty
     few = known is None and has_few_links(*scene.measured_and_linked, how)

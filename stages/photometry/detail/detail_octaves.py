@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from stages.photometry.detail.detail_scene import AXES, LIT, QUOTIENT, DetailScene
-from stages.photometry.detail.other_views import Pixels
 from stages.photometry.detail.scene_statistics import OctaveStatistics, SampledOctave, SampledViews
 from stages.photometry.detail.shading_uncertainty import ShownChange, uncertain_energy
-from stages.solvers.kernels.pixelwise import pixelwise
+from stages.solvers.kernels.pixelwise import Chosen, pixelwise
 
 TINY = 1e-12  # against division by 0, of squares
 
@@ -157,7 +156,7 @@ class DetailOctave:
         )
 
     def filtered(
-        self, local: LocalEnergies, by: OctaveStatistics, at: Pixels
+        self, local: LocalEnergies, by: OctaveStatistics, at: Chosen
     ) -> tuple[np.ndarray, np.ndarray]:
         """Filter the band at n pixels.
 

@@ -10,10 +10,8 @@ import numpy as np
 
 import stages.solvers.kernels.threading_layer  # noqa: F401
 from stages.photometry.stack import StackedViews
+from stages.solvers.kernels.pixelwise import EVERYWHERE, Chosen
 from stages.solvers.primal_dual.half_edges import from_edges, half_edges_of
-
-Pixels = slice | np.ndarray  # which of all
-EVERYWHERE = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +50,11 @@ class OtherViews:
         """Numbers of all pixels, (N,), int32."""
         return np.arange(len(self.trusted), dtype=np.int32)
 
-    def mean(self, values: np.ndarray, at: Pixels = EVERYWHERE) -> np.ndarray:
+    def mean(self, values: np.ndarray, at: Chosen = EVERYWHERE) -> np.ndarray:
         """Average over what corresponds to n pixels, (n, c), float32; 0 where nothing does."""
         return _average(self.numbers[at], self.first, self.neighbour, self.trusted, values, False)
 
-    def with_own(self, values: np.ndarray, at: Pixels = EVERYWHERE) -> np.ndarray:
+    def with_own(self, values: np.ndarray, at: Chosen = EVERYWHERE) -> np.ndarray:
         """Average over n pixels and what corresponds to each, (n, c), float32; untrusted ones keep theirs."""
         return _average(self.numbers[at], self.first, self.neighbour, self.trusted, values, True)
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.photometry.joint.joined_level import Pixels, places_of
+from stages.photometry.joint.joined_level import places_of
 from stages.photometry.joint.problem_assembly import problem_of
 from stages.photometry.joint.pyramid import Level
+from stages.solvers.kernels.pixelwise import EVERYWHERE, Chosen
 from stages.solvers.kernels.simd import COUNT
 from stages.solvers.primal_dual.graph import PrimalDual
 from stages.solvers.primal_dual.half_edges import HalfEdges, half_edges_of
@@ -66,7 +67,7 @@ class BegunLevel:
         finest.basis[held], finest.image[held] = weight[:, None], weight * albedo
         return finest
 
-    def _groups(self, level: Level, depth: int, some: Pixels = slice(None)) -> np.ndarray:
+    def _groups(self, level: Level, depth: int, some: Chosen = EVERYWHERE) -> np.ndarray:
         """Find the pixel of the solved level that each of one so much finer is in, int32."""
         places = places_of(level, self.views, self.origins >> self.depth, depth, some)
         return np.searchsorted(self.places, places).astype(np.int32)

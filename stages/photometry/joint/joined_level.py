@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from stages.photometry.joint.pyramid import Level, coarser
+from stages.solvers.kernels.pixelwise import EVERYWHERE, Chosen
 from stages.solvers.primal_dual.half_edges import from_edges
 
 VIEW, ROW = 40, 20  # bits of a place below its view, and below its row
 SUMS = ("basis", "image", "share")
-Pixels = slice | np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class PartOfLevel:
 
 
 def places_of(
-    level: Level, views: Sequence[int], origins: np.ndarray, depth: int = 0, some: Pixels = slice(None)
+    level: Level, views: Sequence[int], origins: np.ndarray, depth: int = 0, some: Chosen = EVERYWHERE
 ) -> np.ndarray:
     """Number pixels of a level by view, row and column in the whole view, so many levels coarser.
 

@@ -16,6 +16,8 @@ import numpy as np
 import stages.solvers.kernels.threading_layer  # noqa: F401
 
 CHUNK = 2**15  # pixels: temporary arrays of a chunk stay in the cache
+Chosen = slice | np.ndarray  # some of all pixels
+EVERYWHERE = slice(None)
 Item = TypeVar("Item")
 Made = TypeVar("Made")
 
