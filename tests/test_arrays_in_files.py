@@ -19,7 +19,7 @@ from stages.photometry.detail.settings import DetailSettings
 from stages.photometry.joint.fast_alternation import FastSolver
 from stages.photometry.joint.settings import FastSettings, Stopping
 from stages.photometry.paper.energy import EnergyWeights
-from stages.solvers.kernels.arrays_in_files import in_file
+from stages.solvers.kernels.arrays_in_files import in_file, load_mapped
 from tests.sphere_scene import sphere_scene
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -30,10 +30,20 @@ from pathlib import Path
 import numpy as np
 from pipeline.process.free_memory import give_back_free_memory
 from pipeline.process.meter import resident_bytes
-from stages.solvers.kernels.arrays_in_files import in_file
+from stages.solvers.kernels.arrays_in_files import in_file, load_mapped
 
-before = resident_bytes()
-arrays = in_file([np.arange(2**23), np.ones(2**22, np.float32)], Path(sys.argv[1]))
+how, folder = sys.argv[1], Path(sys.argv[2])
+arrays = [np.arange(2**23), np.ones(2**22, np.float32)]
+if how == "saved":
+    for number, array in enumerate(arrays):
+        np.save(folder / f"{number}.npy", array)
+    del arrays, array
+    before = resident_bytes()
+    arrays = [load_mapped(folder / f"{number}.npy") for number in range(2)]
+else:
+    arrays = in_file(arrays, folder)
+    give_back_free_memory()
+    before = resident_bytes()
 read = [float(array.sum()) for array in arrays]
 used = resident_bytes() - before
 give_back_free_memory()
@@ -45,13 +55,14 @@ print(used / 2**20, waiting / 2**20)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
-def test_they_take_memory_only_while_they_are_used(tmp_path):
+@pytest.mark.parametrize("how", ["moved", "saved"])
+def test_they_take_memory_only_while_they_are_used(tmp_path, how):
     """80 MiB."""
-    command = [sys.executable, "-c", RESIDENT, str(tmp_path)]
+    command = [sys.executable, "-c", RESIDENT, how, str(tmp_path)]
     told = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
     used, waiting = map(float, told.split())
     assert used > 75 and waiting < 10
-    assert not list(tmp_path.iterdir())
+    assert len(list(tmp_path.iterdir())) == {"moved": 0, "saved": 2}[how]
 
 
 @pytest.mark.parametrize("folder", [True, False])
@@ -66,6 +77,10 @@ def test_values_shapes_and_types_stay(tmp_path, folder):
     back = in_file(given, tmp_path if folder else None)
     for one, other in zip(given, back, strict=True):
         assert one.dtype == other.dtype and np.array_equal(one, other)
+    for one in given:
+        np.save(tmp_path / "saved.npy", one)
+        read = load_mapped(tmp_path / "saved.npy")
+        assert one.dtype == read.dtype and np.array_equal(one, read) and not read.flags.writeable
     assert in_file([], tmp_path) == []
 
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.process.free_memory import give_back_free_memory
 from stages.photometry.joint.joined_level import places_of
-from stages.photometry.joint.problem_assembly import problem_of
 from stages.photometry.joint.pyramid import Level
 from stages.solvers.kernels.pixelwise import EVERYWHERE, Chosen
 from stages.solvers.kernels.simd import COUNT
 from stages.solvers.primal_dual.graph import PrimalDual
 from stages.solvers.primal_dual.half_edges import HalfEdges, half_edges_of
+from stages.solvers.primal_dual.problem import Problem
 from stages.solvers.primal_dual.prolongation import CoarseState
 
 
@@ -44,13 +45,12 @@ class BegunLevel:
     origins: np.ndarray
     rim: np.ndarray
 
-    def descent(self, level: Level) -> PrimalDual:
-        """Initialise the next finer level of these views."""
-        group = self._groups(level, depth=1)
-        problem = problem_of(level)
+    def descent(self, problem: Problem, group: np.ndarray) -> PrimalDual:
+        """Initialise the next finer level of these views; its `groups`, (N,)."""
         light = np.ones((len(self.views), *self.state.light.shape[1:]))
         here = replace(self.state, light=light, multiplier=np.zeros_like(problem.wanted))
         descent = PrimalDual.from_coarse(here, problem, group)
+        give_back_free_memory()  # pages of the state
         descent.fill_in(group)
         return descent
 
@@ -61,14 +61,14 @@ class BegunLevel:
         albedo of the neighbours moves them.
         """
         held = np.flatnonzero(self.rim)
-        at = self.state.slices.places[self._groups(finest, self.depth, held)]
+        at = self.state.slices.places[self.groups(finest, self.depth, held)]
         albedo = self.state.albedo[at // COUNT, :, at % COUNT]
         weight = _weights_at(held, finest.graph)[:, None]
         finest.basis[held], finest.image[held] = weight[:, None], weight * albedo
         return finest
 
-    def _groups(self, level: Level, depth: int, some: Chosen = EVERYWHERE) -> np.ndarray:
-        """Find the pixel of the solved level that each of one so much finer is in, int32."""
+    def groups(self, level: Level, depth: int = 1, some: Chosen = EVERYWHERE) -> np.ndarray:
+        """Find the pixel of the solved level that each of one so many levels finer is in, int32."""
         places = places_of(level, self.views, self.origins >> self.depth, depth, some)
         return np.searchsorted(self.places, places).astype(np.int32)
 

@@ -39,7 +39,8 @@ def from_coarse_to_fine(
     groups = [level.group for level in levels if level.group is not None]  # the finest has none
     use_threads(threads_for(levels[0].pixels, threads))
     if begun is not None:
-        descent = begun.descent(levels.pop(0))
+        group = begun.groups(levels[0])
+        descent = begun.descent(problem_of(levels.pop(0)), group)  # the level, without a name, is freed
     else:
         descent = start(levels.pop(0), how) if light is None else under(light, levels.pop(0), how)
     while levels:

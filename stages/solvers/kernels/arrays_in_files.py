@@ -39,8 +39,10 @@ def in_file(arrays: Sequence[np.ndarray], folder: Path | None) -> list[np.ndarra
 
 
 def load_mapped(path: Path) -> np.ndarray:
-    """Map an array that `numpy.save` wrote, read-only: a plain one, as compiled loops take it."""
-    return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+    """Map an array that `numpy.save` wrote, read-only; `give_back_free_memory` takes its pages, as above."""
+    array = np.load(path, mmap_mode="r", allow_pickle=False)
+    with path.open("rb") as file:
+        return np.ndarray(array.shape, array.dtype, mapped(file), array.offset, array.strides)
 
 
 def _of(pages: mmap.mmap, begin: int, array: np.ndarray) -> np.ndarray:
