@@ -11,7 +11,12 @@ from stages.photometry.decomposition_record import ALBEDO, ENERGY, OF_TRANSFER
 from stages.photometry.decomposition_settings import IGNORED, DecompositionSettings
 from stages.photometry.solver_settings import weights_at
 from stages.scene.distributions import PICTURES
-from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_PIXEL_OF_CLUSTER, left_for_pixels
+from stages.scene.memory_of_views import (
+    BYTES_OF_ALBEDO,
+    BYTES_OF_LIBRARIES,
+    BYTES_PER_PIXEL_OF_CLUSTER,
+    left_for_pixels,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -141,7 +146,7 @@ def estimated_memory(settings: DecompositionSettings, inputs: Mapping[str, Path]
     graph = view_graph(inputs, read_cameras(inputs["cameras"]))
     pixels = expected_size(int(graph.pixels.sum()), settings.clusters)
     per_pixel = BYTES_PER_PIXEL + BYTES_PER_LINK * graph.links_per_pixel / 2
-    return BYTES_OF_LIBRARIES + int(per_pixel * pixels)
+    return BYTES_OF_LIBRARIES + BYTES_OF_ALBEDO + int(per_pixel * pixels)
 
 
 def within(settings: DecompositionSettings, memory: int) -> DecompositionSettings:

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from stages.scene.cameras import Camera
 
 BYTES_PER_THREAD = 100_000_000
-BYTES_PER_VERTEX = 2_000
+BYTES_PER_VERTEX = 2_000  # at which rays begin
+BYTES_PER_GIVEN_VERTEX = 800  # while the mesh is decimated, in a process of its own
 BYTES_PER_VERTEX_LATER = 800  # visibility, form factors and corners, as `lighting` opens them
 LEAST_VERTICES = 10_000
 BYTES_OF_VERTEX_IN_FILE = 38  # of a mesh: its coordinates, and two faces
@@ -180,12 +181,13 @@ def _most_vertices(settings: TransferSettings, cameras: Sequence[Camera]) -> int
 
 
 def estimated_memory(settings: TransferSettings, inputs: Mapping[str, Path], threads: int) -> int:
-    """Estimate the memory of the rays at the vertices."""
+    """Estimate the memory of decimating the mesh, or of the rays at the vertices that are left."""
     from stages.formats.artefacts.camera_file import read_cameras
 
     most = _most_vertices(settings, read_cameras(inputs["cameras"]))
-    vertices = min(most, inputs["mesh"].stat().st_size // BYTES_OF_VERTEX_IN_FILE)
-    return BYTES_OF_LIBRARIES + threads * BYTES_PER_THREAD + BYTES_PER_VERTEX * vertices
+    given = inputs["mesh"].stat().st_size // BYTES_OF_VERTEX_IN_FILE
+    rays = threads * BYTES_PER_THREAD + BYTES_PER_VERTEX * min(most, given)
+    return BYTES_OF_LIBRARIES + max(rays, BYTES_PER_GIVEN_VERTEX * given)
 
 
 def within(settings: TransferSettings, memory: int) -> TransferSettings:

@@ -28,7 +28,7 @@ from stages.diagnosis.libraries import NEEDED, SYSTEM_LIBRARIES, Library, check_
 from stages.formats.images.photos import write_png_srgb8
 from stages.geometry.working_size import AutoSizeSettings, affordable_size
 from stages.photometry.clusters.settings import ClusterSettings
-from stages.scene.memory_of_views import BYTES_HELD_BEFORE
+from stages.scene.memory_of_views import BYTES_OF_ALBEDO, BYTES_TO_SPARE
 
 ROOT = Path(__file__).parent.parent
 FOUNTAIN = [(768, 512)] * 11
@@ -124,7 +124,7 @@ def test_the_size_is_the_one_that_undistort_would_choose_under_the_same_settings
 def test_memory_follows_from_the_clusters_that_memory_leaves_room_for():
     sizes = ("3GB", "8GB")
     found = [expected_for(Doctor(photos=60, megapixels=24, memory=size))[0] for size in sizes]
-    held = BYTES_HELD_BEFORE / 1e9  # of earlier stages, for which clusters leave room
+    held = (BYTES_OF_ALBEDO + BYTES_TO_SPARE) / 1e9  # for which clusters leave room
     assert [one.memory_bytes / 1e9 + held for one in found] == pytest.approx([3.0, 8.0], abs=0.05)
 
 

@@ -1,7 +1,8 @@
 """Memory of the stages that hold views: its constant part, that of pixels, and settings that lower it."""
 
 BYTES_OF_LIBRARIES = 250_000_000
-BYTES_HELD_BEFORE = 700_000_000  # of the libraries of earlier stages, by the time that the light is estimated
+BYTES_OF_ALBEDO = 350_000_000  # compiled loops of its solver, and what it holds at any size
+BYTES_TO_SPARE = 350_000_000  # for what estimates miss
 BYTES_PER_PIXEL_OF_CLUSTER = 480  # that takes part, its correspondences included
 PART_FOR_MESH = 5  # of the memory, one part in so many: the mesh, visibility and form factors of its vertices
 FEWER_PIXELS = "set raycast.reduce=2, or choose fewer views (raycast.views)"
@@ -12,5 +13,6 @@ LEAST_PART_FOR_PIXELS = 4  # of the memory, one part in so many, whatever the pr
 
 
 def left_for_pixels(memory: int) -> int:
-    """Compute what libraries, of earlier stages too, leave of the memory, bytes."""
-    return max(memory - BYTES_HELD_BEFORE - BYTES_OF_LIBRARIES, memory // LEAST_PART_FOR_PIXELS)
+    """Compute what is left of the memory, bytes, for what grows with the pixels."""
+    taken = BYTES_OF_LIBRARIES + BYTES_OF_ALBEDO + BYTES_TO_SPARE
+    return max(memory - taken, memory // LEAST_PART_FOR_PIXELS)
