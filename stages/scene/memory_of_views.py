@@ -2,7 +2,7 @@
 
 BYTES_OF_LIBRARIES = 250_000_000
 BYTES_OF_ALBEDO = 350_000_000  # compiled loops of its solver, and what it holds at any size
-BYTES_TO_SPARE = 350_000_000  # for what estimates miss
+BYTES_TO_SPARE = 350_000_000  # for what estimates miss, and what earlier stages of the same process keep
 BYTES_PER_PIXEL_OF_CLUSTER = 480  # that takes part, its correspondences included
 PART_FOR_MESH = 5  # of the memory, one part in so many: the mesh, visibility and form factors of its vertices
 FEWER_PIXELS = "set raycast.reduce=2, or choose fewer views (raycast.views)"
