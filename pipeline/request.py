@@ -102,7 +102,9 @@ class Request:
     threads : int
         Never changes a result.
     memory : int or None
-        Bytes that a stage may take, and each worker; None: what is free.
+        Bytes that a stage may take, and each worker elsewhere; None: what is free.
+    room : int or None
+        Bytes into which stages divide their work, and which local workers share; None: not known.
     cluster : ClusterRequest or None
         Where the tasks of stages run; None: on threads of the stage's process.
     forks : bool
@@ -129,6 +131,7 @@ class Request:
     workspace: Path
     threads: int = 1
     memory: int | None = None
+    room: int | None = None
     cluster: ClusterRequest | None = None
     forks: bool = False
     shared_imports: tuple[str, ...] = ()

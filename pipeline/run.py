@@ -111,7 +111,7 @@ def _output(request: Request, store: Store) -> Output:
 def _cluster(request: Request) -> ClusterOnDemand:
     tools = sorted({tool for stage in request.flow for tool in stage.tools})
     sources = tuple(request.sources.values())
-    return ClusterOnDemand(request.cluster, request.threads, tools, request.workspace, sources)
+    return ClusterOnDemand(request.cluster, request.threads, tools, request.workspace, sources, request.room)
 
 
 def _run_in_order(request: Request, store: Store, listener: Listener, cluster: ClusterOnDemand) -> list[Done]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
 from pipeline.cache.key import Ingredients
-from pipeline.cluster.tasks import Tasks
+from pipeline.cluster.dask_tasks import DaskTasks
 from pipeline.job import Job, Progress
 from pipeline.process.forked import in_fork
 from pipeline.process.logbook import logged
@@ -20,6 +20,7 @@ from pipeline.process.meter import Reading, measured
 from pipeline.process.spans import Span, TimedProgress
 from pipeline.process.temporary_files import temporary_files_in
 from pipeline.request import Request
+from pipeline.settings import Settings
 from pipeline.stage import AnyStage, settings_of
 
 
@@ -56,7 +57,7 @@ def do_work(
     places: Places,
     request: Request,
     shown: Shown,
-    cluster: Tasks | None,
+    cluster: DaskTasks | None,
 ) -> Work:
     """Do the work of a stage: in a fork, if the request says so and no threads to a cluster are needed.
 
@@ -102,7 +103,7 @@ def _work(
     places: Places,
     request: Request,
     shown: Shown,
-    cluster: Tasks | None,
+    cluster: DaskTasks | None,
 ) -> Work:
     """Do the work of a stage in this process."""
     with _threads(request.threads) as executor:
@@ -126,9 +127,19 @@ def _work(
             measured() as reading,
         ):
             timed.restart()  # as `reading` does
-            compare_with_allowed_memory(stage, job, request.memory)
-            stage.run(job)
+            needed = compare_with_allowed_memory(stage, job, request.memory)
+            stage.run(job if cluster is None else on_workers(job, cluster.with_room(needed)))
     return Work(job.facts, tuple(job.warnings), reading, tuple(timed.spans))
+
+
+def on_workers(job: Job[Settings], tasks: DaskTasks) -> Job[Settings]:
+    """Give a job its workers, and say where not all of them have room."""
+    if tasks.at_once is not None and tasks.local is not None and tasks.at_once < tasks.local:
+        job.say(
+            f"{tasks.at_once} of {tasks.local} workers at a time solve what takes much memory: "
+            f"together they have {(tasks.room or 0) / 1e9:.1f} GB."
+        )
+    return replace(job, cluster=tasks)
 
 
 @contextmanager

@@ -506,7 +506,8 @@ def test_the_memory_that_was_given_is_in_the_settings_and_so_in_the_key(tmp_path
     usual, bounded = (
         request_of(Run(config=config, workspace=tmp_path / "w", memory=memory)) for memory in (None, "1GB")
     )
-    assert (usual.memory, bounded.memory) == (None, 10**9)
+    assert (usual.memory, bounded.memory, bounded.room) == (None, 10**9, 10**9)
+    assert usual.room == memory_to_fit(None)  # which local workers share
     of = [request.settings["decomposition"].clusters.pixels for request in (usual, bounded)]
     assert of[1] < of[0]
 

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,10 @@ from pipeline.cluster.on_demand import ClusterOnDemand, ClusterRequest
 from pipeline.cluster.tasks import LocalTasks
 from pipeline.cluster.worker_checks import check_workers
 from pipeline.errors import MachineError
+from pipeline.stage_work import on_workers
 from stages.command.arguments import Run
 from stages.command.machine import cluster_of
+from stages.transfer import TRANSFER as TRANSFER_STAGE
 from tests.faults import small_runs
 from tests.faults.small_runs import one_line, results, words
 from tests.pseudo_terminal import run_in_terminal
@@ -62,6 +65,16 @@ def fails_or_writes(late: str | Path) -> None:
         raise UserError("no such number")
     time.sleep(1.0)
     Path(late).touch()
+
+
+def beside_others(item: int, folder: Path, threads: int) -> tuple[int, int]:
+    """Count the tasks that run, this one included; with its threads."""
+    own = folder / str(item)
+    own.touch()
+    time.sleep(0.3)
+    running = len(list(folder.iterdir()))
+    own.unlink()
+    return running, threads
 
 
 def worker_of(_: int, shared: np.ndarray) -> int:
@@ -116,6 +129,26 @@ def test_a_failure_waits_for_the_tasks_that_run(two_workers, tmp_path):
 def test_few_tasks_run_beside_one_another(two_workers):
     shared = np.zeros(10**6)  # as long as moving it costs more than waiting, one worker would do both
     assert len(set(two_workers.small(worker_of, range(2), shared))) == 2
+
+
+@pytest.mark.parametrize(
+    ("needed", "at_once", "threads"), [(None, 2, 1), (4 * 10**9, 2, 1), (6 * 10**9, 1, 2), (10**12, 1, 2)]
+)
+def test_as_many_large_tasks_run_at_once_as_have_room(two_workers, tmp_path, needed, at_once, threads):
+    """Two workers would take twice the memory that a run may; the threads of one that waits are not idle."""
+    tasks = replace(two_workers, room=11 * 10**9).with_room(needed)
+    done = list(tasks.large(beside_others, range(4), tmp_path))
+    assert max(running for running, _ in done) == at_once
+    assert {used for _, used in done} == {threads}
+
+
+def test_workers_that_have_no_room_are_told(two_workers, make_job, tmp_path):
+    told: list[str] = []
+    job = replace(make_job(tmp_path, TRANSFER_STAGE), say=told.append)
+    tasks = replace(two_workers, room=11 * 10**9)
+    assert on_workers(job, tasks.with_room(4 * 10**9)).tasks.threads == 1 and not told
+    assert on_workers(job, tasks.with_room(6 * 10**9)).tasks.threads == 2
+    assert told == ["1 of 2 workers at a time solve what takes much memory: together they have 11.0 GB."]
 
 
 @pytest.mark.parametrize("changed", ["tool_version", "LOADED"])

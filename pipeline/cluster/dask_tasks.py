@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pipeline.errors import MachineError
@@ -28,33 +29,61 @@ class DaskTasks:
     client : Client
     threads : int
         Of a large task.
+    local : int or None
+        Workers of one task each that share this machine; None: they are elsewhere.
+    room : int or None
+        Memory that local workers share, bytes.
+    at_once : int or None
+        Large tasks at a time, at most; None: as many as the workers take.
     """
 
     client: Client
     threads: int
+    local: int | None = None
+    room: int | None = None
+    at_once: int | None = None
+
+    def with_room(self, needed: int | None) -> DaskTasks:
+        """Let as many large tasks run at once as local workers have room for, and share the threads.
+
+        `needed`: bytes that each takes; None: not known.
+        """
+        if self.local is None or self.room is None or not needed:
+            return self
+        at_once = max(1, min(self.local, self.room // needed))
+        return replace(self, threads=self.threads * self.local // at_once, at_once=at_once)
 
     def small(self, work: Callable[..., Made], items: Iterable[Item], *shared: Any) -> Iterator[Made]:
         """Run tasks on the workers, as many at a time as they have threads."""
-        with _losses_told():
-            # As tasks of their own, they are sent once, and again where the worker that held them is lost.
-            common = [self.client.submit(_same, one, pure=False) for one in shared]
-            self.client.replicate(common)  # else few tasks queue on the one worker that has them
-            futures: list[Any] = [self.client.submit(work, item, *common, pure=False) for item in items]
-            try:
-                for number, future in enumerate(futures):
-                    futures[number] = None  # its result need not be kept
-                    yield future.result()
-            except Exception:
-                self._await_running([future for future in futures if future is not None])
-                raise
-            finally:
-                self.client.cancel([future for future in futures if future is not None])
+        return self._in_order(work, items, shared, None)
 
     def large(
         self, work: Callable[..., Made], items: Iterable[Item], *shared: Any, at_a_time: int = 1
     ) -> Iterator[Made]:
-        """Run tasks on the workers, as many at a time as they have threads."""
-        return self.small(work, items, *shared, self.threads)
+        """Run tasks on the workers, as many at a time as they have threads, or room."""
+        return self._in_order(work, items, (*shared, self.threads), self.at_once)
+
+    def _in_order(
+        self, work: Callable[..., Made], items: Iterable[Item], shared: Sequence[Any], at_once: int | None
+    ) -> Iterator[Made]:
+        """Run tasks, so many at once; the oldest is awaited before a further one begins."""
+        with _losses_told():
+            # As tasks of their own, they are sent once, and again where the worker that held them is lost.
+            common = [self.client.submit(_same, one, pure=False) for one in shared]
+            self.client.replicate(common)  # else few tasks queue on the one worker that has them
+            futures = deque[Any]()
+            try:
+                for item in items:
+                    if len(futures) == at_once:
+                        yield futures.popleft().result()  # which need not be kept
+                    futures.append(self.client.submit(work, item, *common, pure=False))
+                while futures:
+                    yield futures.popleft().result()
+            except Exception:
+                self._await_running(list(futures))
+                raise
+            finally:
+                self.client.cancel(list(futures))
 
     def _await_running(self, futures: list[Any]) -> None:
         """Cancel what has not begun, and wait for what has: it may still write into the stage's folder."""

@@ -52,6 +52,8 @@ class ClusterOnDemand:
         Folder that workers must see.
     sources : sequence of Path
         Files and folders that they must see, as far as they are there.
+    room : int or None
+        Memory that local workers share, bytes; None: not bounded.
     """
 
     wanted: ClusterRequest | None
@@ -59,6 +61,7 @@ class ClusterOnDemand:
     tools: Sequence[str]
     workspace: Path
     sources: Sequence[Path] = ()
+    room: int | None = None
     _tasks: DaskTasks | None = None
     _open: ExitStack = field(default_factory=ExitStack)
 
@@ -85,7 +88,7 @@ class ClusterOnDemand:
         workers, scheduler = self.wanted.workers, self.wanted.scheduler
         client = self._join(scheduler) if scheduler is not None else self._start(workers or 1)
         check_workers(client, self.tools, self.workspace, self.sources)
-        self._tasks = DaskTasks(client, max(1, self.threads // (workers or 1)))
+        self._tasks = DaskTasks(client, max(1, self.threads // (workers or 1)), workers, self.room)
         return self._tasks
 
     def _start(self, workers: int) -> Client:

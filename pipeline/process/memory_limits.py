@@ -30,8 +30,8 @@ _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 _AT_FIRST = resident_bytes()  # of this process, before any stage has loaded a library
 
 
-def compare_with_allowed_memory(stage: AnyStage, job: Job[Settings], allowed: int | None) -> None:
-    """Note the estimate of a stage's memory, and warn where it exceeds what is allowed or free.
+def compare_with_allowed_memory(stage: AnyStage, job: Job[Settings], allowed: int | None) -> int | None:
+    """Note the estimate of a stage's memory, and warn where it exceeds what is allowed or free; return it.
 
     Estimates are of a process that begins: what this one holds already, of libraries above all, counts too.
     `allowed`: bytes; None: what is free.
@@ -46,7 +46,7 @@ def compare_with_allowed_memory(stage: AnyStage, job: Job[Settings], allowed: in
     told = "estimated memory %s beside %s, allowed %s, free %s"
     logging.getLogger(stage.name).info(told, needed, held, allowed, free)
     if needed is None:
-        return
+        return None
     job.note(estimated_bytes=needed)
     in_all = needed + held
     within = (allowed is None or in_all <= allowed) and (free is None or needed <= free)
@@ -56,6 +56,7 @@ def compare_with_allowed_memory(stage: AnyStage, job: Job[Settings], allowed: in
         _tell(stage, job, in_all, f"--memory allows {_gigabytes(allowed)}", FAR_BEYOND_ALLOWED * allowed)
     if free is not None and needed > free:
         _tell(stage, job, needed, f"{_gigabytes(free)} are free", FAR_BEYOND * free)
+    return needed
 
 
 def _tell(stage: AnyStage, job: Job[Settings], needed: int, bound: str, far_beyond: float) -> None:

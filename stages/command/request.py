@@ -187,6 +187,7 @@ def _request(
         threads=threads_of(command),
         cluster=cluster,
         memory=memory,
+        room=room,
         selection=selection,
         absent=absent_sources(command, config),
         remarks=remarks,
