@@ -37,7 +37,7 @@ from stages.photometry.clusters.cluster_views import (
     surface_points,
     view_graph,
 )
-from stages.photometry.clusters.settings import ClusterSettings
+from stages.photometry.clusters.settings import AlbedoClusterSettings, ClusterSettings
 from stages.photometry.clusters.surface_clusters import (
     Cluster,
     SampledSurface,
@@ -136,6 +136,15 @@ def test_a_margin_is_as_wide_as_asked_and_its_views_are_listed(seed, count):
         own = surface.points[one.owns(surface.points)]
         for point in surface.points[near][::50]:
             assert np.linalg.norm(own - point, axis=1).min() < 5 * 0.01 * np.sqrt(3) + 0.3
+
+
+@pytest.mark.parametrize(("side_px", "wide"), [(640, 96), (850, 127.5), (2560, 128), (4900, 128)])
+def test_the_margin_of_the_albedo_is_no_wider_than_the_windows_of_its_detail_need(side_px, wide):
+    """At 24 megapixels it was 735 px: a cluster of twenty million pixels was its margin for the most part."""
+    how = AlbedoClusterSettings()
+    assert how.margin_px(side_px) == wide == how.within(10**6).margin_px(side_px)
+    assert how.widest_margin_px == 4 * DetailSettings().sigmas_px[-1]
+    assert ClusterSettings(margin=0.1).margin_px(side_px) == pytest.approx(0.1 * side_px)
 
 
 def test_what_would_be_margins_for_the_most_part_is_not_divided(tmp_path, make_job):

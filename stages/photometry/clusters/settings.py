@@ -43,6 +43,10 @@ class ClusterSettings(Settings):
         le=100,
     )
 
+    def margin_px(self, side_px: float) -> float:
+        """Compute the width of the margin in pixels of views with such a mean side."""
+        return self.margin * side_px
+
     def within(self, pixels: int) -> Self:
         """Bound the pixels of a cluster by those that there is room for."""
         return self.model_copy(update={"pixels": min(self.pixels, max(pixels, LEAST_PIXELS))})
@@ -60,6 +64,14 @@ class AlbedoClusterSettings(ClusterSettings):
         gt=0,
         le=1,
     )
+    widest_margin_px: float = setting(
+        128.0,
+        "The margin is no wider than this, however large the views: four times the σ of the detail's widest "
+        "windows, which are of pixels. At 24 megapixels clusters would be margins for the most part.",
+        unit="px",
+        gt=0,
+        le=10_000,
+    )
     coarse_share: float = setting(
         0.5,
         "Greatest share of a cluster's pixels that the finest of the coarse levels has which are solved for "
@@ -68,6 +80,10 @@ class AlbedoClusterSettings(ClusterSettings):
         gt=0,
         le=1,
     )
+
+    def margin_px(self, side_px: float) -> float:
+        """Compute the width of the margin in pixels of views with such a mean side, up to the widest."""
+        return min(super().margin_px(side_px), self.widest_margin_px)
 
 
 def expected_size(pixels: int, how: ClusterSettings) -> int:

@@ -130,7 +130,7 @@ def clusters_of(surface: SampledSurface, side_px: float, how: ClusterSettings) -
     one in all views; what crosses the cuts are neighbours within views.
     """
     everything = Cluster.whole(range(len(surface.boxes)), surface.weights.sum())
-    undivided = replace(everything, margin_px=how.margin * side_px)
+    undivided = replace(everything, margin_px=how.margin_px(side_px))
     clusters, largest = [everything], everything.pixels
     while largest > how.pixels:
         count = max(int(np.ceil(largest / how.pixels * len(clusters))), len(clusters) + 1)
