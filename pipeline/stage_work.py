@@ -15,7 +15,7 @@ from pipeline.cluster.dask_tasks import DaskTasks
 from pipeline.job import Job, Progress
 from pipeline.process.forked import in_fork
 from pipeline.process.logbook import logged
-from pipeline.process.memory_limits import compare_with_allowed_memory, memory_errors_told
+from pipeline.process.memory_limits import compare_with_allowed_memory, gigabytes, memory_errors_told
 from pipeline.process.meter import Reading, measured
 from pipeline.process.spans import Span, TimedProgress
 from pipeline.process.temporary_files import temporary_files_in
@@ -134,10 +134,10 @@ def _work(
 
 def on_workers(job: Job[Settings], tasks: DaskTasks) -> Job[Settings]:
     """Give a job its workers, and say where not all of them have room."""
-    if tasks.at_once is not None and tasks.local is not None and tasks.at_once < tasks.local:
+    if tasks.at_once is not None:
         job.say(
             f"{tasks.at_once} of {tasks.local} workers at a time solve what takes much memory: "
-            f"together they have {(tasks.room or 0) / 1e9:.1f} GB."
+            f"together they have {gigabytes(tasks.room or 0)}."
         )
     return replace(job, cluster=tasks)
 

@@ -34,7 +34,7 @@ class DaskTasks:
     room : int or None
         Memory that local workers share, bytes.
     at_once : int or None
-        Large tasks at a time, at most; None: as many as the workers take.
+        Large tasks at a time, where fewer have room than there are local workers; None: as many as these.
     """
 
     client: Client
@@ -44,13 +44,13 @@ class DaskTasks:
     at_once: int | None = None
 
     def with_room(self, needed: int | None) -> DaskTasks:
-        """Let as many large tasks run at once as local workers have room for, and share the threads.
+        """Run only as many large tasks at once as local workers have room for; they share all threads.
 
         `needed`: bytes that each takes; None: not known.
         """
-        if self.local is None or self.room is None or not needed:
+        if self.local is None or self.room is None or not needed or self.local * needed <= self.room:
             return self
-        at_once = max(1, min(self.local, self.room // needed))
+        at_once = max(1, self.room // needed)
         return replace(self, threads=self.threads * self.local // at_once, at_once=at_once)
 
     def small(self, work: Callable[..., Made], items: Iterable[Item], *shared: Any) -> Iterator[Made]:

@@ -51,17 +51,17 @@ def compare_with_allowed_memory(stage: AnyStage, job: Job[Settings], allowed: in
     in_all = needed + held
     within = (allowed is None or in_all <= allowed) and (free is None or needed <= free)
     if within and in_all >= WORTH_SAYING:
-        job.say(f"Will take about {_gigabytes(in_all)} of memory.")
+        job.say(f"Will take about {gigabytes(in_all)} of memory.")
     if allowed is not None and in_all > allowed:
-        _tell(stage, job, in_all, f"--memory allows {_gigabytes(allowed)}", FAR_BEYOND_ALLOWED * allowed)
+        _tell(stage, job, in_all, f"--memory allows {gigabytes(allowed)}", FAR_BEYOND_ALLOWED * allowed)
     if free is not None and needed > free:
-        _tell(stage, job, needed, f"{_gigabytes(free)} are free", FAR_BEYOND * free)
+        _tell(stage, job, needed, f"{gigabytes(free)} are free", FAR_BEYOND * free)
     return needed
 
 
 def _tell(stage: AnyStage, job: Job[Settings], needed: int, bound: str, far_beyond: float) -> None:
     """Warn that a stage needs more than a bound; refuse where it needs far more."""
-    said = f"{stage.name} needs about {_gigabytes(needed)} of memory, and {bound}"
+    said = f"{stage.name} needs about {gigabytes(needed)} of memory, and {bound}"
     if needed > far_beyond:
         raise MachineError(f"{said}: it was not begun. {advice(stage)}Earlier results are kept.")
     job.say(f"{said}: it may not come to its end. {advice(stage)}".rstrip())
@@ -147,5 +147,6 @@ def advice(stage: AnyStage) -> str:
     return f"For less memory, {stage.saves_memory}. " if stage.saves_memory else ""
 
 
-def _gigabytes(size: int) -> str:
+def gigabytes(size: int) -> str:
+    """Write bytes as a user reads them."""
     return f"{size / 1e9:.1f} GB"

@@ -15,8 +15,8 @@ from stages.geometry.working_size import (
 from stages.photometry.clusters.settings import ClusterSettings, expected_size
 from stages.scene.memory_of_views import BYTES_OF_LIBRARIES, BYTES_PER_PIXEL_OF_CLUSTER
 
-# All that `run` keeps, over the pixels of all working images: 183 bytes on the embedded sample (12 views of
-# 359×480), 182 on fountain-P11 (11 of 768×512), with the defaults.
+# All that `run` keeps, over the pixels of all working images: 196 bytes on fountain-P11 (11 of
+# 768×512), with the defaults.
 BYTES_ON_DISK_PER_PIXEL = 196
 
 

@@ -67,7 +67,7 @@ class AlbedoClusterSettings(ClusterSettings):
     widest_margin_px: float = setting(
         128.0,
         "The margin is no wider than this, however large the views: four times the σ of the detail's widest "
-        "windows, which are of pixels. At 24 megapixels clusters would be margins for the most part.",
+        "windows, which are of pixels. Else clusters of 24 megapixel photos would be mostly margins.",
         unit="px",
         gt=0,
         le=10_000,
