@@ -75,17 +75,32 @@ def test_a_sentence_comes_back_as_it_is(kind):
 
 
 class TwoWordsError(Exception):
-    """An error that cannot be made again from its message, as those of some libraries."""
+    """An error that cannot be made again from its message, as those of some libraries.
+
+    It says how it is pickled: where it did not, Dask, once a test has imported it, would know a way.
+    """
 
     def __init__(self, first: str, second: str) -> None:
         super().__init__(f"{first} {second}")
 
+    def __reduce__(self) -> tuple[type, tuple]:
+        return TwoWordsError, self.args
 
-def test_an_error_that_cannot_be_sent_is_told_by_name():
+
+class LockedError(Exception):
+    """An error that cannot be pickled: it holds a lock, as those of libraries hold a connection."""
+
+    def __init__(self, *words: str) -> None:
+        super().__init__(" ".join(words))
+        self.lock = threading.Lock()
+
+
+@pytest.mark.parametrize("kind", [TwoWordsError, LockedError])
+def test_an_error_that_cannot_be_sent_is_told_by_name(kind):
     def fails(_):
-        raise TwoWordsError("very", "bad")
+        raise kind("very", "bad")
 
-    with pytest.raises(RuntimeError, match="TwoWordsError: very bad"):
+    with pytest.raises(RuntimeError, match=rf"^{kind.__name__}: very bad$"):
         in_fork(fails, unheard)
 
 
