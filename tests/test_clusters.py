@@ -156,8 +156,11 @@ def test_what_would_be_margins_for_the_most_part_is_not_divided(tmp_path, make_j
     job = make_job(tmp_path, LIGHTING, LightingSettings())
     tell_too_large(job, clusters, how)
     assert "Clusters of 321,400 pixels" in job.warnings[0] and "room for 1,000" in job.warnings[0]
+    assert "(clusters.margin, now 1 of a view's side), or smaller" in job.warnings[0]
+    tell_too_large(job, clusters, AlbedoClusterSettings(pixels=1000))
+    assert "now 0.15 of a view's side, and clusters.widest_margin_px, 128)" in job.warnings[1]
     tell_too_large(job, clusters, ClusterSettings())
-    assert len(job.warnings) == 1
+    assert len(job.warnings) == 2
 
 
 def sampled(octave, size, seed):

@@ -47,6 +47,10 @@ class ClusterSettings(Settings):
         """Compute the width of the margin in pixels of views with such a mean side."""
         return self.margin * side_px
 
+    def margin_in_words(self) -> str:
+        """Name the settings that a narrower margin takes, with their values."""
+        return f"clusters.margin, now {self.margin:g} of a view's side"
+
     def within(self, pixels: int) -> Self:
         """Bound the pixels of a cluster by those that there is room for."""
         return self.model_copy(update={"pixels": min(self.pixels, max(pixels, LEAST_PIXELS))})
@@ -84,6 +88,10 @@ class AlbedoClusterSettings(ClusterSettings):
     def margin_px(self, side_px: float) -> float:
         """Compute the width of the margin in pixels of views with such a mean side, up to the widest."""
         return min(super().margin_px(side_px), self.widest_margin_px)
+
+    def margin_in_words(self) -> str:
+        """Name the settings that a narrower margin takes, with their values."""
+        return f"{super().margin_in_words()}, and clusters.widest_margin_px, {self.widest_margin_px:g}"
 
 
 def expected_size(pixels: int, how: ClusterSettings) -> int:

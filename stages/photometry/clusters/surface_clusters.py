@@ -157,7 +157,7 @@ def tell_too_large(job: Job[Settings], clusters: Sequence[Cluster], how: Cluster
         job.warn(
             f"Clusters of {largest:,} pixels are taken, though there is room for {how.pixels:,}: smaller "
             "ones would be margins for the most part. More memory is needed, a narrower margin "
-            f"(clusters.margin, now {how.margin:g} of a view's side), or smaller views."
+            f"({how.margin_in_words()}), or smaller views."
         )
 
 
