@@ -48,7 +48,7 @@ class ClusterSettings(Settings):
         return self.margin * side_px
 
     def margin_in_words(self) -> str:
-        """Name the settings that a narrower margin takes, with their values."""
+        """Name the setting that narrows the margin, with its value."""
         return f"clusters.margin, now {self.margin:g} of a view's side"
 
     def within(self, pixels: int) -> Self:
@@ -90,7 +90,7 @@ class AlbedoClusterSettings(ClusterSettings):
         return min(super().margin_px(side_px), self.widest_margin_px)
 
     def margin_in_words(self) -> str:
-        """Name the settings that a narrower margin takes, with their values."""
+        """Name the two settings that narrow the margin, with their values."""
         return f"{super().margin_in_words()}, and clusters.widest_margin_px, {self.widest_margin_px:g}"
 
 
